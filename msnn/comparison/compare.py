@@ -154,6 +154,8 @@ def compare(
             lines[trial.variant].append(line)
             heard.ended(trial, outcome)
             ran[line.key] = trial
+    for found in lines.values():  # as they ended: the table says the same of the same log
+        found.sort(key=lambda line: (line.seed, line.fold or 0))
     for found in lines.values() if setup.counts_cost else ():
         _cost_another(found, ran, setup, log)
     return _judged(lines, options, tuple(tool.package for tool in missing))

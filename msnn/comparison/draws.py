@@ -140,6 +140,8 @@ def _require_bounds(found: Bounds, text: str) -> None:
         why = f"{low:g} is not below {high:g}"
     elif found.law == "log" and low <= 0:
         why = f"{low:g} has no logarithm"
+    elif not math.isfinite(high / low if found.law == "log" else high - low + 1):
+        why = "the bounds are too far apart"
     elif found.law == "integer" and not (low.is_integer() and high.is_integer()):
         why = "a bound is no whole number"
     if why is not None:

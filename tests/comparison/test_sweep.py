@@ -76,6 +76,9 @@ def test_more_draws_and_other_keys_leave_those_before():
         ("a.b=uniform(0, inf)", "E0861"),
         ("a.b=log(0, 1)", "E0861"),
         ("a.b=integer(0.5, 3)", "E0861"),
+        ("a.b=integer(-1e308, 1e308)", "E0861"),
+        ("a.b=uniform(-1e308, 1e308)", "E0861"),
+        ("a.b=log(1e-200, 1e200)", "E0861"),
     ],
 )
 def test_what_nothing_can_be_drawn_from_is_refused(law: str, code: str):

@@ -213,3 +213,52 @@ def test_an_array_on_disk_has_one_copy_of_each_type(tmp_path: Path) -> None:
     assert laid_out(found, np.dtype(np.float64)) is found
     time.sleep(3 * PAUSE)
     np.testing.assert_array_equal(found, values)  # pages that were given back are read again
+
+
+@pytest.mark.parametrize("records", ["file", "row_group"])
+def test_dates_of_row_groups_have_the_zone_of_their_column(fleet: Path, records: str) -> None:
+    for path in fleet.rglob("*.parquet"):
+        table = parquet.read_table(path)
+        moments = np.datetime64("2026-11-22T10:00") + 100 * np.arange(300).astype("timedelta64[ms]")
+        dates = arrow.array(moments, arrow.timestamp("ms", "Europe/Berlin"))
+        parquet.write_table(table.set_column(0, "time", dates), path, row_group_size=100)
+    more = "\n  from: "
+    noon = spec(fleet, "disk", records, more=f"{more}2026-11-22T09:00Z")
+    assert sum(measured(noon, None, None, "training").usable) == 900
+    with pytest.raises(SpecError) as caught:
+        measured(
+            spec(fleet, "disk", records, more=f"{more}2026-11-22 09:00"), None, None, "training"
+        )
+    assert {found.code for found in caught.value.diagnostics} == {"E0979"}
+
+
+@pytest.mark.parametrize("drop", ["drop", "split"])
+def test_rows_of_models_without_time_stay_on_disk_as_in_memory(tmp_path: Path, drop: str) -> None:
+    u = np.arange(50.0)
+    u[20] = np.nan
+    parquet.write_table(arrow.table({"u": u, "x": 2 * u}), tmp_path / "a.parquet")
+    path = tmp_path / "static.yaml"
+    found: list[Dataset] = []
+    for keep in ("memory", "disk"):
+        path.write_text(
+            "msnn: 1\nname: static\ninputs: {u: {}, x: {}}\nparameters: {k: {init: 1}}\n"
+            "outputs: {y: {expr: k * u, predicts: x}}\n"
+            f"data: {{source: {{train: a.parquet}}, nan: {drop}, keep: {keep}}}\n"
+            "train: [{epochs: 1}]\n"
+        )
+        found.append(measured(msnn.load(path), None, None, "training"))
+    here, there = found
+    assert len(here.usable) == 50
+    assert data_hash(here) == data_hash(there)
+
+
+def test_drops_are_no_faults_of_data_on_disk(fleet: Path) -> None:
+    path = fleet / "train/vehicle=7/a.parquet"
+    table = parquet.read_table(path)
+    u = np.full(300, np.nan)
+    parquet.write_table(table.set_column(1, "u", arrow.array(u)), path, row_group_size=100)
+    (fleet / "train/vehicle=8/broken.parquet").write_text("no table")
+    for keep in ("memory", "disk"):
+        with pytest.raises(SpecError) as caught:
+            measured(spec(fleet, keep, more="\n  nan: drop"), None, None, "training")
+        assert [found.code for found in caught.value.diagnostics] == ["E0802"]

@@ -26,11 +26,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     try:
         with parquet.ParquetFile(path) as file:
             names = tuple(str(name) for name in file.schema_arrow.names)
-            zoned = frozenset(
-                str(field.name)
-                for field in file.schema_arrow
-                if arrow.types.is_timestamp(field.type) and field.type.tz is not None
-            )
+            zoned = zoned_columns(file.schema_arrow)
             return NamedArrays(shown, names, lambda name: _array(file, name), zoned).table(wanted)
     except (OSError, arrow.ArrowException) as error:
         raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
@@ -38,6 +34,15 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
 
 def _array(file: Any, name: str) -> NDArray[Any]:
     return as_array(file.read([name]).column(0))
+
+
+def zoned_columns(schema: Any) -> frozenset[str]:
+    """The names of columns of dates that are of UTC."""
+    return frozenset(
+        str(field.name)
+        for field in schema
+        if arrow.types.is_timestamp(field.type) and field.type.tz is not None
+    )
 
 
 def as_array(column: Any) -> NDArray[Any]:

@@ -11,7 +11,7 @@ import pyarrow.dataset as dataset
 from numpy.typing import NDArray
 
 from msnn.data.formats.array_columns import NamedArrays
-from msnn.data.formats.parquet_file import as_array
+from msnn.data.formats.parquet_file import as_array, zoned_columns
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -33,6 +33,7 @@ def row_groups(path: Path, shown: str) -> Sequence[NamedArrays]:
     except (OSError, arrow.ArrowException) as error:
         raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
     names = tuple(str(name) for name in source.schema.names)
+    zoned = zoned_columns(source.schema)
 
     def group(number: int) -> NamedArrays:
         def column(name: str) -> NDArray[Any]:
@@ -40,6 +41,6 @@ def row_groups(path: Path, shown: str) -> Sequence[NamedArrays]:
             table = part.to_table(schema=source.schema, columns=[name], use_threads=False)
             return as_array(table.column(0))
 
-        return NamedArrays(f"{shown}, row group {number}", names, column)
+        return NamedArrays(f"{shown}, row group {number}", names, column, zoned)
 
     return [group(number) for number in range(count)]

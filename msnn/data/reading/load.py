@@ -60,23 +60,24 @@ def joined_files(
     if disk is not None and (data.join or any(source.join for source in data.source.values())):
         reason = "`join: true` puts files together in memory"
         findings.report(not_on_disk(reason, data.place.key))
+    drops = data.nan == "drop" and program.sample_time is not None
     parts: list[FilePart] = []
+    left_out = Findings()
     for file in files:
         part = read_part(program, data, file, filters.get(file.source), findings, beside)
-        if part is None or disk is None:
-            parts += [] if part is None else [part]
-        elif data.nan != "drop" or not _dropped(part, findings):
-            parts.append(disk.taken(part))
+        if part is None or (drops and _dropped(part, left_out)):
+            continue
+        parts.append(part if disk is None else disk.taken(part))
     if findings.failed:
         if disk is not None:
             disk.forget()
         faults = _once(findings.in_order)
         raise SpecError(faults, _texts(files, faults))
+    for warning in left_out.in_order:
+        findings.report(warning)
     whole = None
     if disk is not None:
         parts, whole = disk.returned(parts)
-    if data.nan == "drop" and program.sample_time is not None:
-        parts = [part for part in parts if not _dropped(part, findings)]
     parts = _with_files_joined(parts, data, program.sample_time)
     sets = _set_names(data)
     rows = _sets(data, parts, sets, program.sample_time, findings)
