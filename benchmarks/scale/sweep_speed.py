@@ -1,11 +1,12 @@
 """Measures trainings of a sweep a second: 200 draws of two first guesses by 5 folds.
 
-    python benchmarks/scale/sweep_speed.py [--draws 200] [--jobs 2] [--lm]
+    python benchmarks/scale/sweep_speed.py [--draws 200] [--jobs 2] [--lm | --adam]
 
 The model is `examples/mass_spring_damper/msd_physical.msnn.yaml` as it stands (20 epochs of Adam, 2
-of L-BFGS with 20 iterations each, 26 records of 151 rows to train on). A first sweep of two draws
-makes the kernels; CPU seconds are those of this process and its children, which a machine with
-other work to do does not lengthen.
+of L-BFGS with 20 iterations each, 26 records of 151 rows to train on); with --adam the second stage
+takes 20 epochs of Adam instead, so that kernels alone train. A first sweep of two draws makes the
+kernels; CPU seconds are those of this process and its children, which a machine with other work to
+do does not lengthen.
 """
 
 from __future__ import annotations
@@ -39,8 +40,11 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--lm", action="store_true", help="Levenberg-Marquardt in both stages")
+    parser.add_argument("--adam", action="store_true", help="no L-BFGS, which torch steps")
     arguments = parser.parse_args()
-    settings = dict(SETTINGS)
+    settings: dict[str, object] = dict(SETTINGS)
+    if arguments.adam:
+        settings |= {"train.1.optimizer": {"adam": {"lr": 0.01}}, "train.1.epochs": 20}
     if arguments.lm:
         settings |= {
             "train.0.optimizer": "levenberg_marquardt",

@@ -188,7 +188,7 @@ def _trained(ready: ReadyTrial, setup: Setup) -> RunLine:
     found = train(model.program, data, model.spec.train, options, heard, first)
     checks, weights = model.spec.checks, found.weights
     held_out, trained_on = (
-        measured_in(validate(model.program, data, checks, weights, on=name))
+        measured_in(validate(model.program, data, checks, weights, on=name, judges_errors=False))
         for name in (setup.held_out, TRAIN)
     )
     return replace(

@@ -30,6 +30,10 @@ class JudgedErrors:
     """Inputs that leave the range of the training rows."""
 
 
+NOT_JUDGED = JudgedErrors(residuals=(), regions={}, extrapolations=())
+"""Where only metrics are asked for."""
+
+
 def judged_errors(check: ReadyCheck, rows: IntArray, errors: FloatArray) -> JudgedErrors:
     """Judges the errors of rows that are in order, each once."""
     assert check.plan.target is not None
