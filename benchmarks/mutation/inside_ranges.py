@@ -31,7 +31,9 @@ _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 def alike_inside_ranges(source: str, changed: str, function: str) -> bool:
     """Whether a function answers the same after a change of it."""
     try:
-        first, second = answers_of([_body(text, function) for text in (source, changed)], {}, exact=True)
+        first, second = answers_of(
+            [_body(text, function) for text in (source, changed)], {}, exact=True
+        )
         if first == second:
             return True
     except NotProvedError:

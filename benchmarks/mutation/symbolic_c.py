@@ -136,7 +136,9 @@ def answers_of(
 
 
 class _Run:
-    def __init__(self, body: str, expressions: _Expressions, inputs: Mapping[str, Interval]) -> None:
+    def __init__(
+        self, body: str, expressions: _Expressions, inputs: Mapping[str, Interval]
+    ) -> None:
         self._tokens = [(m.lastgroup or "", m[m.lastgroup or 0]) for m in _TOKEN.finditer(body)]
         if "".join(text for _, text in self._tokens) != re.sub(r"(?<=\d)[fU]\b|\s", "", body):
             raise NotProvedError
@@ -325,7 +327,8 @@ class _Run:
             return self._called(text)
         name = self._indexed(text) if self._next() == "[" else text
         if name not in self._values:
-            if "->" not in name and not name.isupper():
+            # exact: what was never written is a number like any other
+            if "->" not in name and not name.isupper() and not self._known.exact:
                 raise NotProvedError
             self._values[name] = self._known.new((name,))
         return self._values[name]

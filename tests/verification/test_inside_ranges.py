@@ -16,7 +16,8 @@ m_status_t m_step(m_state_t *s, const m_params_t *p, const m_in_t *u, m_out_t *y
         x = m_clamped(u->x, 0.0f, 1.0f, 0.0f, &status);
     }
     const m_real below = m_minimum(0.0f, x - 0.0f) * 5.0f;
-    const m_real side = (x < 1.0f) ? m_maximum((x - 0.5f) * 2.0f, 0.0f) : ((x - 1.0f) * 0.0f) + 1.0f;
+    const m_real side = (x < 1.0f) ? m_maximum((x - 0.5f) * 2.0f, 0.0f)
+        : ((x - 1.0f) * 0.0f) + 1.0f;
     y->sum = (below * p->a) + side;
     y->least = m_minimum(2.0f, x);
     for (uint32_t i = 0U; i < 3U; i++) {

@@ -29,7 +29,7 @@ _LONGER = 24
 products hits 0 at few of the numbers beside the place where its sign changes."""
 _AT_ONCE = 16
 _MOVED = (0.1, 0.3, 1.0)
-"""Shares of the numbers that move beside an end, by turns: one that tells little hits more often."""
+"""Shares of the numbers that move beside an end, by turns."""
 _ENOUGH = 4
 """Steps at which two sides of a decision are equal."""
 
