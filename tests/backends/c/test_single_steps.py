@@ -45,6 +45,10 @@ states:
   q: {next: 0.5 * q - u, init: 0, range: [-40, 40]}
 outputs: {y: {expr: p + q}}
 """
+_ROUNDED_SUM = """
+inputs: {u: {range: [1, 9], on_invalid: clamp}, v: {range: [1, 9], on_invalid: clamp}}
+outputs: {y: {expr: "abs(0.37 * exp(2.3 * u) * v - 171.7 * v * v * u)"}}
+"""
 
 
 def _made(text: str) -> tuple[Program, Interface]:
@@ -86,6 +90,11 @@ def test_steps_stand_within_a_hundredth_of_a_threshold_on_both_sides() -> None:
     compared = gain * found.vectors.inputs["u"]
     assert np.any((compared > 3.0) & (compared <= 3.031))
     assert np.any((compared <= 3.0) & (compared > 2.97))
+
+
+def test_a_sum_of_rounded_products_is_exactly_0_in_some_step() -> None:
+    singles = _singles(_ROUNDED_SUM)
+    assert np.any(singles.vectors.outputs["y"] == 0.0)
 
 
 def test_each_slope_that_can_be_infinite_is_so_alone() -> None:
