@@ -32,6 +32,17 @@ parameters: {g: {init: 2, max: 5}}
 outputs: {y: g * tanh(a__b) + a_b}
 """
 
+TAKEN = """
+msnn: 1
+name: taken
+sample_time: 1 s
+inputs: {u: {}}
+parameters: {use_sim_time: {init: 0.5, max: 1}}
+states: {x: {next: use_sim_time * x + u, init: x.meas, range: [2, 5]}}
+outputs: {y: x}
+"""
+"""A parameter has the name of one that each node has."""
+
 
 def plan_of(spec: Path, *settings: str) -> AnyPlan:
     (plan,) = plan_exports(load_model(spec, ["export.c.with=ros2", *settings]), ["c"], Findings())
@@ -135,6 +146,24 @@ def test_a_model_without_memory_steps_at_each_message(tmp_path: Path) -> None:
     assert published(found, "~/y").shape == (2, 1)
     root = ElementTree.parse(files.folder / "ros2" / "package.xml").getroot()  # noqa: S314
     assert root.findtext("name") == "valve_two"
+
+
+def test_no_parameter_is_declared_twice(tmp_path: Path) -> None:
+    """rclcpp throws where a node declares again what it has: the node would end at launch."""
+    plan = plan_of(saved(TAKEN, tmp_path), "export.c.params=tunable")
+    program = built(written(plan, tmp_path / "out"), "taken")
+    lines = ["set use_sim_time 1", "set use_sim_time_2 2", "set use_sim_time_2 0.25", "~/u 1"]
+    found = said(program, [*lines, "tick"], "start.x:=4")
+    assert "refused use_sim_time_2 is not finite, or outside [-inf, 1]" in found
+    assert published(found, "~/y").tolist() == [[4.0]]
+
+
+def test_a_start_that_the_model_finds_wrong_is_an_error(tmp_path: Path) -> None:
+    plan = plan_of(saved(TAKEN, tmp_path), "export.c.params=tunable")
+    program = built(written(plan, tmp_path / "out"), "taken")
+    found = said(program, ["~/u 1"], "start.x:=nan")
+    assert "error what the model starts from says 18" in found  # NaN is 2, outside the range 16
+    assert not [line for line in said(program, ["~/u 1"], "start.x:=4") if line.startswith("error")]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
+from itertools import chain, count
 from typing import Any
 from xml.sax.saxutils import escape
 
@@ -18,6 +19,8 @@ from backends.ports.identifiers import c_identifier
 from compiler.ir.program import Parameter, Program
 
 _NANO = 1_000_000_000
+_OF_ROS = ("use_sim_time", "start_type_description_service")
+"""Parameters that each node has before its own: to declare them again would end it at launch."""
 
 
 def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> dict[str, str]:
@@ -28,6 +31,7 @@ def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> 
     docs = {signal.name: signal.doc for signal in program.signals}
     outputs = {output.name: output.doc for output in program.outputs}
     tuned = interface.parameters if interface.options.moves_parameters else ()
+    names: set[str] = set(_OF_ROS)
     every = program.sample_time
     facts: dict[str, Any] = {
         "package": package,
@@ -40,9 +44,9 @@ def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> 
         "outputs": [_port(field, topics, outputs[field.name]) for field in interface.outputs],
         "status": c_identifier("status", topics),
         "parameters": [
-            _parameter(interface, field, program.parameter(field.name)) for field in tuned
+            _parameter(interface, field, program.parameter(field.name), names) for field in tuned
         ],
-        "starts": _starts(interface),
+        "starts": _starts(interface, names),
         "default": f"{prefix}_calibration.values"
         if interface.calibrates
         else f"{prefix}_params_default",
@@ -87,38 +91,50 @@ def _port(field: Field, topics: set[str], doc: str) -> dict[str, Any]:
     return {**_facts(field, doc), "topic": string_literal(topic), "shown": topic}
 
 
-def _parameter(interface: Interface, field: Field, parameter: Parameter) -> dict[str, Any]:
+def _parameter(
+    interface: Interface, field: Field, parameter: Parameter, names: set[str]
+) -> dict[str, Any]:
+    name = _unused(field.name, names)
     low = -math.inf if parameter.minimum is None else parameter.minimum
     high = math.inf if parameter.maximum is None else parameter.maximum
     dtype = interface.options.dtype
     outside = f" || value < {real_literal(low, dtype)}" if low > -math.inf else ""
     outside += f" || value > {real_literal(high, dtype)}" if high < math.inf else ""
     bounds = f", or outside [{low:g}, {high:g}]" if outside else ""
-    refusal = f"{field.name} is not finite{bounds}"
+    refusal = f"{name} is not finite{bounds}"
     return {
         **_facts(field, parameter.doc),
-        "name": string_literal(field.name),
-        "shown": one_line(field.name),
+        "name": string_literal(name),
+        "shown": one_line(name),
         "outside": outside,
         "refusal": string_literal(refusal),
     }
 
 
-def _starts(interface: Interface) -> list[dict[str, Any]]:
+def _starts(interface: Interface, names: set[str]) -> list[dict[str, Any]]:
     """What `reset` is to be given, where a model waits for it."""
     if not interface.from_record - interface.filled_by_first:
         return []
     given = [(field, port.signal.range, port.signal.doc) for field, port in interface.windows]
     given += [(field, state.range, state.doc) for field, state in interface.supplied]
+    named = [_unused(f"start.{field.name}", names) for field, _, _ in given]
     return [
         {
             **_facts(field, f"{doc} around the first step"),
-            "name": string_literal(f"start.{field.name}"),
-            "shown": one_line(f"start.{field.name}"),
+            "name": string_literal(name),
+            "shown": one_line(name),
             "value": real_literal(nearest_to_zero(limits, interface.options.dtype), "float64"),
         }
-        for field, limits, doc in given
+        for name, (field, limits, doc) in zip(named, given, strict=True)
     ]
+
+
+def _unused(name: str, names: set[str]) -> str:
+    """The name, numbered where a parameter of the node has it; it is one of `names` then."""
+    numbered = (f"{name}_{k}" for k in count(2))
+    found = next(each for each in chain([name], numbered) if each not in names)
+    names.add(found)
+    return found
 
 
 def _facts(field: Field, doc: str) -> dict[str, Any]:

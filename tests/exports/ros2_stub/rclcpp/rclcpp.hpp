@@ -17,6 +17,7 @@
 #include <map>
 #include <memory>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -91,6 +92,7 @@ public:
   template<typename T>
   T declare_parameter(const std::string & name, const T & value, const rcl_interfaces::msg::ParameterDescriptor & descriptor)
   {
+    if (parameters_.count(name) != 0) { throw std::runtime_error("declared already: " + name); }
     std::printf("parameter %s: %s\n", name.c_str(), descriptor.description.c_str());
     T found = value;
     if (stub::launch().count(name) != 0) { stub::fill(found, stub::launch()[name]); }
@@ -156,7 +158,8 @@ public:
   }
 
 private:
-  std::map<std::string, std::vector<double>> parameters_;
+  /* those that a node of rclcpp has before its own */
+  std::map<std::string, std::vector<double>> parameters_ = {{"use_sim_time", {0.0}}, {"start_type_description_service", {1.0}}};
   std::function<rcl_interfaces::msg::SetParametersResult(const std::vector<Parameter> &)> set_;
   std::map<std::string, std::function<void(const std::vector<double> &)>> heard_;
   std::function<void()> tick_;
