@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         torch_module,
     )
     from msnn.api.reports import report
+    from msnn.api.sweeps import sweep
     from msnn.api.trainings import compare, stage_loss, train, train_folds
     from msnn.errors.failures import MissingExtraError
     from msnn.model.model import Model
@@ -57,6 +58,7 @@ __all__ = [
     "simulate",
     "stage_loss",
     "stepper",
+    "sweep",
     "torch_module",
     "train",
     "train_folds",
@@ -73,6 +75,7 @@ _HOMES = {
     "import_nnodely": "msnn.api.imports",
     **dict.fromkeys(("check_data", "simulate", "validate"), "msnn.api.measurements"),
     "report": "msnn.api.reports",
+    "sweep": "msnn.api.sweeps",
     **dict.fromkeys(("compare", "stage_loss", "train", "train_folds"), "msnn.api.trainings"),
 }
 

@@ -62,6 +62,7 @@ ROSBAGS = OptionalPackage("rosbags", "ros", "reads ROS bags")
 TENSORBOARD = OptionalPackage("tensorboard", "tensorboard", "draws curves of trainings")
 ZIGLANG = OptionalPackage("ziglang", "zig", "is a C compiler, and runs models in reports")
 PYGLS = OptionalPackage("pygls", "lsp", "speaks to editors: `msnn lsp`")
+RAY = OptionalPackage("ray", "ray", "trains on a cluster: `msnn sweep --ray`")
 
 OPTIONAL = (
     TORCH,
@@ -81,6 +82,7 @@ OPTIONAL = (
     TENSORBOARD,
     ZIGLANG,
     PYGLS,
+    RAY,
 )
 """In the order of `msnn doctor`."""
 

@@ -15,7 +15,7 @@ from backends.files.readme import one_line, readme_text
 from backends.ports.metadata import interface_metadata, metadata_text
 from backends.ports.step_interface import step_interface
 from compiler.ir.program import Program
-from compiler.passes.inline_parameters import inline_parameters
+from compiler.passes.simplify.inline_parameters import inline_parameters
 
 _AS_IT_IS = CasadiOptions()
 

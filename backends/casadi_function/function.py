@@ -13,9 +13,9 @@ from backends.ports.step_interface import Port, PortNames, port_names, step_inte
 from compiler.ir.program import Parameter, Program
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import Axis
+from compiler.passes.derivatives.guard_infinite_slopes import guard_infinite_slopes
+from compiler.passes.derivatives.guard_untaken import guard_untaken
 from compiler.passes.expand_functions import expand_functions
-from compiler.passes.guard_infinite_slopes import guard_infinite_slopes
-from compiler.passes.guard_untaken import guard_untaken
 
 NATIVE = frozenset(name for name, row in SCALAR_FUNCTIONS.items() if row.casadi)
 """Scalar functions that CasADi has; the others are lowered by their definition."""

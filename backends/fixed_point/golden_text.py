@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from backends.c.interface.interface import Field
-from backends.c.selftest.golden_tables import Array, Column, GoldenTables
+from backends.c.selftest.text.golden_tables import Array, Column, GoldenTables
 from backends.c_language.tree import Binary, CType, Expression, Function
 from backends.fixed_point.names import FixedNames
 from compiler.fixed_point.golden import GoldenRun, IntegerGoldenStart

@@ -12,7 +12,7 @@ from backends.fmu.online_unit import OnlineUnit, valid_numbers
 from backends.fmu.variable import Kind, Range, Variable, Variables, one_line, placed
 from backends.fmu.variables import rounded_range
 from backends.predictive_control.inputs import InputField, input_fields
-from backends.predictive_control.rows import Row, resting_controls, rows_of
+from backends.predictive_control.structure.rows import Row, resting_controls, rows_of
 from compiler.ir.program import Signal
 from compiler.ir.types import WINDOW, Axis
 from compiler.jacobian.matrices import Member

@@ -169,6 +169,7 @@ def _ended(
         ) from None
 
 
+@cache
 def _processor() -> str:
     """What -march=native depends on: the model and features of the processor."""
     try:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from backends.c_language.literals import Dtype
 from backends.known_terms import KnownTerms
 from backends.native.compile_kernel import compiled_kernel
+from backends.native.handed_sums import HandedSums, Ranks
 from backends.native.kept_sources import kept_source
 from backends.native.kernel_data import KernelData
 from backends.native.kernel_source import KernelSource, kernel_source, losses_source
@@ -148,10 +149,10 @@ class Kernel:
         steps = int(groups["steps"].max())
         if (steps, largest) == self._reserved:
             return self._reservation
-        alone = WorkStruct(None, steps, 0, 1, 1)
+        alone = WorkStruct(None, steps, 0, 1, 1, 0, 1)
         kept = self._library.msnn_work_bytes(ctypes.byref(alone)) <= self._kept_bytes
         threads = min(self._threads, max(largest, 1))
-        struct = WorkStruct(None, steps, largest, int(kept), threads)
+        struct = WorkStruct(None, steps, largest, int(kept), threads, 0, 1)
         size = self._library.msnn_work_bytes(ctypes.byref(struct))
         if size > len(self._memory):
             self._memory = aligned(size)
@@ -167,12 +168,17 @@ class Kernel:
         weights: Sequence[float],
         *,
         gradient: bool = True,
+        ranks: Ranks | None = None,
     ) -> Losses:
-        """Losses of the groups, and the gradient of their weighted total if it is wanted."""
+        """Losses of the groups, and the gradient of their weighted total if it is wanted.
+
+        With `ranks` each does a part and all get the whole, to the bits of one process.
+        """
         count = len(self.source.losses)
         sums, counts = np.zeros(count), np.zeros(count)
         slope = np.zeros(len(physical), self.dtype)
         work = self._work(groups, len(groups))
+        handed = _handed(work, ranks)
         theta = np.asarray(physical, self.dtype)
         scale = np.asarray(weights, float)
         self._library.msnn_losses(
@@ -187,6 +193,8 @@ class Kernel:
             pointer(sums),
             pointer(counts),
         )
+        if handed is not None:
+            handed.raise_failure()
         return Losses(sums, counts, slope.astype(float))
 
     def train(
@@ -197,15 +205,19 @@ class Kernel:
         variables: Variables,
         weights: Sequence[float],
         before: tuple[FloatArray, FloatArray] | None = None,
+        *,
+        ranks: Ranks | None = None,
     ) -> tuple[int, FloatArray, FloatArray]:
         """Batches `groups[bounds[i]:bounds[i+1]]` in order, an optimiser step after each.
 
+        With `ranks` each does a part of every batch, and all take the same step.
         Returns how many batches were finite (all, unless one stopped it), and sums and counts of
         their losses, added one batch after the other to those `before`: the bits do not depend on
         where an epoch is divided into calls.
         """
         sums, counts = (one.copy() for one in before or (np.zeros(len(self.source.losses)),) * 2)
         work = self._work(groups, int((bounds[1:] - bounds[:-1]).max()))
+        handed = _handed(work, ranks)
         scale = np.asarray(weights, float)
         variables.optimizer.missing = int(data.missing)
         done = self._library.msnn_train(
@@ -220,6 +232,8 @@ class Kernel:
             pointer(sums),
             pointer(counts),
         )
+        if handed is not None:
+            handed.raise_failure()
         return int(done), sums, counts
 
     def variables(
@@ -244,3 +258,13 @@ class Kernel:
     def fill_in_physical(self, variables: Variables) -> None:
         """Fills in the physical values of the raw variables that move."""
         self._library.msnn_physical(ctypes.byref(variables.addresses))
+
+
+def _handed(work: WorkStruct, ranks: Ranks | None) -> HandedSums | None:
+    """Tells a call which rank it is of; what is returned must outlive the call."""
+    if ranks is None:
+        work.rank, work.ranks, work.hand_on = 0, 1, None
+        return None
+    handed = HandedSums(ranks)
+    work.rank, work.ranks, work.hand_on = ranks.rank, ranks.count, handed.address
+    return handed

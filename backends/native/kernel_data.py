@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backends.files.disk_arrays import blocks, laid_out
 from backends.native.kernel_source import KernelSource
 from backends.native.kernel_structs import ProblemStruct, pointers
 
@@ -27,9 +28,9 @@ class KernelData:
         scored: Mapping[str, NDArray[np.bool_]] | None,
     ) -> None:
         self._names = source.signals
-        self._series = [np.ascontiguousarray(series[name], dtype) for name in self._names]
+        self._series = [laid_out(series[name], dtype) for name in self._names]
         self._scored: list[NDArray[np.uint8]] = []
-        gaps = any(bool(np.isnan(s).any()) for s in self._series)
+        gaps = any(bool(np.isnan(part).any()) for s in self._series for part in blocks(s))
         self.missing = scored is not None or source.has_factors or gaps
         table = None
         if scored is not None:

@@ -76,6 +76,9 @@ class WorkStruct(ctypes.Structure):
         ("groups", ctypes.c_int64),
         ("kept", ctypes.c_int32),
         ("threads", ctypes.c_int32),
+        ("rank", ctypes.c_int32),
+        ("ranks", ctypes.c_int32),
+        ("hand_on", ctypes.c_void_p),
     )
 
 

@@ -7,10 +7,10 @@ from typing import Any
 
 from backends.c_language.literals import Dtype
 from backends.ports.metadata import metadata_text
-from backends.predictive_control.form import PlanLayout
 from backends.predictive_control.inputs import InputField
 from backends.predictive_control.members import StructMember
-from backends.predictive_control.rows import Rows
+from backends.predictive_control.structure.form import PlanLayout
+from backends.predictive_control.structure.rows import Rows
 from compiler.jacobian.matrices import Vector
 from compiler.optimal_control.problem import ControlProblem
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from backends.predictive_control.library import ControllerLibrary
-from backends.predictive_control.rows import Rows
+from backends.predictive_control.structure.rows import Rows
 from compiler.optimal_control.horizon import Multipliers, Plan, stages_of
 from compiler.optimal_control.problem import ControlProblem
 

@@ -14,7 +14,7 @@ from compiler.ir.graph_copy import copy_node
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import Type
 from compiler.jacobian.drop_zero_terms import known_number, without_zeros
-from compiler.passes.fold_constants import folded
+from compiler.passes.simplify.fold_constants import folded
 
 Zeros = Mapping[str, tuple[bool, ...]]
 """Of each state, which of its numbers are 0."""

@@ -17,20 +17,20 @@ from backends.c_language.rendering import render
 from backends.c_language.tree import Function
 from backends.files.atomic_write import write_text
 from backends.predictive_control.about import about_text
-from backends.predictive_control.condensed_form import condensed_form
 from backends.predictive_control.constants import reachable, solver_constants
-from backends.predictive_control.form import Form
 from backends.predictive_control.inputs import input_fields, quantity_lines
 from backends.predictive_control.members import Sizes, members
 from backends.predictive_control.numbers import Numbers
-from backends.predictive_control.rows import Rows, resting_controls, rows_of
-from backends.predictive_control.selftest import selftest_texts
-from backends.predictive_control.stage_functions import (
+from backends.predictive_control.selftest.selftest import selftest_texts
+from backends.predictive_control.stage_code.stage_functions import (
     PlacedLimit,
     StageFunctions,
     StageWriter,
 )
-from backends.predictive_control.staged_form import staged_form
+from backends.predictive_control.structure.condensed_form import condensed_form
+from backends.predictive_control.structure.form import Form
+from backends.predictive_control.structure.rows import Rows, resting_controls, rows_of
+from backends.predictive_control.structure.staged_form import staged_form
 from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.structure import Chosen, chosen_structure
 from compiler.optimal_control.trained import trained

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -67,18 +68,30 @@ class TorchModel(nn.Module):
 
     def __init__(self, program: Program, dtype: torch.dtype, device: torch.device) -> None:
         super().__init__()
-        self.program = prepared(program)
+        self._given = program
         self.dtype, self.device = dtype, device
         self._names = self._add_parameters()
-        self._step = _Evaluator(self.program.step, _step_roots(self.program), dtype, device)
-        self._start = _Evaluator(
-            self.program.start, [state.start for state in self.program.states], dtype, device
-        )
+
+    @cached_property
+    def program(self) -> Program:
+        """As torch runs it; its parameters are those of the program that was given."""
+        return prepared(self._given)
+
+    @cached_property
+    def _step(self) -> _Evaluator:
+        """Lowered when it is first run: what a kernel computes needs the variables alone."""
+        roots = _step_roots(self.program)
+        return _Evaluator(self.program.step, roots, self.dtype, self.device)
+
+    @cached_property
+    def _start(self) -> _Evaluator:
+        roots = [state.start for state in self.program.states]
+        return _Evaluator(self.program.start, roots, self.dtype, self.device)
 
     def _add_parameters(self) -> dict[str, str]:
         taken = set(dir(self))
         names: dict[str, str] = {}
-        for parameter in self.program.parameters:
+        for parameter in self._given.parameters:
             name = names[parameter.name] = c_identifier(parameter.name, taken)
             shape = tuple(axis.size for axis in parameter.axes)
             initial = np.asarray(parameter.initial, dtype=np.float64).reshape(shape)
@@ -100,7 +113,7 @@ class TorchModel(nn.Module):
         """Physical values of all parameters by name, differentiable in the raw variables."""
         return {
             p.name: physical_value(p, self.raw(p.name)) if p.learn else self.raw(p.name)
-            for p in self.program.parameters
+            for p in self._given.parameters
         }
 
     def load_physical(self, weights: Mapping[str, FloatArray]) -> tuple[str, ...]:
@@ -108,7 +121,7 @@ class TorchModel(nn.Module):
         moved: list[str] = []
         with torch.no_grad():
             for name, value in weights.items():
-                parameter = self.program.parameter(name)
+                parameter = self._given.parameter(name)
                 raw, off = raw_value(parameter, value) if parameter.learn else (value, False)
                 self.raw(name).copy_(self._tensor(raw))
                 if off:

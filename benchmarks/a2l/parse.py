@@ -22,7 +22,7 @@ from backends.c.interface.interface import c_interface
 from backends.c_lowering.options import COptions
 from msnn.exports.export import plan_exports, write_export
 from msnn.model.load import load_model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 
 GALLERY = Path(__file__).resolve().parents[2] / "examples" / "gallery"

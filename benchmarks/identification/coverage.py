@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from msnn.api import measurements, trainings
 from msnn.model.load import load_model
 from msnn.tables import table_text
-from msnn.validation.coverage import LEVELS
+from msnn.validation.statistics.coverage import LEVELS
 
 HERE = Path(__file__).resolve().parent
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ from benchmarks.kills.cases import gain_frame, gain_model
 from msnn.model.kept_run import CHECKPOINT, WEIGHTS
 from msnn.model.model import Model
 from msnn.model.model_data import measured
-from msnn.model.weights_file import read_weights
+from msnn.model.weights.weights_file import read_weights
 from msnn.tables import table_text
 from msnn.training.records.run_folder import METRICS
 from msnn.training.records.training_options import TrainingOptions

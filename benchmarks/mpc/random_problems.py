@@ -30,8 +30,8 @@ import msnn
 from backends.c.host.build import build_library
 from backends.predictive_control.inputs import input_fields
 from backends.predictive_control.library import ControllerLibrary
-from backends.predictive_control.rows import rows_of
 from backends.predictive_control.solution import multipliers_of, plan_of
+from backends.predictive_control.structure.rows import rows_of
 from backends.predictive_control.write_controller import controller_texts
 from compiler.optimal_control.horizon import Given
 from compiler.optimal_control.kkt import Judge

@@ -94,7 +94,7 @@ def _places(tree: ast.Module) -> Iterator[tuple[Any, Callable[[], str]]]:
 def _questions(tree: ast.Module) -> set[ast.AST]:
     """What is asked of `infinite_values`: it decides where a factor 0 is looked for, no slope.
 
-    Graphs of finite slopes do not show it; tests/training/test_infinite_slopes.py does.
+    Graphs of finite slopes do not show it; tests/training/engines/test_infinite_slopes.py does.
     """
     return {
         arg

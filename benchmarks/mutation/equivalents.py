@@ -33,7 +33,13 @@ _BELOW = "sets_here = ((s->v + 45.0f) * 0.0f) + 1.0f;"
 _ABOVE = "sets_next = ((s->v - 45.0f) * 0.0f) + 1.0f;"
 
 _FLAGGED = re.compile(r"_(?:flagged|held)\([^,]*, 0\.0f, ")
-_CHECK = re.compile(r"if \(!\(fabsf\(s->[^)]*\) <= 3\.4028235e\+38f\)\) \{")
+_CHECK = re.compile(r"if \(!\(fabsf\(s->\w+(?:\[[^\]]*\])?\) <= 3\.4028235e\+38f\)\) \{")
+_CHECKED = re.compile(
+    r"for \(uint32_t \w = 0U; \w < (\d+)U; \w\+\+\) \{\s+"
+    r"(?:for \(uint32_t \w = 0U; \w < (\d+)U; \w\+\+\) \{\s+)?(if \(!\(fabsf\(s->[^\n]*)"
+)
+"""A loop over a state that does nothing but check it."""
+_NO_ADDEND = re.compile(r"^const \w+_real (\w+) = [^=;]* \+ 0\.0f;$")
 _TEST = re.compile(r"^if \(!\(fabsf\((jac->\w+\[[^\]]*\])\) <= 3\.4028235e\+38f\)\) \{")
 _STORE = re.compile(r"^ +(jac->\w+\[[^\]]*\]) = ([^;]*);", re.MULTILINE)
 _CONSTANT = re.compile(r"^ +const \w+_real (\w+) = ", re.MULTILINE)
@@ -77,7 +83,14 @@ jac->C[20U] = part_6;
 jac->C[40U] = part_11;
 """,
         _SAME,
-    ),
+    )
+    | {
+        (
+            f"if (!(fabsf(s->rate_tape[{newest}U]) <= 3.4028235e+38f)) {{",
+            "3.4028235e+38f -> 3.4368517349999996e+38f",
+        ): _CLIPPED
+        for newest in (4, 9, 14)
+    },
     "battery": _CLAMPED_LOW
     | {
         (_SIGN, f"{_ZERO} (3)"): _ZEROS,
@@ -101,7 +114,14 @@ jac->C[40U] = part_11;
             "+ -> -",
         ): _FLAT_SIDE,
     },
-    "engine_map": _CLAMPED_LOW,
+    "engine_map": _CLAMPED_LOW
+    | {
+        (f"const engine_map_real {of} = (((0.0f >= {side}[3U]) ? 0.0f", ">= -> <"): _FLAT_SIDE
+        for of, side in (
+            ("torque_now_part_23", "torque_now_part_3"),
+            ("torque_now_part_29", "torque_now_part_11"),
+        )
+    },
     "heater": _CLAMPED_LOW
     | {
         ("if (!(fabsf(s->error_sum) <= 500.0f)) {", "500.0f -> 505.001f"): _CLIPPED,
@@ -216,6 +236,10 @@ def reason(prefix: str, mutant: Mutant) -> str | None:
         return _OUTSIDE
     if _is_told_twice(mutant):
         return _TWICE
+    if _loses_only_a_sign(mutant):
+        return _ZEROS
+    if (never := _unreached_check(prefix, mutant)) is not None:
+        return never
     condition, bit, rest = mutant.line.partition(" status |= ")
     # a check of which nothing is left may be missing altogether
     beyond = mutant.kind == "value" and _CHECK.fullmatch(condition) is not None
@@ -231,6 +255,37 @@ def reason(prefix: str, mutant: Mutant) -> str | None:
             return unreached.get(f"{where}: 1 branch not reached: {condition}")
         return None
     return EQUIVALENTS.get(prefix, {}).get((mutant.line, mutant.change))
+
+
+def _loses_only_a_sign(mutant: Mutant) -> bool:
+    """Whether 0 is subtracted instead of added where the result is an entry of the Jacobian only.
+
+    Golden slopes take both zeros for one: `linearize` leaves out terms that are 0.
+    """
+    sum = _NO_ADDEND.match(mutant.line)
+    if sum is None or mutant.change != "+ -> -":
+        return False
+    read = re.findall(rf"^.*\b{sum[1]}\b.*$", _function_text(mutant), re.MULTILINE)
+    stored = re.compile(rf"^ +jac->\w+\[\d+U\] = {sum[1]};$")
+    return len(read) > 1 and all(stored.match(line) for line in read[1:])
+
+
+def _unreached_check(prefix: str, mutant: Mutant) -> str | None:
+    """Why a loop of checks may end early: what it checks is always in order."""
+    count = mutant.change.partition(" -> ")[2]
+    for *bounds, condition in _CHECKED.findall(_function_text(mutant)):
+        place = f"{mutant.function}: 1 branch not reached: {condition}"
+        if mutant.line.startswith("for (") and count in bounds:
+            return UNREACHED.get(prefix, {}).get(place)
+    return None
+
+
+def _function_text(mutant: Mutant) -> str:
+    """From its header to its last brace."""
+    begin = re.search(rf"^[^\n;]*\b{mutant.function}\([^;{{]*\)\n\{{", mutant.text, re.MULTILINE)
+    if begin is None:
+        return ""
+    return mutant.text[begin.start() : mutant.text.index("\n}", begin.end())]
 
 
 def _is_told_twice(mutant: Mutant) -> bool:

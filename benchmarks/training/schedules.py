@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from compiler.elaboration.compile import compile_spec
 from msnn.api import trainings
 from msnn.model.load import load_model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from msnn.training.train import TrainingDivergedError
 from tests.examples.gallery import NAMES, gallery_copy, spec_of
 

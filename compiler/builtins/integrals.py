@@ -10,7 +10,7 @@ from compiler.ir.types import Type
 from compiler.lowering.context import Context
 from compiler.lowering.environment import START, Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
-from compiler.lowering.fitted import fitted
+from compiler.lowering.places.fitted import fitted
 from compiler.lowering.unit_conflicts import report_unit_conflicts
 from spec_schema.expressions.tree import Call
 from spec_schema.units.parser import parse_unit

@@ -13,7 +13,7 @@ from compiler.ir.ops import Reshape
 from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import quotient_unit
 from compiler.ir.scalars.table import Array
-from compiler.passes.guard_untaken import guarded
+from compiler.passes.derivatives.guard_untaken import guarded
 
 
 def gradient_nodes(

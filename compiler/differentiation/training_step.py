@@ -16,7 +16,7 @@ from compiler.ir.ops import ReadTraining, Relation, Slice, Window
 from compiler.ir.program import Graph, Loss, Measure, Node, NodeId, Program, State
 from compiler.ir.training_values import LossScale, NewestSample, StateAdjoint
 from compiler.ir.types import WINDOW, Type
-from compiler.passes.guard_untaken import guard_untaken
+from compiler.passes.derivatives.guard_untaken import guard_untaken
 
 
 @dataclass(frozen=True, slots=True)

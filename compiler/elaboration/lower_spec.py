@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from compiler.elaboration.between_samples import report_between
 from compiler.elaboration.fitted_starts import check_fitted_starts, fit_over
-from compiler.elaboration.found_before import FoundBefore
 from compiler.elaboration.gradient_variables import gradient_variables, implicit_equations
+from compiler.elaboration.integrators.between_samples import report_between
 from compiler.elaboration.losses.losses import default_loss, lower_loss
-from compiler.elaboration.names import Elaboration
+from compiler.elaboration.named_values.found_before import FoundBefore
+from compiler.elaboration.named_values.names import Elaboration
 from compiler.elaboration.submodels.needed_submodels import needed_submodels
 from compiler.elaboration.unused import lower_unused, report_unused
 from compiler.ir.builder import GraphBuilder
@@ -21,7 +21,7 @@ from compiler.linking.link import Linked
 from compiler.lowering.context import Context
 from compiler.lowering.environment import START, STEP
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.predictions import as_predicted, prediction_of
+from compiler.lowering.places.predictions import as_predicted, prediction_of
 from compiler.lowering.ranges import expected_values, signal_ranges
 from compiler.lowering.scope import owner_of
 from spec_schema.errors import states as state_errors

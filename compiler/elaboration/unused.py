@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from compiler.elaboration.found_before import FoundBefore
-from compiler.elaboration.names import Elaboration
+from compiler.elaboration.named_values.found_before import FoundBefore
+from compiler.elaboration.named_values.names import Elaboration
 from compiler.lowering.context import Context
 from compiler.lowering.environment import STEP
 from compiler.lowering.expressions import lower

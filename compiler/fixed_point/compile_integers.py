@@ -21,7 +21,7 @@ from compiler.fixed_point.integers.program import (
     WordPort,
 )
 from compiler.fixed_point.invariants import is_buffer, proved_bounds
-from compiler.fixed_point.lowering import Elements, Lowering, UnsupportedError, elements
+from compiler.fixed_point.lowering.lower_graph import Elements, Lowering, UnsupportedError, elements
 from compiler.fixed_point.step_errors import start_errors, step_errors
 from compiler.ir.liveness import extents, reads_log
 from compiler.ir.ops import ReadLog, ReadSignal, Window

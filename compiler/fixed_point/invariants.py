@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compiler.fixed_point.constants import word_format
-from compiler.fixed_point.forms import Form
 from compiler.fixed_point.integers.program import Width
-from compiler.fixed_point.lowering import Elements, Lowering, UnsupportedError, elements
+from compiler.fixed_point.lowering.forms import Form
+from compiler.fixed_point.lowering.lower_graph import Elements, Lowering, UnsupportedError, elements
 from compiler.ir.ops import Clamp, Constant, Window
 from compiler.ir.program import Graph, Node, NodeId, Program, State
 

@@ -36,8 +36,8 @@ from compiler.ir.program import Graph, NodeId, Program
 from compiler.ir.types import WINDOW, Axis, Type
 from compiler.jacobian.drop_zero_terms import without_zeros
 from compiler.jacobian.matrices import Matrix, Quantity, Vector, vector_of
-from compiler.passes.fold_constants import folded
-from compiler.passes.guard_untaken import guard_untaken
+from compiler.passes.derivatives.guard_untaken import guard_untaken
+from compiler.passes.simplify.fold_constants import folded
 
 LARGEST_FOLDED = 1 << 20
 """Elements of the largest array of known slopes: that of a buffer of a thousand samples."""

@@ -23,7 +23,7 @@ from compiler.jacobian.entries import matrix_of
 from compiler.jacobian.matrices import Jacobian, Matrix, Vector, vector_of
 from compiler.jacobian.row_gradients import slopes_of_elements
 from compiler.jacobian.scalarize import Leaf, every_element, single_elements
-from compiler.passes.guard_untaken import guard_untaken
+from compiler.passes.derivatives.guard_untaken import guard_untaken
 
 
 def jacobian(

@@ -11,7 +11,7 @@ from compiler.ir.liveness import needed
 from compiler.ir.program import Graph, NodeId
 from compiler.jacobian.drop_zero_terms import known_number, without_zeros
 from compiler.jacobian.scalarize import Elements, LeafSlice
-from compiler.passes.fold_constants import folded
+from compiler.passes.simplify.fold_constants import folded
 
 Slopes = tuple[dict[NodeId, NodeId], ...]
 """For each element its slopes by nodes of parts, in the axes of the part; none where it is 0."""

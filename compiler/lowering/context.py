@@ -10,14 +10,14 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import Axis, Type
 from compiler.linking.given_weights import GivenWeights
-from compiler.lowering.dynamics_calls import DynamicsCall
 from compiler.lowering.environment import Environment, EnvironmentPart, Time
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.gradient_sources import GradientSources
-from compiler.lowering.memories import Memories
+from compiler.lowering.notes.dynamics_calls import DynamicsCall
+from compiler.lowering.notes.gradient_sources import GradientSources
+from compiler.lowering.notes.memories import Memories
+from compiler.lowering.notes.stage_reads import StageReads
 from compiler.lowering.sampling import Sampling
 from compiler.lowering.scope import Declaration, Scope
-from compiler.lowering.stage_reads import StageReads
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import shapes

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.types import Axis, Type
 from compiler.optimal_control.problem import ControlProblem, PathLimits
-from compiler.passes.inline_parameters import inline_parameters
+from compiler.passes.simplify.inline_parameters import inline_parameters
 
 DRAWS = 256
 _STEEPER = 10.0

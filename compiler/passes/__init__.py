@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from compiler.ir.program import Program
 from compiler.ir.rules.verifier import verify
-from compiler.passes.drop_unused import drop_unused
-from compiler.passes.fold_constants import fold_constants
-from compiler.passes.share_common import share_common
+from compiler.passes.simplify.drop_unused import drop_unused
+from compiler.passes.simplify.fold_constants import fold_constants
+from compiler.passes.simplify.share_common import share_common
 
 PASSES: tuple[Callable[[Program], Program], ...] = (fold_constants, share_common, drop_unused)
 """What every compiled program goes through, in this order."""

@@ -11,7 +11,7 @@ from compiler.ir.ops import ReadState, Slice, Window
 from compiler.ir.program import Expected, Graph, History, NodeId, Program, State
 from compiler.ir.types import WINDOW, Axis
 from compiler.passes.analyses.pointwise_windows import Sampled, Samplewise, at_samples, samplewise
-from compiler.passes.drop_unused import drop_unused
+from compiler.passes.simplify.drop_unused import drop_unused
 
 
 def retime(program: Program, *, fixed_parameters: bool) -> Program:

@@ -12,10 +12,10 @@ from compiler.ir.rules.unit_rules import UnitConflict, same_unit
 from compiler.ir.types import Axis, Type, describe_axes, in_order
 from compiler.linking.link import RobotPart
 from compiler.lowering.context import Context
-from compiler.lowering.dynamics_calls import DynamicsCall
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower_all
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.notes.dynamics_calls import DynamicsCall
 from compiler.robots.joints import RigidBodies
 from compiler.robots.learned_masses import with_masses
 from compiler.robots.members import (

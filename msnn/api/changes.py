@@ -45,7 +45,7 @@ def _trained(
     warnings: list[Diagnostic],
 ) -> Trained:
     from msnn.api.measurements import validate
-    from msnn.errors.changes import not_measured
+    from msnn.errors.results.changes import not_measured
     from msnn.model.kept_run import WEIGHTS
     from msnn.model.model_weights import choose_weights
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from compiler.passes.close_loop import LoopError
 from msnn.data.dataset import FloatArray
 from msnn.errors.failures import MissingExtraError
-from msnn.model.given_weights import Weights
 from msnn.model.model import Model
 from msnn.model.model_data import data_folder, known_in, measured, sources_of
+from msnn.model.weights.given_weights import Weights
 from spec_schema.diagnostics.diagnostic import SpecError
 
 NOT_HERE = {"E1042", "E1301"}
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from msnn.simulation.engines.progress import RolloutProgress
     from msnn.simulation.intervals import Intervals
     from msnn.simulation.simulation_data import GivenData
-    from msnn.validation.engines_report import EnginesReport
+    from msnn.validation.reports.engines_report import EnginesReport
 
 
 def check_data(
@@ -103,7 +103,7 @@ def validate_on(
     from msnn.api.results.measurements import ShownReport
     from msnn.data.reading.file_sets import load_file_sets
     from msnn.exports.exported_rollouts import chosen_engine
-    from msnn.model.known_covariance import known_covariance
+    from msnn.model.weights.known_covariance import known_covariance
     from msnn.simulation.engines.progress import nobody
     from msnn.validation import validate as validation
 
@@ -140,7 +140,7 @@ def validate_every_engine(
     Raises SpecError for what is wrong with the spec or its data.
     """
     from msnn.simulation.engines.open_rollouts import AUTO, ENGINES
-    from msnn.validation.engines_report import EnginesReport
+    from msnn.validation.reports.engines_report import EnginesReport
 
     reports: dict[str, ShownReport] = {}
     left_out: dict[str, str] = {}
@@ -229,7 +229,7 @@ def _intervals(
     engine: Engine,
 ) -> Intervals:
     """How wide the bands of free runs are: what errors leave is measured on the training rows."""
-    from msnn.model.known_covariance import known_covariance
+    from msnn.model.weights.known_covariance import known_covariance
     from msnn.validation.covered import free_intervals
 
     if not 0.0 < level < 1.0:

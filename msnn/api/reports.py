@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from compiler.passes.close_loop import LoopError
-from msnn.errors.runs import no_run
+from msnn.errors.learning.runs import no_run
 from msnn.model.kept_run import run_of
 from msnn.model.model_data import sources_of
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
@@ -60,7 +60,7 @@ def report(
     what is no run, and for one that has no weights.
     """
     from backends.files.atomic_write import write_text
-    from msnn.errors import reports as errors
+    from msnn.errors.results import reports as errors
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
     from msnn.reports.learned_functions import learned_functions
@@ -105,7 +105,7 @@ def report(
 
 
 def _other_data(*, were_given: bool) -> Diagnostic:
-    from msnn.errors import reports as errors
+    from msnn.errors.results import reports as errors
 
     if were_given:
         kept = "those that were given are others; records and errors are of these"
@@ -141,7 +141,7 @@ def _measured(
 ) -> tuple[Dataset | None, tuple[Simulation, ...], ValidationReport | None]:
     """The data, free runs over them, what is measured; none of what cannot be had."""
     from msnn.api.measurements import needs_data, validate_on
-    from msnn.errors import reports as errors
+    from msnn.errors.results import reports as errors
     from msnn.exports.exported_rollouts import chosen_engine
     from msnn.exports.prepare import loop_fault
     from msnn.simulation.engines.progress import nobody
@@ -181,7 +181,7 @@ def _read(
 ) -> Dataset | None:
     """The data of the session or of the spec; None after a warning of what the page lacks."""
     from msnn.api.measurements import needs_data
-    from msnn.errors import reports as errors
+    from msnn.errors.results import reports as errors
     from msnn.model.model_data import measured
 
     lacking = "records and errors" if needs_data(model) else "records"
@@ -214,7 +214,7 @@ def _line(folder: Path) -> RunLine | None:
 
 def _verification(file: Path) -> dict[str, Any]:
     """What `msnn verify --format json` wrote; SpecError for any other file."""
-    from msnn.errors import reports as errors
+    from msnn.errors.results import reports as errors
     from spec_schema.reading.endless_files import refuse_endless
 
     try:

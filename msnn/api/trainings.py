@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msnn.data.dataset import Dataset
-from msnn.model.given_weights import Weights
 from msnn.model.model import Model
 from msnn.model.model_data import given_in, measured, sources_of
+from msnn.model.weights.given_weights import Weights
 from msnn.packages import TORCH
-from spec_schema.reading.python_values import Settings, setting_texts, value_text
+from spec_schema.reading.python_values import Settings, setting_texts
 
 if TYPE_CHECKING:
     from msnn.api.results.comparisons import ShownComparison
     from msnn.api.results.trainings import ShownFolds, ShownTraining
     from msnn.api.shown_progress import Hearer
     from msnn.comparison.compare import Listener
+    from msnn.comparison.variants import Grid
     from msnn.data.reading.frames import Frames
+    from msnn.training.ranks.training_ranks import TrainingRanks
     from msnn.training.records.training_options import TrainingOptions
     from msnn.training.stage_loss_module import StageLoss
 
@@ -35,6 +37,7 @@ def train(
     device: str = "cpu",
     weights: Weights | None = None,
     progress: Hearer = None,
+    ranks: TrainingRanks | None = None,
 ) -> ShownTraining:
     """Trains the stages of a spec on its data and returns the best weights of the last.
 
@@ -48,7 +51,9 @@ def train(
     `device` is where torch computes: cpu, cuda, cuda:N or auto; `weights` is where the first stage
     begins, by default the initial values. `progress` None shows lines where somebody watches: a
     terminal, a notebook; True everywhere, False nowhere; a function is given every event, a
-    `StageStart`, `EpochEnd`, `StageEnd` or a warning. Raises SpecError, TrainingDivergedError,
+    `StageStart`, `EpochEnd`, `StageEnd` or a warning. `ranks` are the processes that train
+    together, of which only the first keeps files: `GlooRanks()` of `msnn.training.ranks` in each of
+    those that torchrun has started. Raises SpecError, TrainingDivergedError,
     TrainingInterruptedError and MissingExtraError.
     """
     from msnn.api.results.trainings import shown_training
@@ -59,7 +64,9 @@ def train(
     from msnn.training.run_line import begun, diverged, ended, log
 
     require_what_trains(model.spec.train)
-    options = replace(_options(model, runs, tensorboard, device), resume=resume)
+    if ranks is not None and not ranks.is_first:
+        runs, tensorboard = None, False
+    options = replace(_options(model, runs, tensorboard, device), resume=resume, ranks=ranks)
     first = given_in(model, weights)
     dataset = measured(model, data, data_root, "training")
     line = begun(model, dataset)
@@ -160,7 +167,7 @@ def stage_loss(
 def compare(
     specs: str | Path | Sequence[str | Path],
     *,
-    grid: Sequence[str] | Mapping[str, Sequence[object]] = (),
+    grid: Grid = (),
     settings: Settings = (),
     data: Frames | None = None,
     data_root: str | Path | None = None,
@@ -187,10 +194,10 @@ def compare(
     a Cortex-M4F, where the tools are installed. `runs/runs.jsonl` has every training; one that is
     there is not repeated. Raises SpecError and TrainingInterruptedError.
     """
-    from msnn.api.results.comparisons import ShownComparison
+    from msnn.api.results.comparisons import shown_comparison
     from msnn.comparison.compare import ComparisonOptions
     from msnn.comparison.compare import compare as run
-    from msnn.comparison.variants import GridAxis, grid_axis
+    from msnn.comparison.variants import grid_axes
 
     named = [specs] if isinstance(specs, str | Path) else specs
     options = ComparisonOptions(
@@ -205,14 +212,8 @@ def compare(
         criterion=by,
         counts_cost=cost,
     )
-    axes = (
-        [GridAxis(path, tuple(map(value_text, values))) for path, values in grid.items()]
-        if isinstance(grid, Mapping)
-        else [grid_axis(each) for each in grid]
-    )
-    found = run([Path(spec) for spec in named], axes, options, listener)
-    known = {field.name: getattr(found, field.name) for field in fields(found)}
-    return ShownComparison(**known)
+    found = run([Path(spec) for spec in named], grid_axes(grid), options, listener)
+    return shown_comparison(found)
 
 
 def _options(

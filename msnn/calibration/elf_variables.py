@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from msnn.errors import calibration as faults
+from msnn.errors.targets import calibration as faults
 from msnn.packages import ELFTOOLS
 from spec_schema.diagnostics.diagnostic import SpecError
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from backends.asap2.addresses import Symbol, filled, linked
 from msnn.calibration.elf_variables import Instance, elf_variables
-from msnn.errors import calibration as faults
+from msnn.errors.targets import calibration as faults
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 
 OPTIONS = {

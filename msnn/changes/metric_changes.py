@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from msnn.validation.reports.words import rollout_text, unit_text
 from msnn.validation.validate import MetricRow, ValidationReport
-from msnn.validation.words import rollout_text, unit_text
 from spec_schema.diagnostics.source import Span
 
 _BEST = {"fit": 100.0, "r2": 1.0}

@@ -9,7 +9,7 @@ from typing import Any
 
 from msnn.changes.metric_changes import MetricChange
 from msnn.changes.model_changes import FailOn, ModelChanges
-from msnn.errors.changes import breaking_change, worse_metric
+from msnn.errors.results.changes import breaking_change, worse_metric
 from msnn.reports.compare_specs import Comparison
 from msnn.tables import Table, count
 from spec_schema.diagnostics.diagnostic import Diagnostic

@@ -27,6 +27,7 @@ VERBS = (
     "train",
     "validate",
     "compare",
+    "sweep",
     "simulate",
     "export",
     "verify",

@@ -65,7 +65,7 @@ def note(text: str) -> None:
 
 def progress_stream() -> TextIO:
     """Where a command says how far it is; nowhere with `--quiet`."""
-    return _Nowhere() if NOW.is_quiet else sys.stderr
+    return _Nowhere() if NOW.is_quiet or NOW.is_silent else sys.stderr
 
 
 class _Nowhere(io.StringIO):
@@ -76,6 +76,8 @@ class _Nowhere(io.StringIO):
 
 
 def _say(text: str, stream: TextIO) -> None:
+    if NOW.is_silent:
+        return
     try:
         print(text, file=stream, flush=True)
     except BrokenPipeError as error:

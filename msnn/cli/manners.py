@@ -26,6 +26,8 @@ class Manners:
 
     is_quiet: bool = False
     is_verbose: bool = False
+    is_silent: bool = False
+    """Whether another process speaks for this one: not even errors are told."""
     output: Path | None = None
     results: list[str] = field(default_factory=list[str])
     """What goes to `output` when the command is over."""
@@ -41,7 +43,7 @@ NOW = Manners()
 def forget_manners() -> None:
     """Before a command: as if no option had been given."""
     NOW.is_quiet, NOW.is_verbose, NOW.output = False, False, None
-    NOW.messages = "full"
+    NOW.messages, NOW.is_silent = "full", False
     NOW.results.clear()
     NOW.kept.clear()
 

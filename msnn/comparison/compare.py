@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from msnn.comparison.cost import missing_tools
+from msnn.comparison.draws import NO_DRAWS, Draws
 from msnn.comparison.planned import planned
 from msnn.comparison.ranking import (
     Criterion,
@@ -19,16 +20,19 @@ from msnn.comparison.ranking import (
     named_criterion,
     ranked,
 )
+from msnn.comparison.readings import Readings
 from msnn.comparison.trial import Outcome, Setup, Trial, run_trial
 from msnn.comparison.variants import GridAxis, Variant, variants
 from msnn.comparison.workers import outcomes
 from msnn.data.reading.frames import Frames
+from msnn.errors.sweeps import swept_twice
 from msnn.model.kept_run import CHECKPOINT, run_of
 from msnn.model.load import load_model
 from msnn.model.model import PROGRAM_SUFFIX
 from msnn.training.engines.what_trains import require_what_trains
 from msnn.training.folds import fold_count
 from msnn.training.records.run_log import LOG, RunLine, append, read
+from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.reading.reader import read_spec
 
 
@@ -38,6 +42,8 @@ class ComparisonOptions:
 
     settings: Sequence[str] = ()
     """Values replaced in all specs."""
+    draws: Draws = NO_DRAWS
+    """Values drawn at random, beside those of the grid."""
     data: Frames | None = None
     data_root: Path | None = None
     held_out: str = "val"
@@ -47,6 +53,8 @@ class ComparisonOptions:
     folds: bool = False
     runs: Path | None = Path("runs")
     jobs: int = 1
+    ray: str | None = None
+    """The address of a Ray cluster that trains in place of processes of this machine."""
     criterion: str | None = None
     """`fit`, `x_next.fit` or `x_next.fit:record`; None: what the first entry of `validate` asks."""
     counts_cost: bool = True
@@ -64,6 +72,8 @@ class Comparison:
     """The runs, with the log."""
     uncounted: tuple[str, ...]
     """Packages without which instructions were not counted."""
+    draws: Draws
+    """What was drawn, and by which seed."""
 
     @property
     def best(self) -> Ranked | None:
@@ -102,8 +112,9 @@ def compare(
     for a criterion that no spec measures, and after them where nothing alike was measured.
     """
     heard = listener or Unheard()
-    compared = variants(specs, grid, options.settings)
-    for variant in _one_of_each_choice(compared):
+    _refuse_twice(grid, options.draws)
+    compared = variants(specs, grid, options.settings, options.draws.drawn)
+    for variant in _one_of_each_choice(compared, options.draws.numbers):
         if run_of(variant.spec) is not None or variant.spec.name.endswith(PROGRAM_SUFFIX):
             stages = load_model(variant.spec, variant.settings).spec.train
         else:
@@ -128,7 +139,13 @@ def compare(
     lines: dict[Variant, list[RunLine]] = {variant: [] for variant in compared}
     ran: dict[str, Trial] = {}
     heard.began(len(trials))
-    with closing(outcomes(trials, setup, known, options.jobs)) as ended:
+    if options.ray is not None:
+        from msnn.comparison.ray_workers import ray_outcomes
+
+        running = ray_outcomes(trials, setup, known, options.ray)
+    else:
+        running = outcomes(trials, setup, known, options.jobs)
+    with closing(running) as ended:
         for trial, outcome in ended:
             line = outcome.line
             if log is not None and line.state != "refused" and line != known.get(line.key):
@@ -137,6 +154,8 @@ def compare(
             lines[trial.variant].append(line)
             heard.ended(trial, outcome)
             ran[line.key] = trial
+    for found in lines.values():  # as they ended: the table says the same of the same log
+        found.sort(key=lambda line: (line.seed, line.fold or 0))
     for found in lines.values() if setup.counts_cost else ():
         _cost_another(found, ran, setup, log)
     return _judged(lines, options, tuple(tool.package for tool in missing))
@@ -151,7 +170,8 @@ def _cost_another(
         return
     first = ended[0]
     trial = replace(ran[first.key], is_costed=True)
-    line = run_trial(trial, setup, {first.key: first}).line
+    readings = Readings(setup.data, setup.data_root)
+    line = run_trial(trial, setup, {first.key: first}, readings).line
     if line != first:
         lines[lines.index(first)] = line
         if log is not None:
@@ -177,6 +197,7 @@ def _judged(
         entries=ranked(lines, criterion),
         folder=options.runs,
         uncounted=uncounted,
+        draws=options.draws,
     )
 
 
@@ -200,12 +221,27 @@ def _trials(compared: Sequence[Variant], options: ComparisonOptions) -> list[Tri
     ]
 
 
-def _one_of_each_choice(compared: Sequence[Variant]) -> list[Variant]:
-    """Variants in which every value of the grid stands once, so that a mistake in one is seen."""
+def _refuse_twice(grid: Sequence[GridAxis], draws: Draws) -> None:
+    paths = [axis.path for axis in (*draws.axes, *grid)]
+    twice = next((path for path in paths if paths.count(path) > 1), None)
+    if twice is not None:
+        raise SpecError((swept_twice(twice),))
+
+
+def _one_of_each_choice(compared: Sequence[Variant], drawn: frozenset[str]) -> list[Variant]:
+    """Variants in which every choice stands once, so that a mistake in one is seen.
+
+    Of numbers that are `drawn` between bounds the first stands for all.
+    """
+
+    def choice(setting: str) -> str:
+        path = setting.partition("=")[0]
+        return path if path in drawn else setting
+
     seen: set[tuple[Path, str]] = set()
     found: list[Variant] = []
     for variant in compared:
-        choices = {(variant.spec, setting) for setting in (*variant.settings, "")}
+        choices = {(variant.spec, choice(setting)) for setting in (*variant.settings, "")}
         if not choices <= seen:
             seen |= choices
             found.append(variant)

@@ -9,7 +9,7 @@ from msnn.model.model import Model
 from msnn.training.records.run_log import Measured
 from msnn.validation.measurement import METRICS
 from msnn.validation.plan import CheckPlan, plan_checks
-from msnn.validation.words import rollout_text, unit_text
+from msnn.validation.reports.words import rollout_text, unit_text
 from spec_schema.diagnostics.diagnostic import Findings
 
 

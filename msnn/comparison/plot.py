@@ -18,13 +18,20 @@ def plot_comparison(path: Path, found: Comparison) -> Path:
     figure = new_figure(2)
     axis: Any = figure.subplots()
     shown = [entry for entry in found.entries if not math.isnan(entry.score)]
+    are_apart = len({entry.expense for entry in shown}) > 1  # labels of one column hide each other
     for entry in shown:
         deviation = None if math.isnan(entry.deviation) else entry.deviation
         color = COLORS[1] if entry.is_on_front else COLORS[0]
         axis.errorbar(
-            entry.expense, entry.score, yerr=deviation, marker="o", color=color, capsize=3
+            entry.expense,
+            entry.score,
+            yerr=deviation,
+            marker="o",
+            color=color,
+            capsize=3,
+            zorder=4 if entry.is_on_front else 3,
         )
-        if entry.is_on_front or len(shown) <= 12:
+        if entry.is_on_front or (len(shown) <= 12 and are_apart):
             axis.annotate(
                 entry.variant.label.replace("$", r"\$"),
                 (entry.expense, entry.score),

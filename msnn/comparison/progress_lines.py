@@ -9,10 +9,14 @@ from msnn.comparison.trial import Outcome, Trial
 
 
 class TrialLines:
-    """Prints a line for every training that is over, and each warning once."""
+    """Prints a line for every training that is over, and each warning once.
 
-    def __init__(self, stream: TextIO) -> None:
+    `pause` is how many seconds apart lines are at least: of those between only what is wrong.
+    """
+
+    def __init__(self, stream: TextIO, pause: float = 0.0) -> None:
         self._stream = stream
+        self._pause, self._printed = pause, -pause
         self._began = time.monotonic()
         self._all = self._ended = self._trained = 0
         self._said: set[str] = set()
@@ -26,7 +30,12 @@ class TrialLines:
         which = trial.variant.label
         which += f", seed {trial.seed}" if trial.seed else ""
         which += f", fold {trial.fold}" if trial.fold is not None else ""
-        self._print(f"{self._ended}/{self._all}  {which}: {_how(outcome)}{self._left(outcome)}")
+        left = self._left(outcome)
+        now = time.monotonic()
+        is_last = self._ended == self._all
+        if is_last or line.state != "finished" or now - self._printed >= self._pause:
+            self._print(f"{self._ended}/{self._all}  {which}: {_how(outcome)}{left}")
+            self._printed = now
         new = [said for said in (*_reasons(outcome), *line.warnings) if said not in self._said]
         self._said.update(new)
         for said in new:

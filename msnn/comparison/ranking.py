@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msnn.comparison.variants import Variant
-from msnn.errors import comparison as errors
+from msnn.errors.results import comparison as errors
 from msnn.training.records.run_log import Measured, RunLine
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -70,6 +70,11 @@ class Ranked:
     def deviation(self) -> float:
         """Over n - 1; NaN of a single training."""
         return float(np.std(self.scores, ddof=1)) if len(self.scores) > 1 else math.nan
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every training came to its end: the mean of some folds flatters."""
+        return not self.failed and not math.isnan(self.score)
 
     @property
     def parameters(self) -> int:
@@ -169,11 +174,18 @@ def named_criterion(shared: Sequence[Measured], wanted: str) -> Criterion:
 
 
 def ranked(lines: Mapping[Variant, Sequence[RunLine]], criterion: Criterion) -> tuple[Ranked, ...]:
-    """All models, the most accurate first; those of which no training ended come last."""
+    """All models, the most accurate first.
+
+    Behind them are those of which some trainings failed, and last those without a score.
+    """
     entries = [_ranked(variant, found, criterion) for variant, found in lines.items()]
     sign = -1.0 if criterion.is_higher_better else 1.0
-    ordered = sorted(entries, key=lambda e: (math.isnan(e.score), sign * e.score, e.expense))
+    ordered = sorted(entries, key=lambda e: _order(e, sign))
     return _marked(ordered)
+
+
+def _order(entry: Ranked, sign: float) -> tuple[bool, bool, float, float]:
+    return math.isnan(entry.score), not entry.is_whole, sign * entry.score, entry.expense
 
 
 def _ranked(variant: Variant, found: Sequence[RunLine], criterion: Criterion) -> Ranked:
@@ -195,11 +207,15 @@ def _ranked(variant: Variant, found: Sequence[RunLine], criterion: Criterion) ->
 
 
 def _marked(ordered: Sequence[Ranked]) -> tuple[Ranked, ...]:
-    """The same with the best and the front of accuracy against expense marked."""
+    """The same with the best and the front of accuracy against expense marked.
+
+    Both of those whose trainings all ended, or of what there is where no model is such.
+    """
     least = math.inf
     marked: list[Ranked] = []
+    some_are_whole = any(entry.is_whole for entry in ordered)
     for place, entry in enumerate(ordered):  # the most accurate first, the cheaper of equals
-        there = not math.isnan(entry.score)
+        there = entry.is_whole if some_are_whole else not math.isnan(entry.score)
         on_front = there and entry.expense < least
         least = min(least, entry.expense) if there else least
         marked.append(replace(entry, is_on_front=on_front, is_best=there and place == 0))
@@ -218,7 +234,8 @@ def cheapest_as_good(entries: Sequence[Ranked], criterion: Criterion) -> Ranked 
     near = [
         entry
         for entry in entries
-        if entry.scores
+        if entry.is_whole >= best.is_whole
+        and entry.scores
         and (
             entry.score >= best.score - margin
             if criterion.is_higher_better

@@ -10,15 +10,23 @@ from msnn.comparison.ranking import Criterion, Ranked, cheapest_as_good
 from msnn.tables import Table
 
 
-def comparison_table(found: Comparison) -> str:
+def comparison_table(found: Comparison, most: int | None = None) -> str:
     """What `comparison_cells` has, as text."""
-    return comparison_cells(found).text
+    return comparison_cells(found, most).text
 
 
-def comparison_cells(found: Comparison) -> Table:
-    """One row a model, the most accurate first; columns that nobody has are left out."""
+def comparison_cells(found: Comparison, most: int | None = None) -> Table:
+    """One row a model, the most accurate first; columns that nobody has are left out.
+
+    With `most`, so many rows and those of the Pareto front and of trainings that failed.
+    """
     others = _others(found)
-    rows = [_row(entry, found, others) for entry in found.entries]
+    shown = (
+        entry
+        for place, entry in enumerate(found.entries)
+        if most is None or place < most or entry.is_on_front or entry.failed
+    )
+    rows = [_row(entry, found, others) for entry in shown]
     core = next((line.cost.core for e in found.entries for line in e.lines if line.cost), "")
     header = (
         "model",
@@ -46,8 +54,13 @@ def comparison_notes(found: Comparison) -> list[str]:
     cheaper = cheapest_as_good(found.entries, found.criterion)
     if cheaper is not None:
         notes.append(f"within one standard error of it, and the cheapest: {cheaper.variant.label}")
-    scored = {m.scored for e in found.entries for line in e.lines for m in line.training}
-    if len(scored) > len(found.ways):
+    scored = {
+        (line.fold, *m.way, m.scored)
+        for e in found.entries
+        for line in e.lines
+        for m in line.training
+    }
+    if len(scored) > len({each[:-1] for each in scored}):
         notes.append("windows differ, and so do the rows that are scored at the start of records")
     if found.uncounted:
         notes.append(
@@ -59,7 +72,11 @@ def comparison_notes(found: Comparison) -> list[str]:
 
 def comparison_record(found: Comparison) -> dict[str, Any]:
     """The same as JSON values, with every training."""
+    drawn = {axis.path: str(axis.law) for axis in found.draws.axes}
     return {
+        "draws": {"seed": found.draws.seed, "count": found.draws.count, "keys": drawn}
+        if drawn
+        else None,
         "criterion": found.criterion.heading,
         "higher_is_better": found.criterion.is_higher_better,
         "models": [

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from msnn.comparison.cost import c_cost
+from msnn.comparison.readings import Readings
 from msnn.comparison.variants import Variant
 from msnn.data.dataset import Dataset
 from msnn.data.reading.frames import Frames
-from msnn.errors.comparison import killed_twice, nothing_held_out
 from msnn.errors.failures import MissingExtraError
+from msnn.errors.results.comparison import killed_again, nothing_held_out
 from msnn.model.kept_run import WEIGHTS
-from msnn.model.load import load_model, with_seed
+from msnn.model.load import with_seed
 from msnn.model.model import Model
-from msnn.model.model_data import measured, sources_of
+from msnn.model.model_data import sources_of
 from msnn.model.model_weights import redrawn_weights
-from msnn.model.weights_file import read_weights
-from msnn.training.folds import of_fold
+from msnn.model.weights.weights_file import read_weights
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.records.progress import Silent
 from msnn.training.records.run_log import RunLine, measured_in
@@ -29,7 +29,6 @@ from msnn.training.training_result import TrainingDivergedError
 from msnn.validation.validate import validate
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, describe
 from spec_schema.diagnostics.render import render
-from spec_schema.diagnostics.source import SourceText
 
 _FOLDER = "compare"
 _KEY_SHOWN = 16
@@ -69,29 +68,69 @@ class Outcome:
     """False where the log had it."""
 
 
-def run_trial(trial: Trial, setup: Setup, known: Mapping[str, RunLine]) -> Outcome:
+@dataclass(frozen=True, slots=True)
+class ReadyTrial:
+    """A trial that is to be trained: what is known before, and what it reads."""
+
+    trial: Trial
+    line: RunLine
+    model: Model
+    data: Dataset
+
+
+def run_trial(
+    trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
+) -> Outcome:
     """Trains, measures and costs a variant, or takes what is `known` of it by key.
 
     Mistakes of the spec or the data, what is not installed, and a training that diverges are
     outcomes. Raises TrainingInterruptedError.
     """
+    found = ready_trial(trial, setup, known, readings)
+    return found if isinstance(found, Outcome) else train_ready(found, setup)
+
+
+def ready_trial(
+    trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
+) -> ReadyTrial | Outcome:
+    """What is to be trained; the outcome of what is known, or cannot be trained."""
     line = _unknown(trial)
-    setup = replace(setup, counts_cost=setup.counts_cost and trial.is_costed)
     try:
-        model = _model(trial)
-        data = measured(model, setup.data, setup.data_root, "a comparison")
+        model = with_seed(readings.model(trial.variant, trial.fold), trial.seed)
+        data = readings.data(trial.variant, trial.fold)
         _require_rows(data, setup.held_out)
         line = begun(model, data, seed=trial.seed, fold=trial.fold, held_out=setup.held_out)
+        line = replace(line, drawn_by=trial.variant.drawn_by)
+        ready = ReadyTrial(trial, line, model, data)
         if line.key in known and _is_kept(known[line.key], setup):
-            return Outcome(_completed(known[line.key], model, data, setup), is_new=False)
-        with sources_of(model):
-            return Outcome(_trained(line, trial, setup, model, data), is_new=True)
-    except SpecError as error:
-        return Outcome(_refused(line, error.diagnostics, error.sources), is_new=True)
-    except MissingExtraError as error:
-        return Outcome(_refused(line, [error.diagnostic]), is_new=True)
+            return Outcome(_completed(known[line.key], ready, setup), is_new=False)
+    except (SpecError, MissingExtraError) as error:
+        return refused(line, error)
+    return ready
+
+
+def train_ready(ready: ReadyTrial, setup: Setup) -> Outcome:
+    """Trains, measures and costs it. Raises TrainingInterruptedError."""
+    try:
+        with sources_of(ready.model):
+            return Outcome(_trained(ready, setup), is_new=True)
+    except (SpecError, MissingExtraError) as error:
+        return refused(ready.line, error)
     except TrainingDivergedError as error:
-        return Outcome(diverged(line, error), is_new=True)
+        return Outcome(diverged(ready.line, error), is_new=True)
+
+
+def killed(trial: Trial, times: str) -> Outcome:
+    """What becomes of a trial whose process was killed again and again."""
+    return refused(_unknown(trial), SpecError((killed_again(trial.variant.label, times),)))
+
+
+def refused(line: RunLine, error: SpecError | MissingExtraError) -> Outcome:
+    """A training that cannot be, and why."""
+    found = error.diagnostics if isinstance(error, SpecError) else [error.diagnostic]
+    sources = error.sources if isinstance(error, SpecError) else ()
+    reason = render(found, "full", sources)
+    return Outcome(replace(line, state="refused", reason=reason), is_new=True)
 
 
 def _is_kept(line: RunLine, setup: Setup) -> bool:
@@ -99,23 +138,6 @@ def _is_kept(line: RunLine, setup: Setup) -> bool:
     if line.state != "finished" or setup.runs is None:
         return True
     return line.folder is not None and (setup.runs / line.folder / WEIGHTS).is_file()
-
-
-def killed(trial: Trial) -> Outcome:
-    """What becomes of a trial whose process was killed again and again."""
-    why = killed_twice(trial.variant.label)
-    return Outcome(_refused(_unknown(trial), [why]), is_new=True)
-
-
-def _refused(
-    line: RunLine, found: Sequence[Diagnostic], sources: Iterable[SourceText] = ()
-) -> RunLine:
-    return replace(line, state="refused", reason=render(found, "full", sources))
-
-
-def _model(trial: Trial) -> Model:
-    model = with_seed(load_model(trial.variant.spec, trial.variant.settings), trial.seed)
-    return model if trial.fold is None else of_fold(model, trial.fold)
 
 
 def _require_rows(data: Dataset, held_out: str) -> None:
@@ -139,12 +161,13 @@ def _unknown(trial: Trial) -> RunLine:
     )
 
 
-def _completed(line: RunLine, model: Model, data: Dataset, setup: Setup) -> RunLine:
+def _completed(line: RunLine, ready: ReadyTrial, setup: Setup) -> RunLine:
     """The line of a training that is over, with its cost and its training rows.
 
     Who trained it may have asked for neither: `train --folds` measures what it held out alone.
     """
-    lacks_cost = setup.counts_cost and line.cost is None
+    model, data = ready.model, ready.data
+    lacks_cost = setup.counts_cost and ready.trial.is_costed and line.cost is None
     if (line.training and not lacks_cost) or setup.runs is None or line.folder is None:
         return line
     weights = read_weights(setup.runs / line.folder / WEIGHTS, model.program)
@@ -154,23 +177,25 @@ def _completed(line: RunLine, model: Model, data: Dataset, setup: Setup) -> RunL
     return replace(line, cost=c_cost(model, weights)) if lacks_cost else line
 
 
-def _trained(line: RunLine, trial: Trial, setup: Setup, model: Model, data: Dataset) -> RunLine:
+def _trained(ready: ReadyTrial, setup: Setup) -> RunLine:
+    trial, line, model, data = ready.trial, ready.line, ready.model, ready.data
     first = redrawn_weights(model, trial.seed) if trial.seed else None
     heard = _Heard()
     options = options_for(model, runs=setup.runs, has_errors=False)
     if setup.runs is not None:
         options = in_folder(options, setup.runs / model.name / _FOLDER / line.key[:_KEY_SHOWN])
+        options = replace(options, ends_in_log=True)
     found = train(model.program, data, model.spec.train, options, heard, first)
     checks, weights = model.spec.checks, found.weights
     held_out, trained_on = (
-        measured_in(validate(model.program, data, checks, weights, on=name))
+        measured_in(validate(model.program, data, checks, weights, on=name, judges_errors=False))
         for name in (setup.held_out, TRAIN)
     )
     return replace(
         ended(line, found, setup.runs),
         held_out=held_out,
         training=trained_on,
-        cost=c_cost(model, weights) if setup.counts_cost else None,
+        cost=c_cost(model, weights) if setup.counts_cost and trial.is_costed else None,
         warnings=tuple(heard.said),
     )
 

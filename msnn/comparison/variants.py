@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import TypeAlias
 
-from msnn.errors import comparison as errors
+from msnn.errors.results import comparison as errors
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.reading.python_values import value_text
@@ -15,6 +16,9 @@ from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table
 from spec_schema.yaml_tree.reader import read_tree
 
 _GRID = "--grid"
+
+Grid: TypeAlias = "Sequence[str] | Mapping[str, Sequence[object]]"
+"""Axes as `--grid` takes them, or values by path."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +30,8 @@ class Variant:
     """Those of all variants, then its own: `layers.h.fir.window=10`."""
     label: str
     """What tells it from the others."""
+    drawn_by: int | None = None
+    """The seed of the draws that it is one of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,33 +43,66 @@ class GridAxis:
     """As YAML writes them."""
 
 
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """Values that were drawn: of these paths, a row a draw."""
+
+    paths: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    seed: int | None
+
+
 def grid_axis(text: str) -> GridAxis:
     """Reads `layers.h.fir.window=5,10,20`; values are YAML, lists and mappings in brackets.
 
     Raises SpecError for what is no path, `=` and values.
     """
     path, equals, values = text.partition("=")
-    findings = Findings()
-    listed = SourceText(_GRID, f"[{values}]")
-    tree = read_tree(listed, findings) if path.strip() and equals and "\n" not in text else None
-    if findings.failed or not isinstance(tree, Listing) or not tree.items:
+    found = listed_values(values) if path.strip() and equals and "\n" not in path else None
+    if found is None:
         raise SpecError((errors.malformed_grid(text),))
+    return GridAxis(path.strip(), found)
+
+
+def grid_axes(grid: Grid) -> list[GridAxis]:
+    """The axes of texts, or of a mapping of path to values. Raises SpecError."""
+    if isinstance(grid, Mapping):
+        return [GridAxis(path, tuple(map(value_text, values))) for path, values in grid.items()]
+    return [grid_axis(each) for each in grid]
+
+
+def listed_values(text: str) -> tuple[str, ...] | None:
+    """The values of YAML between commas on one line, as they stand there; None where none are."""
+    findings = Findings()
+    listed = SourceText(_GRID, f"[{text}]")
+    tree = None if "\n" in text else read_tree(listed, findings)
+    if findings.failed or not isinstance(tree, Listing) or not tree.items:
+        return None
     columns = ((item.span.column - 1, item.span.end_column - 1) for item in tree.items)
-    return GridAxis(path.strip(), tuple(listed.text[begin:end] for begin, end in columns))
+    return tuple(listed.text[begin:end] for begin, end in columns)
 
 
 def variants(
-    specs: Sequence[Path], grid: Sequence[GridAxis], settings: Sequence[str]
+    specs: Sequence[Path],
+    grid: Sequence[GridAxis],
+    settings: Sequence[str],
+    drawn: Drawn | None = None,
 ) -> tuple[Variant, ...]:
-    """Every spec with every choice of one value an axis, once; the last axis changes fastest."""
-    ends = _short([axis.path for axis in grid])
+    """Every spec with every draw and every choice of one value an axis, once.
+
+    The last axis changes fastest, draws slowest.
+    """
+    drawn = drawn or Drawn((), ((),), None)
+    paths = [*drawn.paths, *(axis.path for axis in grid)]
+    ends = _short(paths)
     found: list[Variant] = []
     for spec, name in zip(specs, _names(specs), strict=True):
-        for choice in product(*(axis.values for axis in grid)):
-            own = [f"{axis.path}={value}" for axis, value in zip(grid, choice, strict=True)]
-            said = [f"{end}={_shown(value)}" for end, value in zip(ends, choice, strict=True)]
+        for row, choice in product(drawn.rows, product(*(axis.values for axis in grid))):
+            values = (*row, *choice)
+            own = [f"{path}={value}" for path, value in zip(paths, values, strict=True)]
+            said = [f"{end}={_shown(value)}" for end, value in zip(ends, values, strict=True)]
             label = " ".join([name, *said] if len(specs) > 1 or not said else said)
-            found.append(Variant(spec, (*settings, *own), label))
+            found.append(Variant(spec, (*settings, *own), label, drawn.seed))
     return tuple(dict.fromkeys(found))
 
 

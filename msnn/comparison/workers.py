@@ -13,11 +13,14 @@ from multiprocessing import get_context
 from types import FrameType
 from typing import Any
 
+from msnn.comparison.readings import Readings
 from msnn.comparison.trial import Outcome, Setup, Trial, killed, run_trial
 from msnn.training.records.run_log import RunLine
 from msnn.training.training_result import TrainingInterruptedError
 
 _INTERRUPTED = 130
+_TIMES = "twice"
+"""That a process is killed before its trial is given up."""
 
 
 def outcomes(
@@ -29,8 +32,9 @@ def outcomes(
     given up when it is killed again. An interrupt ends all of them after the batch that is on.
     """
     if jobs == 1 or len(trials) == 1:
+        readings = Readings(setup.data, setup.data_root)
         for trial in trials:
-            yield trial, run_trial(trial, setup, known)
+            yield trial, run_trial(trial, setup, known, readings)
         return
     waiting = list(reversed(trials))
     suspects: list[Trial] = []
@@ -45,7 +49,7 @@ def outcomes(
                     if outcome is not None:
                         yield trial, outcome
                     elif alone:
-                        yield trial, killed(trial)
+                        yield trial, killed(trial, _TIMES)
                     else:  # which of those that ran together was killed, nobody knows
                         suspects.append(trial)
         if alone:
@@ -58,6 +62,7 @@ class _Shared:
 
     setup: Setup | None = None
     known: Mapping[str, RunLine] | None = None
+    readings: Readings | None = None
     is_over: Any = None
 
 
@@ -128,6 +133,7 @@ def _outcome(future: Future[Outcome]) -> Outcome | None:
 
 def _begin(began: Any, is_over: Any, setup: Setup, known: Mapping[str, RunLine]) -> None:
     _SHARED.setup, _SHARED.known, _SHARED.is_over = setup, known, is_over
+    _SHARED.readings = Readings(setup.data, setup.data_root)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _end)
     began.put(os.getpid())
@@ -142,9 +148,10 @@ def _end(number: int, frame: FrameType | None) -> None:
 def _in_worker(trial: Trial) -> Outcome:
     assert _SHARED.setup is not None
     assert _SHARED.known is not None
+    assert _SHARED.readings is not None
     if _SHARED.is_over.is_set():  # it began after the interrupt
         os._exit(_INTERRUPTED)
     try:
-        return run_trial(trial, _SHARED.setup, _SHARED.known)
+        return run_trial(trial, _SHARED.setup, _SHARED.known, _SHARED.readings)
     except (TrainingInterruptedError, KeyboardInterrupt):
         os._exit(_INTERRUPTED)  # its checkpoint is kept; the pool would wait for more to do

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from backends.native.native_controller import native_controller
+from backends.native.exported.native_controller import native_controller
 from backends.predictive_control.inputs import input_fields
-from backends.predictive_control.rows import rows_of
 from backends.predictive_control.solution import multipliers_of, plan_of
+from backends.predictive_control.structure.rows import rows_of
 from compiler.optimal_control.horizon import Array, Given
 from compiler.optimal_control.problem import ControlProblem
 from msnn.control.barrier_limits import BarrierLimits

@@ -15,7 +15,7 @@ from msnn.control.horizon_functions import HorizonFunctions
 from msnn.control.method import Method, Solver
 from msnn.control.reference_method import ReferenceMethod
 from msnn.data.dataset import FloatArray
-from msnn.errors import predictive_control
+from msnn.errors.targets import predictive_control
 from msnn.model.model import Model
 from msnn.simulation.engines.kernel_trials import NO_FALLBACK
 from spec_schema.diagnostics.diagnostic import SpecError, describe

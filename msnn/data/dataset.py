@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backends.files.disk_arrays import AT_ONCE, DiskArray
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 FloatArray = NDArray[np.float64]
@@ -116,18 +117,37 @@ class Dataset:
             return np.zeros(self.rows, dtype=np.bool_)
         return self.set_of_row == self.sets.index(name)
 
+    @property
+    def is_on_disk(self) -> bool:
+        """Whether the series are files, as they may be larger than memory."""
+        return any(isinstance(values, DiskArray) for values in self.series.values())
+
     def episodes(self, name: str) -> IntArray:
         """(count, 2): start and stop of the maximal runs of one set without gap (rule R10)."""
-        return self._runs(self.in_set(name) & self.usable)
+        if name not in self.sets:
+            return np.zeros((0, 2), np.int64)
+        code = self.sets.index(name)
+        return self._runs(lambda rows: (self.set_of_row[rows] == code) & self.usable[rows])
 
     def stretches(self) -> IntArray:
         """(count, 2): start and stop of the maximal runs without gap, whatever the set."""
-        return self._runs(self.usable)
+        return self._runs(lambda rows: self.usable[rows])
 
-    def _runs(self, wanted: BoolArray) -> IntArray:
-        before = np.concatenate(([False], wanted[:-1]))
-        after = np.concatenate((wanted[1:], [False]))
-        follows = np.concatenate((self.continues[1:], [False]))
-        starts = np.flatnonzero(wanted & ~(before & self.continues))
-        last = np.flatnonzero(wanted & ~(after & follows))
-        return np.stack((starts, last + 1), axis=1)
+    def _runs(self, wanted: Callable[[slice], BoolArray]) -> IntArray:
+        starts: list[IntArray] = []
+        stops: list[IntArray] = []
+        none = np.zeros(1, np.bool_)
+        for begin in range(0, self.rows, AT_ONCE):
+            end = min(begin + AT_ONCE, self.rows)
+            # one row more on each side, which no run leaves the data by
+            left, right = int(begin > 0), int(end < self.rows)
+            around = wanted(slice(begin - left, end + right))
+            inside = around[left : left + end - begin]
+            before = around[: end - begin] if left else np.concatenate((none, inside[:-1]))
+            after = around[left + 1 :] if right else np.concatenate((inside[1:], none))
+            follows = self.continues[begin + 1 : end + right]
+            follows = follows if right else np.concatenate((follows, none))
+            starts.append(begin + np.flatnonzero(inside & ~(before & self.continues[begin:end])))
+            stops.append(begin + np.flatnonzero(inside & ~(after & follows)) + 1)
+        empty = [np.zeros(0, np.int64)]
+        return np.stack((np.concatenate(starts or empty), np.concatenate(stops or empty)), axis=1)

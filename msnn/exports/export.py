@@ -9,7 +9,8 @@ from importlib import import_module
 from pathlib import Path
 
 from msnn.agreement.loaded import Loaded
-from msnn.errors import commands, predictive_control
+from msnn.errors import commands
+from msnn.errors.targets import predictive_control
 from msnn.exports.table import NAMES, ListedTarget, listed
 from msnn.exports.target import AnyPlan, AnyTarget, Request, Weights, Written
 from msnn.model.model import Model

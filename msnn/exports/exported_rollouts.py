@@ -13,12 +13,12 @@ import numpy as np
 from backends.ports.step_interface import step_interface
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
-from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.judge import beginning_at, inputs_at
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
-from msnn.errors import engines
+from msnn.errors.targets import engines
 from msnn.exports.export import load_export, plan_exports, write_export
 from msnn.exports.table import listed
 from msnn.exports.target import AnyPlan

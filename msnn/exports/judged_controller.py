@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from backends.predictive_control.constants import reachable
 from backends.predictive_control.inputs import InputField, input_fields
 from backends.predictive_control.library import ControllerLibrary
-from backends.predictive_control.rows import rows_of
+from backends.predictive_control.selftest.starts import drawn_starts
 from backends.predictive_control.solution import multipliers_of, plan_of
-from backends.predictive_control.starts import drawn_starts
+from backends.predictive_control.structure.rows import rows_of
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Member
 from compiler.optimal_control.horizon import Given

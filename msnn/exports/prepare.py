@@ -8,7 +8,7 @@ from backends.ports.identifiers import c_identifier
 from compiler.ir.liveness import extents
 from compiler.ir.program import Program
 from compiler.passes.close_loop import LoopError, close_loop
-from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.errors import workflow
 from msnn.exports.target import ExportPlan, Options, OwnEntry, Request, Target
@@ -66,7 +66,9 @@ def step_program(
     penalised = {loss.penalty.parameter for loss in program.losses if loss.penalty is not None}
     program = prune_outputs(program, _outputs(request, entry))
     if request.weights is not None and penalised and not keeps_arrays:
-        from compiler.passes.prune_zero_slices import prune_zero_slices  # `check` has no weights
+        from compiler.passes.pruning.prune_zero_slices import (
+            prune_zero_slices,  # `check` has no weights
+        )
 
         pruned = prune_zero_slices(program, request.weights, penalised)
         request.cuts.extend(pruned.cuts)

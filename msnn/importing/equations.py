@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from msnn.importing.names import Names
-from msnn.importing.terms import ATOM, Call, Infix, Term, after_operands, text_of
+from msnn.importing.terms.names import Names
+from msnn.importing.terms.terms import ATOM, Call, Infix, Term, after_operands, text_of
 
 _LONGEST = 120
 """Characters of a text inside another one."""

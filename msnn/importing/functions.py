@@ -9,17 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from msnn.errors.importing import untranslated
-from msnn.importing import arrays
-from msnn.importing.arrays import Elements
-from msnn.importing.grammar import File, Function
-from msnn.importing.json_text import JsonText
-from msnn.importing.names import Names
+from msnn.errors.targets.importing import untranslated
+from msnn.importing.followed_python.python_function import follow
+from msnn.importing.followed_python.python_source import (
+    FunctionError,
+    argument_names,
+    parse_function,
+)
+from msnn.importing.followed_python.separate_rows import refuse_mixed_rows
+from msnn.importing.followed_python.torch_calls import NeedsElementsError, Tensor, Whole
 from msnn.importing.parameters import Parameters
-from msnn.importing.python_function import follow
-from msnn.importing.python_source import FunctionError, argument_names, parse_function
-from msnn.importing.separate_rows import refuse_mixed_rows
-from msnn.importing.terms import (
+from msnn.importing.saved_file.grammar import File, Function
+from msnn.importing.saved_file.json_text import JsonText
+from msnn.importing.terms import arrays
+from msnn.importing.terms.arrays import Elements
+from msnn.importing.terms.names import Names
+from msnn.importing.terms.terms import (
     Call,
     Named,
     Term,
@@ -29,8 +34,7 @@ from msnn.importing.terms import (
     number,
     text_of_whole,
 )
-from msnn.importing.torch_calls import NeedsElementsError, Tensor, Whole
-from msnn.importing.values import ShapeError, Value, Values, one_piece
+from msnn.importing.terms.values import ShapeError, Value, Values, one_piece
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import Span
 

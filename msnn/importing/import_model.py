@@ -10,22 +10,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msnn.errors.importing import not_json, renamed, unfit_shapes, unknown_name, unknown_relation
-from msnn.importing.dims import Dims
+from msnn.errors.targets.importing import (
+    not_json,
+    renamed,
+    unfit_shapes,
+    unknown_name,
+    unknown_relation,
+)
 from msnn.importing.equations import Equations
 from msnn.importing.functions import Functions
-from msnn.importing.grammar import File, names_in, read_file
-from msnn.importing.json_text import JsonText, read_json
-from msnn.importing.layers import Layers
-from msnn.importing.names import Names
+from msnn.importing.layers.layers import Layers
 from msnn.importing.parameters import Parameters
-from msnn.importing.recognise import recognise
+from msnn.importing.recognition.recognise import recognise
 from msnn.importing.relations import Relations
-from msnn.importing.shared_arrays import shared_arrays
+from msnn.importing.saved_file.grammar import File, names_in, read_file
+from msnn.importing.saved_file.json_text import JsonText, read_json
+from msnn.importing.saved_file.shared_arrays import shared_arrays
 from msnn.importing.signals import LoopError, Signals
 from msnn.importing.spec_sections import Sections, spec_values
-from msnn.importing.terms import Cutter, Term
-from msnn.importing.values import ShapeError, Values
+from msnn.importing.terms.dims import Dims
+from msnn.importing.terms.names import Names
+from msnn.importing.terms.terms import Cutter, Term
+from msnn.importing.terms.values import ShapeError, Values
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.reading.endless_files import refuse_endless
 

@@ -10,15 +10,15 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from msnn.errors.importing import unfit_shapes, without_values
-from msnn.importing.arrays import Elements
-from msnn.importing.dims import Dims
-from msnn.importing.grammar import Array
-from msnn.importing.json_text import JsonText
-from msnn.importing.names import Names
-from msnn.importing.terms import LARGEST, Named, Term, number, number_text, shortest
-from msnn.importing.terms import Call as CallHead
-from msnn.importing.values import Value
+from msnn.errors.targets.importing import unfit_shapes, without_values
+from msnn.importing.saved_file.grammar import Array
+from msnn.importing.saved_file.json_text import JsonText
+from msnn.importing.terms.arrays import Elements
+from msnn.importing.terms.dims import Dims
+from msnn.importing.terms.names import Names
+from msnn.importing.terms.terms import LARGEST, Named, Term, number, number_text, shortest
+from msnn.importing.terms.terms import Call as CallHead
+from msnn.importing.terms.values import Value
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _AUTOMATIC = re.compile(r"Constant\d+|FParamFun\d+.*")

@@ -6,17 +6,24 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from msnn.errors.importing import circle, left_out, unfit_shapes, unknown_name, unknown_relation
+from msnn.errors.targets.importing import (
+    circle,
+    left_out,
+    unfit_shapes,
+    unknown_name,
+    unknown_relation,
+)
+from msnn.importing.followed_python.torch_names import SAME, negative
 from msnn.importing.functions import Functions, NotRecognisedError
-from msnn.importing.fuzzy_sets import fuzzified
-from msnn.importing.grammar import File, names_in
-from msnn.importing.json_text import JsonText, path_text
-from msnn.importing.layers import Layers, Weighted
+from msnn.importing.layers.fuzzy_sets import fuzzified
+from msnn.importing.layers.layers import Layers, Weighted
+from msnn.importing.layers.tables import interpolated
 from msnn.importing.parameters import Parameters
-from msnn.importing.recognised import Recognised
+from msnn.importing.recognition.recognised import Recognised
+from msnn.importing.saved_file.grammar import File, names_in
+from msnn.importing.saved_file.json_text import JsonText, path_text
 from msnn.importing.signals import Signals
-from msnn.importing.tables import interpolated
-from msnn.importing.terms import (
+from msnn.importing.terms.terms import (
     Call,
     CutError,
     Held,
@@ -29,8 +36,7 @@ from msnn.importing.terms import (
     same,
     times,
 )
-from msnn.importing.torch_names import SAME, negative
-from msnn.importing.values import ShapeError, Value, Values, filled
+from msnn.importing.terms.values import ShapeError, Value, Values, filled
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 
 _TWO: Mapping[str, Callable[[Term, Term], Term]] = {

@@ -6,12 +6,12 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from msnn.errors.importing import fed_back_late, rounded_window, starts_at_zero
-from msnn.importing.grammar import File, Input
-from msnn.importing.json_text import JsonText
-from msnn.importing.names import Names
-from msnn.importing.terms import Signal, Term
-from msnn.importing.values import ShapeError, Value, Values, refuse_many
+from msnn.errors.targets.importing import fed_back_late, rounded_window, starts_at_zero
+from msnn.importing.saved_file.grammar import File, Input
+from msnn.importing.saved_file.json_text import JsonText
+from msnn.importing.terms.names import Names
+from msnn.importing.terms.terms import Signal, Term
+from msnn.importing.terms.values import ShapeError, Value, Values, refuse_many
 from spec_schema.diagnostics.diagnostic import Findings
 
 _HIDDEN = re.compile(r".*_(sw|tw|int|der)\d+")

@@ -8,12 +8,12 @@ from typing import Any
 
 from msnn.importing.equations import Equations
 from msnn.importing.functions import Functions
-from msnn.importing.grammar import File
-from msnn.importing.layers import Layers
-from msnn.importing.names import Names
+from msnn.importing.layers.layers import Layers
 from msnn.importing.parameters import Parameters
+from msnn.importing.saved_file.grammar import File
 from msnn.importing.signals import Signals
-from msnn.importing.terms import Term, number_text
+from msnn.importing.terms.names import Names
+from msnn.importing.terms.terms import Term, number_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,10 +10,10 @@ import numpy as np
 from backends.files.atomic_write import write_text
 from compiler.elaboration.compile import compile_spec
 from compiler.ir.program import Program
-from msnn.errors.importing import does_not_compile, file_exists
+from msnn.errors.targets.importing import does_not_compile, file_exists
 from msnn.importing.import_model import ImportedModel, import_text, read_text
-from msnn.importing.names import legal_name
-from msnn.model.weights_file import initial_weights, write_weights
+from msnn.importing.terms.names import legal_name
+from msnn.model.weights.weights_file import initial_weights, write_weights
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, describe
 from spec_schema.editors.format_spec import format_spec
 from spec_schema.reading.reader import read_spec

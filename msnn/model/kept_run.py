@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from msnn.errors.run_ends import nothing_kept
-from msnn.errors.runs import no_run
+from msnn.errors.learning.run_ends import nothing_kept
+from msnn.errors.learning.runs import no_run
 from msnn.model.spec_hash import kept_name
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.reading.endless_files import refuse_endless

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from compiler.elaboration.compile import compile_spec
-from msnn.errors.run_ends import nothing_kept
+from msnn.errors.learning.run_ends import nothing_kept
 from msnn.model.kept_run import KeptSpec, kept_spec, run_of
 from msnn.model.model import PROGRAM_SUFFIX, Model
 from msnn.model.number_files import number_parts, number_texts

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.commands import no_data_section
-from msnn.model.given_weights import Weights, weights_path
+from msnn.errors.disk_data import not_on_disk
 from msnn.model.model import Model
+from msnn.model.weights.given_weights import Weights, weights_path
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 if TYPE_CHECKING:
@@ -38,7 +39,20 @@ def read_data(
     folder = data_folder(model, data_root)
     with sources_of(model), told_where_they_were(model, data_root):
         signals = program or model.program
-        return load_data(signals, model.spec.data, folder, row_filters(model.spec), beside)
+        found = load_data(signals, model.spec.data, folder, row_filters(model.spec), beside)
+        if found.is_on_disk and purpose != "training" and found.rows > MOST_ROWS:
+            raise SpecError((_too_many_rows(purpose, found.rows),))
+        return found
+
+
+MOST_ROWS = 5_000_000
+"""Rows on disk of which a command holds its results in memory."""
+
+
+def _too_many_rows(purpose: str, rows: int) -> Diagnostic:
+    reason = f"{purpose} holds its results in memory, {rows:,} rows of at most {MOST_ROWS:,}"
+    repair = "give it files of its own, `--data FILES`, or a part by `from` and `to`"
+    return not_on_disk(reason, None, repair)
 
 
 @contextmanager
@@ -79,8 +93,8 @@ def measured(
 
 def known_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray]:
     """The weights that are given, by default the initial values, as far as these are known."""
-    from msnn.model.given_weights import known_weights
     from msnn.model.trained_model import refuse_other_model
+    from msnn.model.weights.given_weights import known_weights
 
     with sources_of(model):
         if isinstance(weights, str | Path):

@@ -13,8 +13,8 @@ import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.model.number_files import number_parts, number_texts
-from msnn.model.safetensors_file import arrays_in
 from msnn.model.spec_hash import hash_of, parts_of
+from msnn.model.weights.safetensors_file import arrays_in
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import submodels as errors
 from spec_schema.reading.reader import ReadResult

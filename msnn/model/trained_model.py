@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from msnn.errors.weights import weights_of_another_model
+from msnn.errors.learning.weights import weights_of_another_model
 from msnn.model.kept_run import DESCRIPTION, PARTS, SPEC, read_json
 from msnn.model.model import Model
 from msnn.model.spec_hash import SubmodelFile

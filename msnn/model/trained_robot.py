@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from msnn.errors.weights import weights_of_another_model
+from msnn.errors.learning.weights import weights_of_another_model
 from msnn.model.kept_run import PARTS
 from msnn.model.spec_hash import SubmodelFile
 from spec_schema.diagnostics.diagnostic import Findings, SpecError

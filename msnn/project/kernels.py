@@ -8,7 +8,7 @@ from typing import Any
 
 from backends.native.kernel_cache.contents import KeptKernel, Limits, clean, kept_kernels
 from backends.native.kernel_cache.folders import KernelFolder, cache_folder, kernel_folder
-from msnn.errors.kernels import foreign_folder_is_not_cleaned
+from msnn.errors.learning.kernels import foreign_folder_is_not_cleaned
 from msnn.simulation.engines.kernel_folder_warnings import kernel_folder_warnings
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from msnn.data.formats.table_of_formats import format_of
 from msnn.data.reading.file_sets import file_sections
-from msnn.errors import data_formats
 from msnn.errors import workflow as errors
+from msnn.errors.data import formats as data_formats
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from msnn.errors.runs import unreadable_run
+from msnn.errors.learning.runs import unreadable_run
 from msnn.model.kept_run import (
     CHECKPOINT,
     DESCRIPTION,

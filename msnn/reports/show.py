@@ -20,7 +20,7 @@ from compiler.ir.program import (
     Tape,
 )
 from compiler.ir.types import Axis, describe_axes
-from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.data.starts import reach
 from msnn.exports.describe import range_text

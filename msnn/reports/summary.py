@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from compiler.ir.liveness import extents
 from compiler.ir.program import Declared, LayerMemory, Program, Role
-from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.pruning.prune_outputs import prune_outputs
 from msnn.tables import count
 
 

@@ -8,9 +8,9 @@ from typing import Any
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.tables import Table
-from msnn.training.records.parameters_record import parameters_record
+from msnn.training.records.learned.parameters_record import parameters_record
+from msnn.training.records.learned.standard_errors import StandardErrors
 from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
-from msnn.training.records.standard_errors import StandardErrors
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _MOST_SHOWN = 8

@@ -19,7 +19,7 @@ import numpy as np
 from compiler.differentiation.output_variances import ROOT, VARIANCE, with_variances
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.model.covariance_file import Covariance
+from msnn.model.weights.covariance_file import Covariance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,7 @@ from compiler.ir.program import Program
 from compiler.jacobian.interpret import JacobianInterpreter
 from compiler.jacobian.jacobian import jacobian
 from compiler.jacobian.matrices import Vector
-from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.data.dataset import FloatArray
 

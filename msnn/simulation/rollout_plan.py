@@ -15,8 +15,8 @@ from msnn.data.dataset import BoolArray, Dataset, IntArray
 from msnn.data.reads import reads
 from msnn.data.scored import scored_rows
 from msnn.data.starts import Horizon, Runs, reach, rollouts
-from msnn.errors import data_files
-from msnn.errors import training as errors
+from msnn.errors.data import files as data_files
+from msnn.errors.learning import training as errors
 from msnn.simulation.durations import samples
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span

@@ -15,7 +15,7 @@ from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import BETWEEN_ROWS, UNASSIGNED, Dataset, FloatArray, IntArray, Record
 from msnn.data.reads import reads
 from msnn.data.starts import Runs, reach, rollouts
-from msnn.errors import data_files
+from msnn.errors.data import files as data_files
 from msnn.errors.workflow import records_too_short, unknown_set
 from msnn.simulation.engines.engine import Engine, first_places
 from msnn.simulation.engines.open_rollouts import open_rollouts

@@ -12,7 +12,7 @@ from msnn.data.reading.files import data_of_files, matching
 from msnn.data.reading.frames import Frames, frame_data
 from msnn.data.reading.load import load_data
 from msnn.data.reading.row_filter import row_filters
-from msnn.errors.data_files import no_file
+from msnn.errors.data.files import no_file
 from msnn.model.model import Model
 from msnn.model.model_data import read_data, sources_of
 from msnn.simulation.simulate import measured_beside

@@ -26,7 +26,7 @@ from compiler.ir.program import Output, Program, State
 from compiler.ir.types import Type
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray
 from msnn.data.starts import Runs
-from msnn.errors import fitted_starts as errors
+from msnn.errors.learning import fitted_starts as errors
 from msnn.simulation.gauss_newton import RunProducts, descended
 from msnn.simulation.rollout import moments
 from msnn.simulation.rollout_plan import RolloutPlan

@@ -12,7 +12,7 @@ from backends.c.interface.interface import c_interface
 from backends.c_lowering.options import COptions
 from backends.files.c_compiler import CompilerMissingError
 from msnn.data.dataset import FloatArray
-from msnn.errors import kernels
+from msnn.errors.learning import kernels
 from msnn.exports.export import plan_exports
 from msnn.exports.target import ExportPlan
 from msnn.model.model import Model
@@ -42,7 +42,7 @@ def open_stepper(model: Model, weights: Mapping[str, FloatArray]) -> Stepper:
     engine: StepEngine
     try:
         # jinja2 and the emitter are loaded only where something is compiled
-        from backends.native.native_step import NativeStep
+        from backends.native.exported.native_step import NativeStep
 
         engine = NativeStep(plan.program, interface, weights)
     except CompilerMissingError as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from compiler.elaboration.layer_calls import rule_of
+from compiler.elaboration.named_values.layer_calls import rule_of
 from spec_schema.sections.layers.layer import Layer, LocalModel
 from spec_schema.sections.spec import Spec
 

@@ -14,8 +14,8 @@ from compiler.ir import ops
 from compiler.ir.program import Node, NodeId, Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.starts import Runs
-from msnn.errors import training as errors
-from msnn.errors.second_order import no_finite_slope
+from msnn.errors.learning import training as errors
+from msnn.errors.learning.second_order import no_finite_slope
 from msnn.simulation.rollout import RolloutRow, loss_sums, moments
 from msnn.training.engines.engine import NonFiniteLossError
 from msnn.training.plans.stage_plan import StagePlan

@@ -12,8 +12,8 @@ import numpy as np
 
 from backends.files.atomic_write import write_text
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors.stages import no_folds
-from msnn.errors.training import no_checkpoint
+from msnn.errors.learning.stages import no_folds
+from msnn.errors.learning.training import no_checkpoint
 from msnn.model.kept_run import CHECKPOINT, FOLD, LATEST, newest, read_json
 from msnn.model.model import Model
 from msnn.tables import Table
@@ -28,8 +28,8 @@ from msnn.training.records.training_options import TrainingOptions, in_folder
 from msnn.training.run_line import begun, ended, log
 from msnn.training.train import train
 from msnn.training.training_result import TrainingResult
+from msnn.validation.reports.words import rollout_text, unit_text
 from msnn.validation.validate import MetricRow, ValidationReport, validate
-from msnn.validation.words import rollout_text, unit_text
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 HELD_OUT = "val"

@@ -9,10 +9,10 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.errors.second_order import not_identifiable
-from msnn.errors.training import at_bound
-from msnn.training.records.standard_errors import StandardErrors
-from msnn.training.records.standard_errors import at_bound as is_at_bound
+from msnn.errors.learning.second_order import not_identifiable
+from msnn.errors.learning.training import at_bound
+from msnn.training.records.learned.standard_errors import StandardErrors
+from msnn.training.records.learned.standard_errors import at_bound as is_at_bound
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _SHARE = 1e-3

@@ -11,7 +11,7 @@ from compiler.ir.program import Program, learned_numbers
 from msnn.data.dataset import Dataset
 from msnn.model.model import Model
 from msnn.model.spec_hash import hash_of
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from msnn.training.records.run_log import LOG, RunLine, append
 from msnn.training.records.run_record import data_hash
 from msnn.training.training_result import TrainingDivergedError, TrainingResult

@@ -7,28 +7,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors import run_ends, second_order
-from msnn.errors import stages as stage_errors
-from msnn.errors import training as errors
-from msnn.errors import weights as weight_errors
-from msnn.model.weights_file import initial_weights
+from msnn.errors.learning import run_ends, second_order
+from msnn.errors.learning import stages as stage_errors
+from msnn.errors.learning import training as errors
+from msnn.errors.learning import weights as weight_errors
 from msnn.training.divergence import explain_divergence
 from msnn.training.engines.devices import on_device
 from msnn.training.engines.engine import Engine, NonFiniteLossError
 from msnn.training.engines.open_engine import open_engine, try_optimizers
-from msnn.training.late_jumps import LateJumps
-from msnn.training.multi_start import StageAttempts
 from msnn.training.parameter_warnings import parameter_warnings
 from msnn.training.plans.stage_data import StageData, stage_data
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from msnn.training.plans.stage_result import StageResult
+from msnn.training.ranks.training_ranks import weights_of_first
+from msnn.training.reached import Reached
 from msnn.training.records.checkpoint import Checkpoint
 from msnn.training.records.interrupts import end_on_interrupt
-from msnn.training.records.parameters_record import parameters_record
+from msnn.training.records.learned.parameters_record import parameters_record
+from msnn.training.records.learned.standard_errors import standard_errors, without_errors
+from msnn.training.records.learned.zero_slices import zero_slices
 from msnn.training.records.progress import EpochEnd, Progress, Silent, StageStart
 from msnn.training.records.resumable_run import NotedProgress, open_run
 from msnn.training.records.run_folder import RunFolder
@@ -36,13 +35,20 @@ from msnn.training.records.run_lock import held
 from msnn.training.records.run_record import run_record
 from msnn.training.records.safekeeping import Safekeeping
 from msnn.training.records.stage_record import stage_end
-from msnn.training.records.standard_errors import standard_errors, without_errors
 from msnn.training.records.tensorboard_curves import Curves, require_tensorboard
 from msnn.training.records.training_options import TrainingOptions
-from msnn.training.records.zero_slices import zero_slices
-from msnn.training.stage_run import Interrupted, StageRun
-from msnn.training.stage_starts import stage_starts
+from msnn.training.same_on_all import (
+    check_same_engine,
+    check_same_training,
+    check_same_weights,
+    checkpoint_of_first,
+)
+from msnn.training.stages.late_jumps import LateJumps
+from msnn.training.stages.multi_start import StageAttempts
+from msnn.training.stages.stage_run import Interrupted, StageRun
+from msnn.training.stages.stage_starts import stage_starts
 from msnn.training.starts.data_scales import with_data_scales
+from msnn.training.starts.drawn_weights import begins_alike, drawn_weights
 from msnn.training.starts.initial_weights_of_run import first_weights
 from msnn.training.training_result import (
     TrainingDivergedError,
@@ -75,16 +81,20 @@ def train(
     datas = [stage_data(plan, data, findings) for plan in plans]
     findings.raise_errors()
     try_optimizers(program, plans)
-    first = dict(first_weights(program, data) if weights is None else weights)
-    plans = with_data_scales(plans, data, first)
+    ranks = options.ranks
+    first = weights_of_first(ranks, first_weights(program, data) if weights is None else weights)
+    plans = with_data_scales([replace(plan, ranks=ranks) for plan in plans], data, first)
     ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
     record = run_record(program, plans, data, options.parts)
+    check_same_training(ranks, record)
     folder, checkpoint = open_run(program, options, record)
+    checkpoint = checkpoint_of_first(ranks, folder and folder.checkpoint, checkpoint)
     path = None if folder is None else folder.path
     noted = NotedProgress(progress, folder)
     for warning in (*data.warnings, *findings.in_order):
         noted.warned(warning)
     curves = Curves(folder.path) if folder is not None and options.tensorboard else None
+    begin = checkpoint or Checkpoint(ended=(), begin=first)
     run = _Run(
         program=program,
         data=data,
@@ -95,10 +105,15 @@ def train(
         warnings=findings.in_order,
         options=options,
         safe=Safekeeping(folder, noted, options.most_lost),
+        reached=Reached(begin),
     )
     try:
-        with held(path), end_on_interrupt() as stop_asked:
-            return run.through(checkpoint or Checkpoint(ended=(), begin=first), stop_asked)
+        with (
+            held(path),
+            end_on_interrupt(second_kills=ranks is None) as stop_asked,
+            run.reached.kept(folder, run.safe, noted),
+        ):
+            return run.through(begin, stop_asked)
     except OSError as error:
         if folder is None or not _is_in(folder.path, error):
             raise
@@ -121,6 +136,7 @@ class _Run:
     warnings: tuple[Diagnostic, ...]
     options: TrainingOptions
     safe: Safekeeping
+    reached: Reached
     jumps: LateJumps = field(default_factory=LateJumps)
 
     def through(self, now: Checkpoint, stop_asked: threading.Event) -> TrainingResult:
@@ -136,9 +152,10 @@ class _Run:
                 self.progress.warned(hint)
             self.progress.stage_ended(stage_end(plan, result))
             now = Checkpoint(ended=(*now.ended, result), begin=result.best)
+            self.reached.checkpoint = now
             if self.safe.is_stale:
                 self.safe.save(now, now.begin)
-        if self.folder is None:
+        if self.folder is None and self.options.ranks is None:
             return self._result(now.begin, now)
         self._finish(now)
         last = self.stages[-1][0]
@@ -147,6 +164,8 @@ class _Run:
             if self.options.has_errors
             else without_errors("not estimated in a comparison")
         )
+        if self.folder is None:  # another rank writes the run
+            return self._result(now.begin, now)
         self.folder.write_parameters(parameters_record(self.program, now.begin, spread))
         self.folder.write_covariance(spread.covariance)
         said = parameter_warnings(self.program, now.begin, spread, self.options.black_boxes)
@@ -162,7 +181,8 @@ class _Run:
         """One stage to its end, beginning or going on where the run stands."""
         stage = self._attempts(plan, data, now, stop_asked)
         self._announce(plan, data, stage.current.epoch)
-        self._warn_of_same_starts(plan, now.begin)
+        if begins_alike(self.program, plan, now.begin, self.options.redrawn):
+            self.progress.warned(stage_errors.same_starts(plan.name, plan.attempts, plan.span))
         try:
             return stage.run()
         except Interrupted:
@@ -183,10 +203,12 @@ class _Run:
 
     def _finish(self, now: Checkpoint) -> None:
         """Keeps the weights of the end; a fold also that it is over, until all folds are."""
-        assert self.folder is not None
         if self.options.folder is None:
+            if self.folder is not None:
+                self.safe.save_weights(now.begin)
+                self.folder.become_latest()
+        elif self.options.ends_in_log and not self.safe.is_stale:
             self.safe.save_weights(now.begin)
-            self.folder.become_latest()
         else:
             self.safe.save(now, now.begin)
 
@@ -201,9 +223,11 @@ class _Run:
 
         def opened(attempt: int) -> StageRun:
             nonlocal as_it_runs
-            begin = self._begin(plan, now.begin, attempt)
+            redrawn = self.options.redrawn
+            begin = drawn_weights(self.program, plan, now.begin, redrawn, attempt)
             opened = open_engine(as_it_runs, self.data.series, begin, data)
             engine, as_it_runs = opened.engine, opened.plan
+            check_same_engine(plan.ranks, engine, as_it_runs.dtype)
             for note in opened.notes if attempt == 0 else ():
                 self.progress.warned(note)
             if engine.moved:
@@ -217,37 +241,19 @@ class _Run:
                 epoch_ended=lambda event: self._epoch_ended(event, engine, plan),
                 between=keep,
                 attempt=attempt,
+                ranks=plan.ranks,
                 rate_found=lambda rate: self.progress.rate_found(plan.name, attempt, rate),
             )
 
         def keep(ahead: float) -> None:
+            if plan.ranks is not None:
+                self.reached.checkpoint = attempts.checkpoint(now)
             if self.safe.is_due(ahead):
                 self.safe.save(attempts.checkpoint(now), attempts.best or now.begin)
 
         attempts = StageAttempts(plan, opened, self._left_out)
         attempts.resume(now)
         return attempts
-
-    def _begin(
-        self, plan: StagePlan, weights: Mapping[str, FloatArray], attempt: int
-    ) -> Mapping[str, FloatArray]:
-        """Where an attempt begins: trained parameters at their initial values are drawn again."""
-        if attempt == 0 or self.options.redrawn is None:
-            return weights
-        initial, drawn = initial_weights(self.program), self.options.redrawn(attempt)
-        return {
-            name: drawn[name]
-            if name in plan.trained and np.array_equal(value, initial[name])
-            else value
-            for name, value in weights.items()
-        }
-
-    def _warn_of_same_starts(self, plan: StagePlan, weights: Mapping[str, FloatArray]) -> None:
-        if plan.attempts == 1 or plan.masks:
-            return
-        second = self._begin(plan, weights, 1)
-        if all(np.array_equal(second[name], weights[name]) for name in plan.trained):
-            self.progress.warned(stage_errors.same_starts(plan.name, plan.attempts, plan.span))
 
     def _left_out(self, attempt: StageRun, fault: NonFiniteLossError) -> None:
         why = self._explained(attempt, fault)
@@ -275,6 +281,7 @@ class _Run:
         )
 
     def _epoch_ended(self, event: EpochEnd, engine: Engine, plan: StagePlan) -> None:
+        check_same_weights(plan.ranks, engine.weights())
         if self.folder is not None:
             self.folder.append_metrics(asdict(event))
         if self.curves is not None:

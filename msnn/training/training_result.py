@@ -8,7 +8,7 @@ from pathlib import Path
 
 from msnn.data.dataset import FloatArray
 from msnn.training.plans.stage_result import StageResult
-from msnn.training.records.standard_errors import StandardErrors
+from msnn.training.records.learned.standard_errors import StandardErrors
 from spec_schema.diagnostics.diagnostic import Diagnostic, shown_whole
 from spec_schema.diagnostics.source import SourceText
 

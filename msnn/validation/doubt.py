@@ -13,8 +13,8 @@ from math import sqrt
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.validation.metrics import Errors, Spread, score
 from msnn.validation.plan import CheckPlan
+from msnn.validation.statistics.metrics import Errors, Spread, score
 
 _APART = 1e-9
 """What two engines may differ in predictions, relative to the largest."""

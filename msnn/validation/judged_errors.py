@@ -9,9 +9,9 @@ import numpy as np
 
 from compiler.ir.program import Role
 from msnn.data.dataset import Dataset, FloatArray, IntArray
-from msnn.validation.correlations import Residuals, lags_of, residuals
 from msnn.validation.ready_check import ReadyCheck
-from msnn.validation.regions import Extrapolation, Region, extrapolation, regions
+from msnn.validation.statistics.correlations import Residuals, lags_of, residuals
+from msnn.validation.statistics.regions import Extrapolation, Region, extrapolation, regions
 
 TRAINED_ON = "train"
 _MOST_SIGNALS = 40
@@ -28,6 +28,10 @@ class JudgedErrors:
     """By input: where the rmse over all elements is how large."""
     extrapolations: tuple[Extrapolation, ...]
     """Inputs that leave the range of the training rows."""
+
+
+NOT_JUDGED = JudgedErrors(residuals=(), regions={}, extrapolations=())
+"""Where only metrics are asked for."""
 
 
 def judged_errors(check: ReadyCheck, rows: IntArray, errors: FloatArray) -> JudgedErrors:

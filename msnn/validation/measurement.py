@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import FloatArray, IntArray
-from msnn.validation.coverage import Coverage
 from msnn.validation.judged_errors import JudgedErrors
-from msnn.validation.metrics import Scores
+from msnn.validation.statistics.coverage import Coverage
+from msnn.validation.statistics.metrics import Scores
 from spec_schema.sections.validation import Metric
 from spec_schema.units.unit import Unit
 

@@ -12,12 +12,12 @@ from msnn.data.starts import Runs
 from msnn.validation.counting import Counted
 from msnn.validation.doubt import metric_in_doubt
 from msnn.validation.error_sums import CurveSums, ErrorRange, RowErrors
-from msnn.validation.judged_errors import judged_errors
+from msnn.validation.judged_errors import NOT_JUDGED, judged_errors
 from msnn.validation.measurement import METRICS, Measurement
-from msnn.validation.metrics import Errors, Scores, score
 from msnn.validation.plan import CheckPlan
 from msnn.validation.ready_check import ReadyCheck
 from msnn.validation.rows_text import rows_text
+from msnn.validation.statistics.metrics import Errors, Scores, score
 from spec_schema.sections.validation import Metric
 
 _AT_ONCE = 1 << 16
@@ -68,8 +68,8 @@ class Measuring:
         learned = learned_numbers(plan.rollout.program)
         return metric_in_doubt(plan, self._errors, self._largest, learned)
 
-    def measurement(self) -> Measurement:
-        """What was found, when all parts were added."""
+    def measurement(self, *, judges: bool) -> Measurement:
+        """What was found, when all parts were added; the errors are judged if that is wanted."""
         assert self._along is not None, "there are rollouts"
         (extremes, by_row), self._along = self._along, None
         check, rollout = self._check, self._check.plan.rollout
@@ -89,5 +89,5 @@ class Measuring:
             metrics=metrics,
             curve=self._curve.curve(),
             trace=extremes.trace(),
-            judged=judged_errors(check, rows, by_row.errors),
+            judged=judged_errors(check, rows, by_row.errors) if judges else NOT_JUDGED,
         )

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from compiler.ir.program import Loss, Output, Program
-from compiler.passes.drop_unused import drop_unused
+from compiler.passes.simplify.drop_unused import drop_unused
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.engines.engine import Advance, Engine, OpenedRollouts, RolloutEngine
@@ -50,8 +50,16 @@ class Found:
 class Simulator:
     """Simulates with one engine and one set of weights; says by `advance` how far it is."""
 
-    def __init__(self, engine: Engine, weights: Mapping[str, FloatArray], advance: Advance) -> None:
+    def __init__(
+        self,
+        engine: Engine,
+        weights: Mapping[str, FloatArray],
+        advance: Advance,
+        *,
+        judges: bool = True,
+    ) -> None:
         self._engine, self._weights, self._advance = engine, weights, advance
+        self._judges = judges
         self.notes: dict[Diagnostic, None] = {}
         """What the user should know of the choice of engines."""
 
@@ -80,7 +88,7 @@ class Simulator:
                 for measuring in dict.fromkeys(each):
                     measuring.add(part, outputs[measuring.of])
                     if part is parts[-1]:
-                        results[measuring] = measuring.measurement()
+                        results[measuring] = measuring.measurement(judges=self._judges)
             doubtful = any(m.is_in_doubt(c.plan) for m, c in zip(each, checks, strict=True))
             return Found([results[measuring] for measuring in each], doubtful)
 

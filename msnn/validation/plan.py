@@ -9,8 +9,8 @@ from compiler.ir.program import Output, Program
 from compiler.ir.types import Prediction
 from msnn.data.dataset import Dataset
 from msnn.data.reading.file_sets import file_sets, set_of
-from msnn.errors import stages as stage_errors
-from msnn.errors import training as errors
+from msnn.errors.learning import stages as stage_errors
+from msnn.errors.learning import training as errors
 from msnn.simulation.durations import samples
 from msnn.simulation.rollout_plan import RolloutPlan, default_rollout, plan_rollout
 from spec_schema.diagnostics.diagnostic import Findings

@@ -9,8 +9,8 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors.validation import extrapolates
-from msnn.model.covariance_file import Covariance
+from msnn.errors.results.validation import extrapolates
+from msnn.model.weights.covariance_file import Covariance
 from msnn.simulation.engines.engine import Engine
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
 from msnn.validation.covered import coverages, residual_variances
@@ -85,6 +85,7 @@ def validate(
     engine: Engine = "auto",
     progress: RolloutProgress = nobody,
     covariance: Covariance | None = None,
+    judges_errors: bool = True,
 ) -> ValidationReport:
     """Measures every entry of the `validate` section in float64.
 
@@ -93,7 +94,9 @@ def validate(
     horizon apart, so that each row is scored once; a last shorter one covers the rest. `engine` is
     what simulates (`open_rollouts`); a limit that lies within what engines differ in is judged by
     the interpreter. With the `covariance` of what was learned each measurement says how often
-    targets lie inside prediction intervals. Raises SpecError where an entry and data do not fit.
+    targets lie inside prediction intervals. Without `judges_errors` nothing says what the errors
+    correlate with, and no input that leaves the range of the training rows is warned of. Raises
+    SpecError where an entry and data do not fit.
     """
     findings = Findings()
     plans = plan_checks(program, checks, findings)
@@ -104,7 +107,7 @@ def validate(
     banded = [] if covariance is None else _measured_apart(ready)
     steps = _steps(ready) + _steps(banded)
     count = Count(progress, steps)
-    simulator = Simulator(engine, weights or {}, count.advance)
+    simulator = Simulator(engine, weights or {}, count.advance, judges=judges_errors)
     outcomes = simulator.outcomes(ready)
     measurements = {id(found): found for found in outcomes if isinstance(found, Measurement)}
     far = [

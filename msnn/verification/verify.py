@@ -10,7 +10,7 @@ from os import cpu_count
 from pathlib import Path
 from typing import Literal
 
-from msnn.errors.boards import no_controller_on_board
+from msnn.errors.targets.boards import no_controller_on_board
 from msnn.verification.bare_metal import board_checks
 from msnn.verification.exported_c import ExportedC, read_exported_c
 from msnn.verification.host.coverage import coverage_check

@@ -1,18 +1,19 @@
 /* Optimiser steps of batch after batch, so that no call is paid for each. */
 
-/* A step along the gradient of one batch; 0 if its losses or slopes are not finite. Where slopes of
-   the model can be infinite, the batches in which they are take no step. Numbers of rate 0 have no
-   slope, and where all rates are 0 there is no step. */
+/* A step along the gradient of one batch; 0 if its losses or slopes are not finite or a rank is lost.
+   Where slopes of the model can be infinite, the batches in which they are take no step. Numbers of
+   rate 0 have no slope, and where all rates are 0 there is no step. */
 static int train_batch(struct team *team, struct batch *b, struct variables *v, struct optimizer *o,
                        const double *weights, double *sums, double *counts)
 {
-    real gradient[PARAMETERS + 1];
-    double batch_sums[LOSSES + 1];
-    double batch_counts[LOSSES + 1];
-    batch_losses(team, b, v->physical, weights, o->missing, gradient, batch_sums, batch_counts);
+    struct totals all;
+    real *const gradient = all.slopes;
     double total = 0;
+    if (!batch_losses(team, b, v->physical, weights, o->missing, 1, &all)) {
+        return 0;
+    }
     for (int l = 0; l < LOSSES; l++) {
-        const double mean = mean_of(batch_sums[l], batch_counts[l]);
+        const double mean = mean_of(all.sums[l], all.counts[l]);
         total += weights[l] * (IS_ROOT[l] ? sqrt(mean) : mean);
     }
     double squares = 0;
@@ -28,8 +29,8 @@ static int train_batch(struct team *team, struct batch *b, struct variables *v, 
         return 0;
     }
     for (int l = 0; l < LOSSES; l++) {
-        sums[l] += batch_sums[l];
-        counts[l] += batch_counts[l];
+        sums[l] += all.sums[l];
+        counts[l] += all.counts[l];
     }
     if (left_out) {
         o->left_out += 1;
@@ -59,7 +60,7 @@ int64_t msnn_train(const struct problem *p, const struct group *groups, const in
     int64_t done = 0;
     open_team(&team, work->threads);
     while (done < batches) {
-        struct batch b = batch_in(p, work, groups + bounds[done], bounds[done + 1] - bounds[done], NULL);
+        struct batch b = batch_in(p, work, groups + bounds[done], bounds[done + 1] - bounds[done]);
         if (!train_batch(&team, &b, v, o, weights, sums, counts)) {
             break;
         }

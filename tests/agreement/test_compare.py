@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.deviation import bits_of_each, worst_deviation
 from msnn.agreement.judgement import FloatType
@@ -20,7 +20,7 @@ from msnn.exports.check import check_export
 from msnn.exports.export import plan_exports, write_export
 from msnn.exports.target import AnyPlan
 from msnn.model.load import load_model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.agreement.exported import checked, plan_of
 from tests.conditions import require_tool

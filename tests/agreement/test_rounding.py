@@ -14,7 +14,7 @@ from msnn.agreement.judgement import FloatType
 from msnn.agreement.record import agreement_record
 from msnn.agreement.report import AgreementReport, agreement_diagnostics
 from msnn.exports.export import plan_exports
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.agreement.exported import checked as checked_export
 from tests.conditions import require_tool

@@ -12,7 +12,7 @@ import pytest
 import msnn
 from backends.c import COptions
 from compiler.ir.program import Program
-from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.judge import judge
 from msnn.agreement.points import points
@@ -20,7 +20,7 @@ from msnn.agreement.record import drawn_record
 from msnn.exports.export import load_export, plan_exports, write_export
 from msnn.exports.target import AnyPlan
 from msnn.model.load import load_model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.agreement.exported import checked, plan_of
 from tests.conditions import require_tool

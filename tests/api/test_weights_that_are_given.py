@@ -11,7 +11,7 @@ import pytest
 import torch
 
 import msnn
-from msnn.model.weights_file import write_weights
+from msnn.model.weights.weights_file import write_weights
 
 SPEC = """
 msnn: 1

@@ -14,7 +14,7 @@ from backends.casadi_function.files import write_casadi
 from backends.casadi_function.options import CasadiOptions
 from compiler.passes.to_step_form import to_step_form
 from msnn.model.load import load_model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from tests.agreement.exported import checked, plan_of
 from tests.examples.gallery import GALLERY, NAMES, spec_of
 from tests.programs import SAMPLES

@@ -9,13 +9,17 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import msnn as api
 from msnn.comparison.cost import missing_tools
+from msnn.comparison.trial import Outcome, Trial
+from msnn.comparison.workers import outcomes
 from msnn.project.new_project import new_project
 from msnn.training.records.run_log import LOG, read
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -125,6 +129,20 @@ def test_processes_reach_the_same_as_one(msnn: CommandLine):
     both = json.loads(msnn("compare", SPEC, *grid, "--jobs", "2", "--out", "two").out)
     assert [m["score"] for m in alone["models"]] == [m["score"] for m in both["models"]]
     assert [m["model"] for m in alone["models"]] == [m["model"] for m in both["models"]]
+
+
+def test_what_is_said_does_not_depend_on_which_training_ends_first(
+    msnn: CommandLine, monkeypatch: pytest.MonkeyPatch
+):
+    def backwards(*given: Any) -> Generator[tuple[Trial, Outcome]]:
+        yield from reversed(list(outcomes(*given)))
+
+    grid = ("--seeds", "3", "--no-cost", "--format", "json", *SHORT)
+    first = json.loads(msnn("compare", SPEC, *grid).out)
+    monkeypatch.setattr("msnn.comparison.compare.outcomes", backwards)
+    again = json.loads(msnn("compare", SPEC, *grid).out)
+    assert [run["seed"] for run in again["models"][0]["runs"]] == [0, 1, 2]
+    assert first["models"] == again["models"]
 
 
 def test_seeds_draw_other_orders_and_other_initial_values(msnn: CommandLine):
@@ -269,16 +287,18 @@ def killed_in(place: Path, times: int) -> str:
     """A program whose workers are killed in the first `times` trials of seed 1."""
     return f"""
 import os, signal
+from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 import msnn.comparison.workers as workers
 from msnn.cli.main import main
 own = workers.run_trial
-def fragile(trial, setup, known):
+def fragile(trial, setup, known, readings):
     mark = Path({str(place)!r})
     if trial.seed == 1 and len(list(mark.iterdir())) < {times}:
         (mark / str(os.getpid())).touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return own(trial, setup, known)
+    return own(trial, setup, known, readings)
 workers.run_trial = fragile
 if __name__ == "__main__":
     main()

@@ -66,6 +66,19 @@ def test_models_without_a_score_come_last_and_are_never_best():
     assert not only[0].is_best
 
 
+def test_a_model_that_failed_on_some_folds_is_not_best_by_the_others():
+    broken = replace(line(math.nan, 1), state="diverged")
+    found = ranked(models([line(1, 1), broken], [line(2, 1), line(2, 1)]), ERROR)
+    assert labels(found) == ["1", "0"]
+    assert [entry.is_best for entry in found] == [True, False]
+    assert [entry.is_on_front for entry in found] == [True, False]
+    assert cheapest_as_good(found, ERROR) is None
+    # where all failed somewhere, what there is says most
+    found = ranked(models([line(2, 1), broken], [line(1, 1), broken]), ERROR)
+    assert labels(found) == ["1", "0"]
+    assert found[0].is_best
+
+
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=12))
 def test_the_front_is_what_no_other_model_dominates(points: list[tuple[int, int]]):
     found = ranked(models(*([line(error, cost)] for error, cost in points)), ERROR)

@@ -26,7 +26,7 @@ class Message:
 
 
 def _files() -> list[Path]:
-    return sorted(path for folder in _FOLDERS for path in folder.glob("*.py"))
+    return sorted(path for folder in _FOLDERS for path in folder.rglob("*.py"))
 
 
 def diagnostics() -> str:

@@ -10,16 +10,18 @@ import pytest
 from tests.cli.command_line import ROOT, in_new_process
 
 PAGE = (ROOT / "docs" / "mpc.md").read_text(encoding="utf-8")
+RUN = "<!-- run by: tests/docs/test_mpc_page.py -->\n"
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.M | re.S)
+def blocks(language: str, mark: str) -> list[str]:
+    """Those with this mark above them; what another mark says of others is checked elsewhere."""
+    return re.findall(rf"\n\n{re.escape(mark)}```{language}\n(.*?)^```", PAGE, re.M | re.S)
 
 
 def test_the_loop_around_a_controller(tmp_path: Path) -> None:
-    (spec,) = blocks("yaml")
+    (spec,) = blocks("yaml", "")
     (tmp_path / "tank.msnn.yaml").write_text(spec, encoding="utf-8")
-    (tmp_path / "loop.py").write_text("".join(blocks("python")), encoding="utf-8")
+    (tmp_path / "loop.py").write_text("".join(blocks("python", RUN)), encoding="utf-8")
     said = in_new_process((), tmp_path, start="import runpy; runpy.run_path('loop.py')")
     assert said.code == 0, said.err
     found = re.fullmatch(r"SOLVED (\S+) cm at (\S+) V\n(\S+) (\S+)\n", said.out)

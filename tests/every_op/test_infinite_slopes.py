@@ -18,8 +18,8 @@ from compiler.ir.graph_copy import with_step
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Output, Program
 from compiler.ir.types import Axis
-from compiler.passes.guard_infinite_slopes import STEEP
-from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.derivatives.guard_infinite_slopes import STEEP
+from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.simulation.linearize import linearize
 from tests.backends.c.c_programs import built

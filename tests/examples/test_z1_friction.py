@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backends.native import compile_kernel, sensitivity_kernel
-from backends.native.sensitivity_kernel import SensitivityKernel, StackTooSmallError
+from backends.native import compile_kernel
+from backends.native.rollouts import sensitivity_kernel
+from backends.native.rollouts.sensitivity_kernel import SensitivityKernel, StackTooSmallError
 from compiler.differentiation.sensitivities import Sensitivities, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from msnn.cli.application import run

@@ -17,7 +17,7 @@ import pytest
 from msnn.cli.application import run
 from msnn.exports.export import write_export
 from msnn.exports.target import Written
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from tests.cli.command_line import CommandLine
 from tests.cli.conftest import msnn as msnn
 from tests.conditions import require_package, require_tool

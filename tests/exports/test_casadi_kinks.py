@@ -9,7 +9,7 @@ import pytest
 from compiler.hessian.step_derivatives import step_derivatives
 from msnn.exports.export import plan_exports
 from msnn.model.load import load_model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from tests.agreement.exported import checked
 

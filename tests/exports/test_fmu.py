@@ -23,7 +23,7 @@ from msnn.exports.export import load_export, plan_exports, target_named, write_e
 from msnn.exports.fmu_instance import FmuInstance, fmu_instance
 from msnn.exports.target import AnyPlan, Written
 from msnn.model.load import load_model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.agreement.exported import checked
 from tests.conditions import require_package, require_tool

@@ -20,7 +20,7 @@ from msnn.exports.export import plan_exports, write_export
 from msnn.exports.fmu_instance import FmuInstance, fmu_instance
 from msnn.exports.target import AnyPlan, Written
 from msnn.model.load import load_model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.backends.predictive_control.test_filters import SPECS as FILTERS
 from tests.conditions import require_package, require_tool

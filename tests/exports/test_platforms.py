@@ -15,7 +15,7 @@ from msnn.errors.failures import MissingExtraError
 from msnn.exports.export import plan_exports, write_export
 from msnn.exports.target import Written
 from msnn.model.load import load_model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from msnn.packages import OptionalPackage
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.sections.exports import UnitPlatform

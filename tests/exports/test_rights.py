@@ -12,7 +12,7 @@ from msnn.exports.export import plan_exports, write_export
 from msnn.exports.table import NAMES
 from msnn.exports.target import Written
 from msnn.model.load import load_model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
 
 SPEC = """

@@ -16,7 +16,7 @@ from msnn.agreement.record import drawn_record
 from msnn.exports.export import load_export, plan_exports, write_export
 from msnn.exports.target import AnyPlan, Written
 from msnn.model.load import load_model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_tool
 from tests.examples.gallery import GALLERY, NAMES, spec_of

@@ -15,8 +15,8 @@ from compiler.ir.program import Program, Role
 from compiler.ir.rules.verifier import verify
 from compiler.ir.types import Type
 from compiler.passes.analyses.kept_slices import cut_weights
-from compiler.passes.prune_outputs import prune_outputs
-from compiler.passes.prune_zero_slices import prune_zero_slices
+from compiler.passes.pruning.prune_outputs import prune_outputs
+from compiler.passes.pruning.prune_zero_slices import prune_zero_slices
 from msnn.cli.application import run
 from msnn.data.dataset import FloatArray
 from msnn.exports.check import check_exports

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from compiler.fixed_point.compile_integers import integer_program
-from compiler.fixed_point.elementwise import Elementwise
 from compiler.fixed_point.equalities import golden_equalities
-from compiler.fixed_point.forms import Form
 from compiler.fixed_point.integers.program import Q15, Q31
-from compiler.fixed_point.thresholds import Decided, IntegerCondition
+from compiler.fixed_point.lowering.elementwise import Elementwise
+from compiler.fixed_point.lowering.forms import Form
+from compiler.fixed_point.lowering.thresholds import Decided, IntegerCondition
 from compiler.ir.ops import Relation
 from msnn.agreement.faults import BeyondProof
 from msnn.exports.export import write_export

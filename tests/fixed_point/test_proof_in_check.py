@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from compiler.fixed_point import compile_integers
-from compiler.fixed_point.elementwise import Elementwise
-from compiler.fixed_point.forms import Form
 from compiler.fixed_point.integers.builder import IntegerBuilder
-from compiler.fixed_point.thresholds import Decided, IntegerCondition
+from compiler.fixed_point.lowering.elementwise import Elementwise
+from compiler.fixed_point.lowering.forms import Form
+from compiler.fixed_point.lowering.thresholds import Decided, IntegerCondition
 from compiler.ir.ops import Relation
 from msnn.agreement.agreement import Agreement
 from msnn.agreement.faults import BeyondProof

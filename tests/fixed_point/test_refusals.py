@@ -6,7 +6,7 @@ import pytest
 
 from compiler.fixed_point.integers.builder import CannotFitError
 from compiler.fixed_point.integers.program import Q31
-from compiler.fixed_point.tables import fitted_table
+from compiler.fixed_point.lowering.tables import fitted_table
 from tests.fixed_point.exported import fixed_model, gallery_text, planned
 
 HEAD = "msnn: 1\nname: model\nsample_time: 1 s\n"

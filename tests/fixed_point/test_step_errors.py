@@ -12,8 +12,8 @@ from compiler.fixed_point.compile_integers import integer_program
 from compiler.fixed_point.exact_steps import LOST
 from compiler.fixed_point.integers.builder import IntegerBuilder
 from compiler.fixed_point.integers.program import Q15, Q31, IntegerProgram, Width
-from compiler.fixed_point.settle import Settler
-from compiler.fixed_point.steepness import furthest
+from compiler.fixed_point.lowering.settle import Settler
+from compiler.fixed_point.lowering.steepness import furthest
 from compiler.ir.program import Program
 from tests.fixed_point.exported import fixed_model, gallery_text, initial_weights, planned
 from tests.fixed_point.random_specs import random_spec
@@ -89,7 +89,7 @@ def _exact_coefficients(patch: pytest.MonkeyPatch) -> None:
 
 
 def _exact_tables(patch: pytest.MonkeyPatch) -> None:
-    from compiler.fixed_point import elementwise
+    from compiler.fixed_point.lowering import elementwise
 
     plain = elementwise.fitted_table
 
@@ -105,7 +105,7 @@ def _sure_decisions(patch: pytest.MonkeyPatch) -> None:
 
 
 def _flat_functions(patch: pytest.MonkeyPatch) -> None:
-    from compiler.fixed_point import elementwise
+    from compiler.fixed_point.lowering import elementwise
 
     patch.setattr(elementwise, "furthest", lambda *_: 0.0)
 

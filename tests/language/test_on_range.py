@@ -10,8 +10,8 @@ import pytest
 from compiler.interpreter.interpreter import Interpreter
 from compiler.program_file.file import program_from_json, program_to_json
 from tests.language.compiled import codes, compiled
-from tests.language.every_backend import assert_backends_agree
-from tests.language.submodels import model_of, run
+from tests.language.submodels.submodels import model_of, run
+from tests.language.targets.every_backend import assert_backends_agree
 
 SATURATED = """
 dims: {joint: 2}
@@ -53,7 +53,7 @@ def test_the_slope_of_a_saturated_state_is_1_on_the_bound() -> None:
     """
     from compiler.jacobian.interpret import JacobianInterpreter
     from compiler.jacobian.jacobian import jacobian
-    from compiler.passes.prune_outputs import prune_outputs
+    from compiler.passes.pruning.prune_outputs import prune_outputs
 
     program = prune_outputs(compiled(text), ["y"])
     linear = JacobianInterpreter(jacobian(program, parameters=False), program, {}, "float64")

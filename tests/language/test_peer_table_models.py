@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import msnn
-from tests.language.submodels import diagnostics, model_of, run
+from tests.language.submodels.submodels import diagnostics, model_of, run
 
 PLANT = """
     inputs: {x: V, u: V}

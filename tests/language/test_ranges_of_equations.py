@@ -18,7 +18,7 @@ from compiler.fixed_point.integers.program import Q15, IntegerProgram
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from compiler.passes.limit_expected import limit_expected
-from compiler.passes.prune_outputs import prune_outputs
+from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.retime import retime
 from compiler.passes.to_step_form import to_step_form
 from compiler.program_file.file import program_from_json, program_to_json
@@ -27,8 +27,8 @@ from spec_schema.diagnostics.diagnostic import SpecError
 from tests.backends.c.c_programs import assert_same_bits, built, golden, replay
 from tests.fixed_point.exported import fixed_model, initial_weights, planned
 from tests.language.compiled import codes, compiled
-from tests.language.every_backend import assert_backends_agree
-from tests.language.submodels import model_of
+from tests.language.submodels.submodels import model_of
+from tests.language.targets.every_backend import assert_backends_agree
 
 SPEC = """
 dims: {joint: 2}

@@ -55,7 +55,7 @@ int main(void)
         bounds[b + 1] = bounds[b] + (own + LANES - 1) / LANES;
     }}
     const struct problem p = {{series, ROWS, NULL, 2}};
-    struct work w = {{NULL, {steps}, bounds[BATCHES], 1, 1}};
+    struct work w = {{NULL, {steps}, bounds[BATCHES], 1, 1, 0, 1, NULL}};
     w.memory = aligned_alloc(64, ((size_t)msnn_work_bytes(&w) + 63) / 64 * 64);
     real first[PARAMETERS] = {{0}}, second[PARAMETERS] = {{0}}, gradient[PARAMETERS];
     double sums[LOSSES], counts[LOSSES], weights[LOSSES];

@@ -9,6 +9,10 @@ from fractions import Fraction
 from pathlib import Path
 
 from backends.native.kept_sources import kept_source
+from backends.native.kernel_source import kernel_source
+from backends.native.rollouts.rollout_source import rollout_source
+from compiler.differentiation.training_step import training_step
+from compiler.ir.program import Program
 from msnn.model.load import load_model
 from tests.language.compiled import compiled
 
@@ -18,6 +22,12 @@ sample_time: 0.1 s
 inputs: {{u: "1"}}
 parameters: {{p: {{init: 2}}}}
 outputs: {{y: {{expr: "max(p * u, {floor})", predicts: "u[t+1]"}}}}
+"""
+BOUNDED = """
+sample_time: 0.1 s
+inputs: {{u: "1"}}
+parameters: {{p: {{init: {init}, min: 0}}}}
+outputs: {{y: {{expr: "sqrt(p) * u / p", predicts: "u[t+1]"}}}}
 """
 
 
@@ -34,6 +44,31 @@ def test_a_program_that_is_made_again_is_not_lowered_again():
     assert asked == ["float64"]
     assert write(compiled(SPEC.format(floor="0.0")), "float32") != first
     assert asked == ["float64", "float32"]
+
+
+def test_first_values_within_bounds_make_no_other_source():
+    """A sweep over first values lowers one program; without bounds the first value says slopes."""
+    asked: list[str] = []
+
+    @kept_source
+    def write(program: Program) -> str:
+        asked.append(rollout_source(program).source.text)
+        return asked[-1]
+
+    for init in (2, 3):
+        write(compiled(BOUNDED.format(init=init)))
+    assert len(asked) == 1
+    for init in (2, 3):
+        write(compiled(BOUNDED.format(init=init).replace("min: 0", "learn: false")))
+    assert len(asked) == 3
+
+
+def test_a_kernel_says_nothing_of_first_values_within_bounds():
+    texts: list[str] = []
+    for init in (2, 3):
+        spec = BOUNDED.format(init=init)
+        texts.append(kernel_source(training_step(compiled(spec)), "float64").text)
+    assert texts[0] == texts[1]
 
 
 def test_numbers_that_are_equal_and_not_the_same_make_two_sources():

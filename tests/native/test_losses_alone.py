@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from backends.native import kernel as kernel_module
-from backends.native import sensitivity_kernel as sensitivity_module
 from backends.native.compile_kernel import Built
 from backends.native.kernel import Kernel
+from backends.native.rollouts import sensitivity_kernel as sensitivity_module
 from backends.native.variables import flat
 from compiler.passes.close_loop import close_loop
 from msnn.training.train import TrainingOptions, train

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from backends.native.late_adjoints import echoes
-from backends.native.loop_splitting import Phases, phases
+from backends.native.arrangement.late_adjoints import echoes
+from backends.native.arrangement.loop_splitting import Phases, phases
 from compiler.differentiation.training_step import TrainingStep, training_step
 from compiler.ir.ops import Contract
 from compiler.passes.close_loop import close_loop

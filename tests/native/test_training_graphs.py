@@ -10,7 +10,7 @@ import pytest
 from compiler.passes.close_loop import close_loop
 from msnn.model.load import load_model
 from msnn.model.model_data import read_data
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from msnn.training.plans.stage_data import stage_data
 from msnn.training.plans.stage_plan import plan_stages
 from spec_schema.diagnostics.diagnostic import Findings

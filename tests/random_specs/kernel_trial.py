@@ -10,7 +10,7 @@ from compiler.interpreter.interpreter import Interpreter
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs, reach
 from msnn.model.model import Model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from msnn.simulation.rollout import loss_sums
 from msnn.training.engines.dropout_masks import with_all_kept
 from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError

@@ -13,7 +13,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from backends.c.selftest import selftest_text
+from backends.c.selftest.text import selftest_text
 from backends.fmu import binary
 from backends.native import compile_kernel
 from compiler.program_file.file import program_from_json, program_to_json
@@ -27,7 +27,7 @@ from msnn.exports.table import NAMES
 from msnn.exports.target import AnyPlan
 from msnn.model.load import load_model
 from msnn.model.model import Model
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from msnn.reports.diagram.mermaid import mermaid_text
 from msnn.reports.latex import latex_text
 from msnn.reports.show import interface_text, windows_text

@@ -150,7 +150,7 @@ def test_learned_functions_are_those_of_the_trained_model(learner: Path):
 
 
 def read_weights(run: Path) -> dict[str, Any]:
-    from msnn.model.weights_file import read_weights as read
+    from msnn.model.weights.weights_file import read_weights as read
 
     return dict(read(run / "weights.safetensors", msnn.load(run).program))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msnn.model.weights_file import read_weights
+from msnn.model.weights.weights_file import read_weights
 from msnn.training.train import TrainingDivergedError, TrainingOptions, train
 from tests.training.cases import compiled, dataset
 

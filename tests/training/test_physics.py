@@ -10,7 +10,7 @@ from msnn.data.dataset import FloatArray
 from msnn.training.train import TrainingOptions, train
 from tests.conditions import require_tool
 from tests.training.cases import compiled, dataset
-from tests.training.test_stages import Recorder
+from tests.training.stages.test_stages import Recorder
 
 VISCOSITY, SPEED = 0.1, 0.5
 

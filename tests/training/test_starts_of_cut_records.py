@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from msnn.training.plans.stage_plan import plan_stages
-from msnn.training.records.standard_errors import standard_errors
+from msnn.training.records.learned.standard_errors import standard_errors
 from msnn.training.train import TrainingOptions, train
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_tool

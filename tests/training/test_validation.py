@@ -8,8 +8,8 @@ import pytest
 from msnn.data.dataset import Dataset
 from msnn.validation.error_sums import CurveSums, ErrorRange
 from msnn.validation.measurement import METRICS, ErrorCurve, ErrorTrace
-from msnn.validation.metrics import Errors, score
-from msnn.validation.report import curves_table, metrics_record
+from msnn.validation.reports.report import curves_table, metrics_record
+from msnn.validation.statistics.metrics import Errors, score
 from msnn.validation.validate import MetricRow, ValidationReport, validate
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.training.cases import compiled, dataset, gain, gain_series, in_blocks

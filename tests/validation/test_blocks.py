@@ -7,7 +7,7 @@ import pytest
 
 from msnn.validation import measuring, outcomes
 from msnn.validation.measurement import METRICS
-from msnn.validation.metrics import Errors, score
+from msnn.validation.statistics.metrics import Errors, score
 from msnn.validation.validate import ValidationReport, validate
 from tests.training.cases import dataset, gain, gain_series
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from msnn.data.dataset import FloatArray, IntArray
-from msnn.validation.correlations import Correlation, lags_of, residuals
+from msnn.validation.statistics.correlations import Correlation, lags_of, residuals
 
 
 def judged(

@@ -15,10 +15,15 @@ import msnn
 from compiler.differentiation.output_variances import ROOT, VARIANCE, with_variances
 from compiler.interpreter.interpreter import Interpreter
 from msnn.data.dataset import FloatArray
-from msnn.model.covariance_file import COVARIANCE, Covariance, read_covariance, write_covariance
+from msnn.model.weights.covariance_file import (
+    COVARIANCE,
+    Covariance,
+    read_covariance,
+    write_covariance,
+)
 from msnn.simulation.intervals import quantile
 from msnn.simulation.simulate import simulation_program
-from msnn.validation.coverage import LEVELS, Counts, Coverage
+from msnn.validation.statistics.coverage import LEVELS, Counts, Coverage
 from tests.cli.command_line import CommandLine
 from tests.training.cases import compiled
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from msnn.validation.errors_report import judged_record, regions_table, residuals_table
 from msnn.validation.judged_errors import JudgedErrors
-from msnn.validation.regions import extrapolation, regions
+from msnn.validation.reports.errors_report import judged_record, regions_table, residuals_table
+from msnn.validation.statistics.regions import extrapolation, regions
 from msnn.validation.validate import ValidationReport, validate
 from tests.training.cases import compiled, dataset, gain, gain_series
 

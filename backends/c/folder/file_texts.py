@@ -18,7 +18,7 @@ from backends.c.functions.start import init_function, reset_function, restart_fu
 from backends.c.functions.step import step_function
 from backends.c.interface.interface import Field, Interface
 from backends.c.interface.layout_metadata import layout_metadata
-from backends.c.selftest.selftest_text import SELFTEST_STEPS, selftest_text, test_texts
+from backends.c.selftest.text.selftest_text import SELFTEST_STEPS, selftest_text, test_texts
 from backends.c_kernels.sources import c_sources
 from backends.c_language.comments import comment_text
 from backends.c_language.functions import FunctionNames, FunctionTable

@@ -13,10 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from backends.c.functions.state_reports import BUFFERS_EMPTY, STATES_UNSET
 from backends.c.interface.interface import Field, Interface
 from backends.c.interface.status import Status
-from backends.c.selftest.first_steps import emptied, filled_by_first
-from backends.c.selftest.log_of_steps import log_of_steps
-from backends.c.selftest.policy_reference import apply_policy, apply_policy_to_window, first_held
-from backends.c.selftest.state_reference import (
+from backends.c.selftest.vectors.first_steps import emptied, filled_by_first
+from backends.c.selftest.vectors.log_of_steps import log_of_steps
+from backends.c.selftest.vectors.policy_reference import (
+    apply_policy,
+    apply_policy_to_window,
+    first_held,
+)
+from backends.c.selftest.vectors.state_reference import (
     equation_bits,
     first_state_bits,
     next_state_bits,

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
 from backends.c.interface.status import Status
-from backends.c.selftest.golden_starts import GoldenStart
-from backends.c.selftest.golden_vectors import GoldenVectors
-from backends.c.selftest.policy_reference import apply_policy, first_held
 from backends.c.selftest.singles.decisions import Decisions
 from backends.c.selftest.singles.telling_steps import telling_steps
 from backends.c.selftest.singles.trial_steps import TrialSteps, joined_trials
-from backends.c.selftest.state_reference import (
+from backends.c.selftest.vectors.golden_starts import GoldenStart
+from backends.c.selftest.vectors.golden_vectors import GoldenVectors
+from backends.c.selftest.vectors.policy_reference import apply_policy, first_held
+from backends.c.selftest.vectors.state_reference import (
     equation_bits,
     next_state_bits,
     restarted,

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from backends.native.kernel_cache.trust import why_folder_is_not_trusted
@@ -80,6 +81,12 @@ def has_room(folder: Path) -> None:
         file.write(os.urandom(_ROOM))
 
 
+@cache
+def _had_room(folder: Path) -> None:
+    """As `has_room`, asked once a process of a folder that has some: a MB is written for it."""
+    has_room(folder)
+
+
 def _folder_of_the_user() -> Path:
     base = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111
     if base.startswith("~"):  # a user without a home, as in some containers
@@ -96,7 +103,7 @@ def _refusal(folder: Path) -> Refusal | None:
         real, reason = opened(folder)
         if reason is not None:
             return Refusal(folder, reason, is_foreign=True)
-        has_room(real)
+        _had_room(real)
     except OSError as error:
         return Refusal(folder, _words(error), is_foreign=False)
     return None

@@ -15,9 +15,9 @@ from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.c_lowering.sums import sum_along
 from backends.c_lowering.values import Value, copy_value
+from backends.native.arrangement.late_adjoints import Echo
+from backends.native.arrangement.tiled_sums import HORIZON, TIME, Factor
 from backends.native.lanes.lane_memory import LaneMemory, read_of
-from backends.native.late_adjoints import Echo
-from backends.native.tiled_sums import HORIZON, TIME, Factor
 from compiler.ir.ops import (
     AnyRead,
     Contract,

@@ -7,8 +7,8 @@ from functools import cached_property
 
 from backends.c_language.places import ArrayView, Index, c_strides
 from backends.c_language.tree import Name
-from backends.native.late_adjoints import Echo, echoes
-from backends.native.loop_splitting import Phases, phases
+from backends.native.arrangement.late_adjoints import Echo, echoes
+from backends.native.arrangement.loop_splitting import Phases, phases
 from backends.ports.identifiers import c_identifier
 from compiler.differentiation.training_step import TrainingStep
 from compiler.ir.liveness import Extent, extents

@@ -15,7 +15,7 @@ from backends.c_language.tree import (
     Statement,
     Truth,
 )
-from backends.native.tiled_sums import HORIZON, TimeLoop
+from backends.native.arrangement.tiled_sums import HORIZON, TimeLoop
 
 
 class LanePrinter(Printer):

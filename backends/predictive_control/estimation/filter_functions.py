@@ -13,8 +13,8 @@ import numpy as np
 
 from backends.c_language.functions import FunctionTable
 from backends.c_language.tree import Function
-from backends.predictive_control.function_body import FunctionBody, part, vector_places
-from backends.predictive_control.placed_matrix import PlacedMatrix
+from backends.predictive_control.stage_code.function_body import FunctionBody, part, vector_places
+from backends.predictive_control.stage_code.placed_matrix import PlacedMatrix
 from compiler.hessian.step_derivatives import StepDerivatives, next_value, step_derivatives
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Program

@@ -9,7 +9,7 @@ import numpy as np
 
 from backends.predictive_control.estimation.golden_filter import GoldenSteps
 from backends.predictive_control.estimation.library import FilterLibrary
-from backends.predictive_control.recorded import compiled_texts
+from backends.predictive_control.selftest.recorded import compiled_texts
 
 
 def recorded_bits(golden: GoldenSteps, texts: Mapping[str, str], name: str) -> int | None:

@@ -30,7 +30,7 @@ from backends.predictive_control.inputs import quantity_lines
 from backends.predictive_control.members import StructMember
 from backends.predictive_control.numbers import Numbers
 from compiler.jacobian.matrices import Vector, vector_of
-from compiler.passes.inline_parameters import inline_parameters
+from compiler.passes.simplify.inline_parameters import inline_parameters
 from compiler.state_estimation.augmented import augmented
 from compiler.state_estimation.kalman_filter import KalmanFilter
 from compiler.state_estimation.problem import EstimationProblem

@@ -20,7 +20,7 @@ from serve import Contender, serve
 
 from compiler.elaboration.compile import compile_spec
 from msnn.data.starts import Runs
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 from msnn.training.engines.engine import Engine
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from spec_schema.diagnostics.diagnostic import Findings

@@ -14,7 +14,7 @@ from serve import serve
 
 from backends.native.kernel import Kernel
 from backends.native.variables import Method, Rule
-from msnn.model.weights_file import initial_weights
+from msnn.model.weights.weights_file import initial_weights
 
 
 class MsnnKernel(MsnnEngine):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.types import Type
 from compiler.optimal_control.problem import ControlProblem
-from compiler.passes.drop_unused import drop_unused
+from compiler.passes.simplify.drop_unused import drop_unused
 
 _DRAWS = 16
 _LEAST = 1e-9

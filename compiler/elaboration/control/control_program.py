@@ -13,7 +13,7 @@ from compiler.ir.liveness import extents
 from compiler.ir.program import Graph, Output, Program
 from compiler.ir.types import Type
 from compiler.passes.close_loop import LoopError, close_loop
-from compiler.passes.drop_unused import drop_unused
+from compiler.passes.simplify.drop_unused import drop_unused
 from compiler.passes.to_step_form import to_step_form
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import control as errors

@@ -11,7 +11,7 @@ from compiler.ir.program import Output, Program, Tape
 from compiler.ir.types import WINDOW, Type
 from compiler.jacobian.matrices import Vector, vector_of
 from compiler.passes.close_loop import LoopError, close_loop
-from compiler.passes.drop_unused import drop_unused
+from compiler.passes.simplify.drop_unused import drop_unused
 from compiler.passes.to_step_form import to_step_form
 from compiler.state_estimation.problem import EstimatedNumbers, EstimationProblem, Measurement
 from spec_schema.diagnostics.diagnostic import Findings

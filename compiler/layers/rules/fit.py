@@ -14,7 +14,7 @@ from compiler.ir.ops import ReadState, Window
 from compiler.ir.types import Axis, describe_axes
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.linking.connected import Connected
-from compiler.lowering.predictions import prediction_of
+from compiler.lowering.places.predictions import prediction_of
 from compiler.lowering.scope import owner_of
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -34,3 +34,8 @@ class ShownComparison(Shown, Comparison):
 
     def _draw(self, path: Path) -> Path:
         return plot_comparison(path, self)
+
+
+def shown_comparison(found: Comparison) -> ShownComparison:
+    """The same, which shows itself."""
+    return ShownComparison(**{field.name: getattr(found, field.name) for field in fields(found)})

@@ -15,9 +15,9 @@ from msnn.simulation.simulate import Simulations
 from msnn.simulation.table import run_record, simulation_rows
 from msnn.tables import Table, count
 from msnn.validation.measurement import METRICS
-from msnn.validation.report import limits, measurements_cells, metrics_cells
+from msnn.validation.reports.report import limits, measurements_cells, metrics_cells
+from msnn.validation.reports.words import rollout_text, unit_text
 from msnn.validation.validate import ValidationReport
-from msnn.validation.words import rollout_text, unit_text
 
 
 @dataclass(frozen=True, slots=True, repr=False)

@@ -18,7 +18,7 @@ from msnn.reports.run_summary import read_run
 from msnn.reports.training_summary import Recorded, parameters_cells, stages_cells
 from msnn.tables import Table, count
 from msnn.training.folds import FoldsResult, folds_cells, folds_record
-from msnn.training.records.parameters_record import parameters_record
+from msnn.training.records.learned.parameters_record import parameters_record
 from msnn.training.training_result import TrainingResult
 
 

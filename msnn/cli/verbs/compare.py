@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +17,6 @@ from msnn.cli.arguments import (
     Settings,
     refuse_undrawable,
 )
-from msnn.cli.exit_codes import ExitCode
 
 
 def compare(
@@ -74,9 +71,9 @@ def compare(
     training: one that is there is not repeated, and an interrupted comparison goes on.
     """
     from msnn.api import trainings
-    from msnn.cli.console import json_result, note, progress_stream, result
+    from msnn.cli.comparison_results import end_interrupted, show_comparison
+    from msnn.cli.console import progress_stream
     from msnn.comparison.progress_lines import TrialLines
-    from msnn.comparison.table import comparison_notes, comparison_record, comparison_table
     from msnn.training.training_result import TrainingInterruptedError
 
     refuse_undrawable(plot)
@@ -96,19 +93,5 @@ def compare(
             listener=TrialLines(progress_stream()),
         )
     except (KeyboardInterrupt, TrainingInterruptedError):
-        note(f"interrupted; this goes on: {shlex.join(['msnn', *sys.argv[1:]])}")
-        raise typer.Exit(ExitCode.INTERRUPTED) from None
-    if format is ResultFormat.JSON:
-        json_result("compare", comparison_record(found))
-    else:
-        result(comparison_table(found))
-    for line in comparison_notes(found):
-        note(line)
-    if plot is not None:
-        from msnn.comparison.plot import plot_comparison
-
-        note(f"drawn: {plot_comparison(plot, found)}")
-    if any(line.state == "refused" for entry in found.entries for line in entry.failed):
-        raise typer.Exit(ExitCode.DIAGNOSTICS)
-    if found.best is None:
-        raise typer.Exit(ExitCode.DIVERGED)
+        raise end_interrupted() from None
+    show_comparison(found, "compare", format, plot)

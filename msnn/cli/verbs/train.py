@@ -21,6 +21,7 @@ from msnn.cli.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from msnn.training.folds import FoldsResult
+    from msnn.training.ranks.gloo_ranks import GlooRanks
 
 
 def train(
@@ -55,8 +56,41 @@ def train(
 
     Stage after stage, each from the best weights of the one before. Weights, metrics and the spec
     are kept in a folder of their own; a training that was interrupted or killed can go on. With
-    --folds a training a fold, each in a folder of its own; `latest` leads to the best.
+    --folds a training a fold, each in a folder of its own; `latest` leads to the best. Under
+    torchrun its processes share every batch: `torchrun --nproc-per-node 2 -m msnn train SPEC`.
     """
+    from msnn.cli.ranks import joined_ranks
+
+    with joined_ranks() as ranks:
+        _train(
+            spec,
+            ranks,
+            data_root=data_root,
+            settings=settings,
+            engine=engine,
+            device=device,
+            resume=resume,
+            folds=folds,
+            tensorboard=tensorboard,
+            out=out,
+            format=format,
+        )
+
+
+def _train(
+    spec: Path,
+    ranks: GlooRanks | None,
+    *,
+    data_root: Path | None,
+    settings: list[str] | None,
+    engine: EngineName | None,
+    device: str,
+    resume: bool,
+    folds: bool,
+    tensorboard: bool,
+    out: Path,
+    format: ResultFormat,
+) -> None:
     from msnn.cli.console import (
         json_result,
         note,
@@ -74,6 +108,7 @@ def train(
 
     # torch takes seconds to load: only a spec without mistakes waits for it
     from msnn.api import trainings
+    from msnn.errors.ranks import one_process_alone
     from msnn.reports.training_summary import (
         Recorded,
         errors_note,
@@ -87,9 +122,12 @@ def train(
     from msnn.training.parameter_warnings import parameter_warnings
     from msnn.training.records.progress import Lines
     from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
+    from spec_schema.diagnostics.diagnostic import SpecError
 
     progress = Recorded(Lines(progress_stream(), terminal=is_live(progress_stream())))
     try:
+        if folds and ranks is not None:
+            raise SpecError((one_process_alone("--folds"),))
         if folds:
             every = trainings.train_folds(
                 model,
@@ -110,6 +148,7 @@ def train(
             tensorboard=tensorboard,
             device=device,
             progress=progress,
+            ranks=ranks,
         )
     except TrainingDivergedError as error:
         report([error.diagnostic], model.sources)
@@ -123,6 +162,8 @@ def train(
         command = _resume_command(
             spec, data_root, settings, engine, device, out, folds=folds, tensorboard=tensorboard
         )
+        if ranks is not None:
+            command = f"torchrun --nproc-per-node {ranks.count} -m {command}"
         note(f"this goes on: {command}")
         raise typer.Exit(ExitCode.INTERRUPTED) from None
     errors = found.standard_errors

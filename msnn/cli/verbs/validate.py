@@ -61,9 +61,9 @@ def validate(
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
     from msnn.simulation.engines.open_rollouts import known_engine
-    from msnn.validation.engines_report import EnginesReport, engines_record, engines_table
-    from msnn.validation.errors_report import coverage_table, regions_table, residuals_table
-    from msnn.validation.report import (
+    from msnn.validation.reports.engines_report import EnginesReport, engines_record, engines_table
+    from msnn.validation.reports.errors_report import coverage_table, regions_table, residuals_table
+    from msnn.validation.reports.report import (
         broken_limits,
         curves_table,
         junit_text,

@@ -14,9 +14,9 @@ from msnn.data.dataset import FloatArray
 from msnn.data.formats.array_dates import dates_of, has_dates
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
 from msnn.data.formats.written_units import column_and_unit
-from msnn.errors import data_cells as cell_errors
-from msnn.errors import data_files as errors
-from msnn.errors import data_formats
+from msnn.errors.data import cells as cell_errors
+from msnn.errors.data import files as errors
+from msnn.errors.data import formats as data_formats
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.expressions.moments import Moment
 from spec_schema.units.unit import Unit

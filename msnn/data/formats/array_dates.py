@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.written_units import MISSING
-from msnn.errors import data_cells as cell_errors
-from msnn.errors import data_units
+from msnn.errors.data import cells as cell_errors
+from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.expressions.moments import Moment, read_moment
 

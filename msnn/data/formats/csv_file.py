@@ -19,7 +19,7 @@ from msnn.data.formats.csv_header import (
     read_header,
 )
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
-from msnn.errors import data_files as errors
+from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import Span
 

@@ -12,8 +12,8 @@ from typing import TypeAlias
 
 from msnn.data.formats.table import ColumnKey, WantedColumns
 from msnn.data.formats.written_units import column_and_unit, units_line
-from msnn.errors import data_files as errors
-from msnn.errors import data_units
+from msnn.errors.data import files as errors
+from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import Unit

@@ -18,7 +18,7 @@ from msnn.data.formats.array_columns import NamedArrays
 from msnn.data.formats.csv_header import Dialect
 from msnn.data.formats.hdf5_file import read_datasets
 from msnn.data.formats.table import ColumnTable, WantedColumns
-from msnn.errors import data_files as errors
+from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from msnn.data.formats.array_columns import NamedArrays
 from msnn.data.formats.csv_header import Dialect
 from msnn.data.formats.table import ColumnTable, WantedColumns
-from msnn.errors import data_files as errors
+from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
 
@@ -26,18 +26,27 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     try:
         with parquet.ParquetFile(path) as file:
             names = tuple(str(name) for name in file.schema_arrow.names)
-            zoned = frozenset(
-                str(field.name)
-                for field in file.schema_arrow
-                if arrow.types.is_timestamp(field.type) and field.type.tz is not None
-            )
+            zoned = zoned_columns(file.schema_arrow)
             return NamedArrays(shown, names, lambda name: _array(file, name), zoned).table(wanted)
     except (OSError, arrow.ArrowException) as error:
         raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
 
 
 def _array(file: Any, name: str) -> NDArray[Any]:
-    column = file.read([name]).column(0)
+    return as_array(file.read([name]).column(0))
+
+
+def zoned_columns(schema: Any) -> frozenset[str]:
+    """The names of columns of dates that are of UTC."""
+    return frozenset(
+        str(field.name)
+        for field in schema
+        if arrow.types.is_timestamp(field.type) and field.type.tz is not None
+    )
+
+
+def as_array(column: Any) -> NDArray[Any]:
+    """The numbers or dates of a column; null is NaN."""
     if arrow.types.is_decimal(column.type):
         column = column.cast(arrow.float64())
     if arrow.types.is_integer(column.type) and column.null_count:

@@ -18,7 +18,7 @@ from msnn.data.formats.array_columns import NamedArrays
 from msnn.data.formats.csv_header import Dialect
 from msnn.data.formats.stream_columns import stream_columns
 from msnn.data.formats.table import Streams, WantedColumns
-from msnn.errors import data_files as errors
+from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _STEP = re.compile(r"(?P<field>\w+)(?:\[(?P<index>[0-9]{1,6})\])?", re.ASCII)

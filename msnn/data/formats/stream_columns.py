@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.array_columns import NamedArrays
 from msnn.data.formats.table import ColumnKey, Streams, WantedColumns
-from msnn.errors import data_files as errors
+from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 Lookup = Callable[[str], tuple[FloatArray, NamedArrays] | None]

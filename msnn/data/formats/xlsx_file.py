@@ -13,7 +13,7 @@ from typing import Any
 from msnn.data.formats.csv_file import text_table
 from msnn.data.formats.csv_header import Dialect, read_header
 from msnn.data.formats.table import ColumnTable, WantedColumns
-from msnn.errors import data_files as errors
+from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
 WORKBOOK = ".xlsx"

@@ -11,8 +11,8 @@ import numpy as np
 from compiler.ir.program import Role, Signal
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.table import ColumnKey
-from msnn.errors import data_files as errors
-from msnn.errors import data_units
+from msnn.errors.data import files as errors
+from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.sections.data.columns import Column
 from spec_schema.units.unit import Unit

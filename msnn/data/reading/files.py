@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from msnn.data.formats.array_columns import NamedArrays
-from msnn.data.formats.table_of_formats import SUFFIXES, FileFormat, format_of
+from msnn.data.formats.table_of_formats import (
+    SUFFIXES,
+    FileFormat,
+    format_of,
+    require_reader,
+)
 from msnn.data.reading.splits import split_source
-from msnn.errors import data_files as errors
+from msnn.errors.data import files as errors
 from msnn.errors.workflow import unknown_set
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.suggest import nearest
@@ -64,10 +69,27 @@ def find_files(data: Data, folder: Path, findings: Findings) -> list[DataFile]:
             for path in paths:
                 if path not in seen:
                     seen.add(path)
-                    found.append(
-                        DataFile(path=path, shown=_shown(path, folder), source=name, layout=source)
+                    whole = DataFile(
+                        path=path, shown=_shown(path, folder), source=name, layout=source
                     )
+                    found += _records(whole, source.records or data.records, findings)
     return found
+
+
+def _records(file: DataFile, records: str | None, findings: Findings) -> list[DataFile]:
+    """The file itself, or its row groups where it has such."""
+    if records != "row_group" or file.path.suffix.lower() != ".parquet":
+        return [file]
+    require_reader(file.path)
+    # pyarrow takes long to load: only for those who have such files
+    from msnn.data.formats.parquet_groups import row_groups
+
+    try:
+        groups = row_groups(file.path, file.shown)
+    except SpecError as error:
+        findings.report(*error.diagnostics)
+        return []
+    return [replace(file, shown=group.file, arrays=group) for group in groups]
 
 
 def data_of_files(data: Data, files: Sequence[Path], data_set: str | None = None) -> Data:
@@ -110,7 +132,8 @@ def matching(folder: Path, pattern: str) -> list[Path]:
     """The files that a name, a pattern or a folder stands for."""
     plain = folder / pattern
     if plain.is_dir():
-        return sorted(p for p in plain.iterdir() if p.suffix.lower() in SUFFIXES and _is_data(p))
+        direct = sorted(p for p in plain.iterdir() if p.suffix.lower() in SUFFIXES and _is_data(p))
+        return direct or sorted(filter(_is_data, plain.rglob("*.parquet")))
     if plain.is_file():
         return [plain]
     wild = next((i for i, part in enumerate(plain.parts) if set(part) & set("*?[")), None)

@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from compiler.ir.program import Program, Signal
-from msnn.data.dataset import Dataset, Record
+from msnn.data.dataset import Dataset, FloatArray, Record
 from msnn.data.formats.table_of_formats import require_reader
+from msnn.data.reading.disk_series import DiskSeries
 from msnn.data.reading.files import DataFile, find_files
 from msnn.data.reading.part import FilePart, read_part
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data.reading.splits import RecordTimes, SetCodes, split_rows, split_source
-from msnn.errors import data_files as errors
+from msnn.errors.data import files as errors
+from msnn.errors.disk_data import not_on_disk
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.sections.data.data import Data
@@ -54,23 +56,35 @@ def joined_files(
     beside: Sequence[Signal] = (),
 ) -> Dataset:
     """The series of these files, or arrays in their place. Raises SpecError with all faults."""
-    parts = [
-        part
-        for file in files
-        if (part := read_part(program, data, file, filters.get(file.source), findings, beside))
-    ]
+    disk = DiskSeries() if data.keep == "disk" else None
+    if disk is not None and (data.join or any(source.join for source in data.source.values())):
+        reason = "`join: true` puts files together in memory"
+        findings.report(not_on_disk(reason, data.place.key))
+    drops = data.nan == "drop" and program.sample_time is not None
+    parts: list[FilePart] = []
+    left_out = Findings()
+    for file in files:
+        part = read_part(program, data, file, filters.get(file.source), findings, beside)
+        if part is None or (drops and _dropped(part, left_out)):
+            continue
+        parts.append(part if disk is None else disk.taken(part))
     if findings.failed:
+        if disk is not None:
+            disk.forget()
         faults = _once(findings.in_order)
         raise SpecError(faults, _texts(files, faults))
-    if data.nan == "drop" and program.sample_time is not None:
-        parts = [part for part in parts if not _dropped(part, findings)]
+    for warning in left_out.in_order:
+        findings.report(warning)
+    whole = None
+    if disk is not None:
+        parts, whole = disk.returned(parts)
     parts = _with_files_joined(parts, data, program.sample_time)
     sets = _set_names(data)
     rows = _sets(data, parts, sets, program.sample_time, findings)
     signals = (*program.signals, *beside)
     _report_ranges(signals, parts, findings)
     findings.raise_errors()
-    return _joined(signals, parts, sets, rows, findings.in_order)
+    return _joined(signals, parts, sets, rows, findings.in_order, whole)
 
 
 def _texts(files: Iterable[DataFile], faults: Iterable[Diagnostic]) -> list[SourceText]:
@@ -149,7 +163,8 @@ def _sets(
         return rows
     divided = split_source(tuple(data.source), data.split, findings)
     chosen = [index for index, part in enumerate(parts) if part.file.source == divided]
-    records = [_times(parts[index], sample_time) for index in chosen]
+    needs_time = data.split.by == "time"
+    records = [_times(parts[index], sample_time if needs_time else None) for index in chosen]
     for index, codes_of_rows in zip(
         chosen, split_rows(data.split, records, codes, findings), strict=True
     ):
@@ -207,7 +222,9 @@ def _joined(
     sets: tuple[str, ...],
     rows: Sequence[SetCodes],
     warnings: tuple[Diagnostic, ...],
+    whole: Mapping[str, FloatArray] | None,
 ) -> Dataset:
+    """All parts one after the other; `whole` are their series where these are on disk."""
     records: list[Record] = []
     start = 0
     for part in parts:
@@ -217,7 +234,8 @@ def _joined(
         start = stop
     none = np.zeros(0, dtype=np.bool_)
     return Dataset(
-        series={
+        series=whole
+        or {
             signal.name: np.concatenate(
                 [part.series[signal.name] for part in parts]
                 or [np.zeros((0, *(axis.size for axis in signal.axes)))]

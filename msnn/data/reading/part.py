@@ -22,7 +22,7 @@ from msnn.data.reading.columns import (
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.record_rows import RecordRows, record_rows
 from msnn.data.reading.row_filter import RowFilter
-from msnn.errors import data_formats
+from msnn.errors.data import formats as data_formats
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.data import Csv, Data

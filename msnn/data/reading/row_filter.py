@@ -13,7 +13,7 @@ from compiler.ir.program import Program, Signal
 from compiler.linking.link import Linked
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.reads import reads
-from msnn.errors import data_formats as errors
+from msnn.errors.data import formats as errors
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.tree import Call, Compare, Expression, Name, Number

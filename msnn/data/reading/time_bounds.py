@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from msnn.errors import data_units
+from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Date, Moment
 from spec_schema.expressions.tree import Duration

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from compiler.ir.program import Signal
 from msnn.data.formats.array_columns import NamedArrays
 from msnn.data.reading.columns import LOG_SUFFIX
-from msnn.errors.data_formats import unusable_array
+from msnn.errors.data.formats import unusable_array
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.sections.data.columns import Column, ColumnName
 from spec_schema.sections.data.data import Source

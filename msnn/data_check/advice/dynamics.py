@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from msnn.data_check.dynamics.excitation import Excitation
 from msnn.data_check.dynamics.impulse_response import FALSE_ALARMS
 from msnn.data_check.found import CheckedSystem, CheckedTarget
-from msnn.errors import data_dynamics as errors
-from msnn.errors.data_checks import too_few_rows
+from msnn.errors.data import dynamics as errors
+from msnn.errors.data.checks import too_few_rows
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _FEWEST_ROWS = 30

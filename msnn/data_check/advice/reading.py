@@ -10,7 +10,7 @@ from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data.reads import reads
 from msnn.data_check.dynamics.time_constants import TimeConstants
 from msnn.data_check.found import CheckedSystem, CheckedTarget
-from msnn.errors import data_dynamics as errors
+from msnn.errors.data import dynamics as errors
 from msnn.model.model import Model
 from msnn.training.plans.stage_plan import plan_stages
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings

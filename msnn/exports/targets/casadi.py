@@ -18,7 +18,7 @@ from compiler.ir.program import NodeId, Program
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Matrix
 from compiler.passes.analyses.kinks import Kink, kinks
-from compiler.passes.smooth_kinks import sharp_kinks, smooth_kinks
+from compiler.passes.derivatives.smooth_kinks import sharp_kinks, smooth_kinks
 from msnn.agreement.judgement import Arrays, Beginning
 from msnn.agreement.loaded import Loaded, Slopes, loaded_by_steps, stacked
 from msnn.errors import workflow

@@ -15,8 +15,8 @@ from compiler.ir.program import Program
 from compiler.optimal_control.problem import ControlProblem
 from compiler.state_estimation.problem import EstimationProblem
 from msnn.agreement.agreement import Agreement
-from msnn.errors import predictive_control
 from msnn.errors.failures import MissingExtraError
+from msnn.errors.targets import predictive_control
 from msnn.exports.prepare import name_prefix
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from msnn.packages import FMPY, ZIGLANG

@@ -13,7 +13,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.table_of_formats import format_of
 from msnn.data.formats.written_units import plain_label, written_unit
-from msnn.errors.new_specs import no_table
+from msnn.errors.data.new_specs import no_table
 from msnn.project.from_data.layout import TextLayout, layout_of, number
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.expressions.language import BUILTINS

@@ -18,8 +18,8 @@ from msnn.data.formats.csv_header import (
 from msnn.data.formats.table_of_formats import require_reader
 from msnn.data.formats.written_units import MISSING, is_unit
 from msnn.data.formats.xlsx_file import WORKBOOK, sheet_lines
-from msnn.errors import data_files as errors
-from msnn.errors.new_specs import no_table
+from msnn.errors.data import files as errors
+from msnn.errors.data.new_specs import no_table
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _LINES = 400

@@ -16,7 +16,7 @@ import numpy as np
 import templates
 from msnn.data.dataset import BoolArray
 from msnn.data_check.signals.sampling import follows
-from msnn.errors.new_specs import few_rows, no_target
+from msnn.errors.data.new_specs import few_rows, no_target
 from msnn.project.from_data.baseline import Baseline, choose_baseline
 from msnn.project.from_data.columns import FoundColumn, FoundTable, columns_of, free_name
 from msnn.project.from_data.roles import Role, roles_of

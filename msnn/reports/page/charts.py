@@ -10,10 +10,10 @@ from msnn.data.dataset import FloatArray
 from msnn.reports.drawn import unit_of
 from msnn.reports.page.packing import Plain, listed, packed
 from msnn.reports.run_summary import Run, TrainedStage
-from msnn.validation.correlations import Correlation
 from msnn.validation.measurement import Measurement
+from msnn.validation.reports.words import rollout_text
+from msnn.validation.statistics.correlations import Correlation
 from msnn.validation.validate import MetricRow
-from msnn.validation.words import rollout_text
 
 _COLORS = 7
 _MOST_INPUTS = 4

@@ -14,7 +14,7 @@ from msnn.data.dataset import Dataset, FloatArray
 from msnn.reports.drawn import Channel, channels, output_channels, shown_first
 from msnn.reports.page.packing import Plain, finite, packed, rounding, series
 from msnn.simulation.simulate import Simulation
-from msnn.validation.metrics import Errors, score
+from msnn.validation.statistics.metrics import Errors, score
 
 _EXACT = 400_000
 """Numbers that are kept as they are: 2.1 MB of the page."""

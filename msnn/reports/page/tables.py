@@ -15,9 +15,9 @@ from msnn.exports.describe import range_text
 from msnn.reports.drawn import channels
 from msnn.training.records.run_log import Cost
 from msnn.validation.measurement import Measurement
-from msnn.validation.report import limits
+from msnn.validation.reports.report import limits
+from msnn.validation.reports.words import rollout_text, unit_text
 from msnn.validation.validate import MetricRow
-from msnn.validation.words import rollout_text, unit_text
 
 _MOST_NUMBERS = 6
 _MOST_LISTED = 256

@@ -13,8 +13,8 @@ from msnn.data.dataset import FloatArray
 from msnn.reports import plotting
 from msnn.reports.drawn import Channel, channels, output_channels, shown_first
 from msnn.simulation.simulate import Simulation
-from msnn.validation.correlations import Correlation, lags_of, residuals
-from msnn.validation.metrics import Errors, score
+from msnn.validation.statistics.correlations import Correlation, lags_of, residuals
+from msnn.validation.statistics.metrics import Errors, score
 
 _MOST_RUNS = 3
 _MOST_OUTPUTS = 4

@@ -10,8 +10,8 @@ import numpy as np
 
 from msnn.reports import plotting
 from msnn.validation.measurement import Measurement
+from msnn.validation.reports.words import rollout_text, unit_text
 from msnn.validation.validate import MetricRow, ValidationReport
-from msnn.validation.words import rollout_text, unit_text
 
 _MOST_INPUTS = 3
 

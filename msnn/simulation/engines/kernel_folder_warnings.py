@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from backends.native.kernel_cache.folders import KernelFolder
-from msnn.errors.kernels import foreign_kernels, unusable_kernel_folder
+from msnn.errors.learning.kernels import foreign_kernels, unusable_kernel_folder
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from backends.files.disk_arrays import AT_ONCE
 from backends.native.compile_kernel import Built
 from compiler.interpreter.bounded_rollouts import Rollouts
 from compiler.ir.liveness import needed
@@ -69,6 +70,7 @@ def cases(
     Where the model fits its data the first leave nothing but rounding: rows that do not belong
     together have residuals as large as the signals.
     """
+    series, runs = _first_rows(program, series, runs)
     random = np.random.Generator(np.random.Philox(180))
     longest = int(runs.steps.max())
     for wanted, drawn in ((_AS_GIVEN, False), (LONGEST, True)):
@@ -80,6 +82,16 @@ def cases(
             log = _without_some_targets(program, _drawn_rows(program, series, random), t0)
             few = replace(few, log=log)
         yield Case(few, _nearby(program, weights, random) if drawn else weights)
+
+
+def _first_rows(program: Program, series: Weights, runs: Runs) -> tuple[Weights, Runs]:
+    """Data larger than what is in memory at a time without the rows beyond, where runs are left."""
+    rows, far = len(next(iter(series.values()))), reach(program)
+    ends = runs.t0 + runs.steps + max(far.ahead, far.start_ahead)
+    early = np.flatnonzero(ends < AT_ONCE)
+    if rows <= AT_ONCE or not len(early):
+        return series, runs
+    return {name: values[:AT_ONCE] for name, values in series.items()}, runs.take(early)
 
 
 def _drawn_rows(program: Program, series: Weights, random: np.random.Generator) -> Weights:

@@ -13,7 +13,7 @@ from compiler.ir.liveness import needed
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
-from msnn.errors import kernels
+from msnn.errors.learning import kernels
 from msnn.packages import TORCH
 from msnn.simulation.engines.engine import (
     Engine,

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from msnn.errors.devices import no_kernel_on_card, no_such_card, unknown_device
 from msnn.errors.failures import MissingExtraError
+from msnn.errors.learning.devices import no_kernel_on_card, no_such_card, unknown_device
 from msnn.packages import TORCH
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Findings, SpecError

@@ -11,7 +11,7 @@ from compiler.ir import ops
 from compiler.ir.liveness import needed
 from compiler.ir.program import Program
 from msnn.data.starts import Runs
-from msnn.errors.stages import much_memory
+from msnn.errors.learning.stages import much_memory
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic
 

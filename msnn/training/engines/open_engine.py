@@ -7,17 +7,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from backends.files.c_compiler import CompilerMissingError
+from backends.files.disk_arrays import DiskArray
 from backends.native.kernel_cache.folders import kernel_folder
 from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.errors import training as errors
+from msnn.errors.disk_data import not_on_disk
+from msnn.errors.learning import training as errors
+from msnn.errors.ranks import no_ranks_in_torch
 from msnn.packages import TORCH
 from msnn.simulation.engines.kernel_folder_warnings import kernel_folder_warnings
-from msnn.training.engines.levenberg_marquardt import LevenbergMarquardtEngine
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.needed_memory import installed_memory, memory_warnings
+from msnn.training.engines.second_order.levenberg_marquardt import LevenbergMarquardtEngine
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
@@ -91,6 +94,13 @@ def open_engine(
                 found = errors.no_native_engine(plan.name, str(error), plan.span)
                 raise SpecError((found,)) from None
             notes = (errors.torch_instead(plan.name, str(error), plan.span),)
+    if plan.ranks is not None:
+        reasons = (note.message for note in notes)
+        raise SpecError((no_ranks_in_torch(plan.name, plan.span, tuple(reasons)),))
+    if any(isinstance(values, DiskArray) for values in series.values()):
+        reason = f"stage `{plan.name}` runs in torch, which takes all rows into memory"
+        why = tuple(note.message for note in notes)
+        raise SpecError((not_on_disk(reason, plan.span, why=why),))
     for note in notes:  # kernels could not be had, or were wrong: torch is what is left
         TORCH.require(f"must train instead ({note.message})")
     arguments = (plan, *given)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from compiler.ir.program import Program
-from msnn.errors import stages as errors
+from msnn.errors.learning import stages as errors
 from msnn.simulation.durations import samples
 from msnn.simulation.rollout_plan import RolloutPlan
 from spec_schema.diagnostics.diagnostic import Findings

@@ -7,7 +7,7 @@ from typing import assert_never
 from compiler.ir.liveness import needed_over_time
 from compiler.ir.program import Declared, History, LayerMemory, Program, State, Tape
 from msnn.data.reads import reads
-from msnn.errors import training
+from msnn.errors.learning import training
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic
 

@@ -9,7 +9,7 @@ from typing import assert_never
 
 import numpy as np
 
-from msnn.errors.stages import rate_beyond
+from msnn.errors.learning.stages import rate_beyond
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.sections.training.schedules import Cosine, Exponential, Plateau, Step

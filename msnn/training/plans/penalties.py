@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from compiler.ir.program import Parameter, Program
-from msnn.errors import knowledge
+from msnn.errors.learning import knowledge
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.sections.training.optimizers import OptimizerChoice

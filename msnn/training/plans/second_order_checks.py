@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from compiler.differentiation.sums_of_squares import is_sum_of_squares
 from compiler.ir.ops import Apply
 from compiler.ir.program import Measure, Program
-from msnn.errors import second_order
+from msnn.errors.learning import second_order
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.sections.training.training import Stage
 

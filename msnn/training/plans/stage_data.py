@@ -12,6 +12,7 @@ from msnn.data.dataset import BoolArray, Dataset
 from msnn.data.starts import Runs, reach
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
 from msnn.simulation.row_factors import check_row_factors
+from msnn.training.plans.disk_checks import check_on_disk
 from msnn.training.plans.fixed_starts import fixed_starts
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Findings
@@ -50,6 +51,10 @@ class StageData:
 
 def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData | None:
     """What a stage runs over; None after a report that there is nothing."""
+    if data.is_on_disk:
+        check_on_disk(plan, findings)
+        if findings.failed:
+            return None
     rollout, span = plan.rollout, plan.span
     wanted_by = f"stage `{plan.name}`"
     train = set_rollouts(rollout, data, TRAIN, rollout.stride, wanted_by, span, findings)

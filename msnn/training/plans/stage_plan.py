@@ -9,14 +9,15 @@ from typing import Literal
 
 from compiler.ir.program import Program
 from compiler.passes.draw_dropout import Mask, draw_dropout
-from msnn.errors import runs
-from msnn.errors import training as errors
+from msnn.errors.learning import runs
+from msnn.errors.learning import training as errors
 from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
 from msnn.training.plans.concerned_losses import concerns
 from msnn.training.plans.curriculum import Phase, plan_curriculum
 from msnn.training.plans.learning_rate import Rule, check_rate
 from msnn.training.plans.penalties import check_priors, with_reached_corners, without_corners
 from msnn.training.plans.second_order_checks import check_keys, check_losses
+from msnn.training.ranks.training_ranks import TrainingRanks
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors.names import no_parameter
@@ -77,6 +78,8 @@ class StagePlan:
     attempts: int
     """How often the stage is run, from other initial values each time."""
     span: Span | None
+    ranks: TrainingRanks | None = None
+    """The processes that share its batches; None for one."""
 
     @property
     def whole_from(self) -> int:

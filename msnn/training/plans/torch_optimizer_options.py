@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from compiler.ir.program import Parameter
-from msnn.errors import stages as errors
+from msnn.errors.learning import stages as errors
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.sections.training.optimizers import OptionValue, TorchOptimizer
 

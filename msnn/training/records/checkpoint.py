@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 from backends.files.atomic_write import write_bytes
 from backends.files.safetensors_bytes import safetensors_bytes
 from msnn.data.dataset import FloatArray
-from msnn.errors import training as errors
+from msnn.errors.learning import training as errors
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import EngineState, LossSums
 from msnn.training.plans.learning_rate import Reductions

@@ -10,8 +10,11 @@ from types import FrameType
 
 
 @contextmanager
-def end_on_interrupt() -> Generator[threading.Event]:
-    """Sets the event at the first Ctrl-C or SIGTERM, to finish the batch; the second one kills."""
+def end_on_interrupt(*, second_kills: bool = True) -> Generator[threading.Event]:
+    """Sets the event at the first Ctrl-C or SIGTERM, to finish the batch; the second one kills.
+
+    torchrun passes on what its processes have got already: there the second one is the first.
+    """
     asked = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield asked
@@ -19,7 +22,7 @@ def end_on_interrupt() -> Generator[threading.Event]:
 
     def ask(number: int, frame: FrameType | None) -> None:
         del number, frame
-        if asked.is_set():
+        if asked.is_set() and second_kills:
             raise KeyboardInterrupt
         asked.set()
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from compiler.ir.program import Program
-from msnn.errors import stages as stage_errors
-from msnn.errors import training as errors
+from msnn.errors.learning import stages as stage_errors
+from msnn.errors.learning import training as errors
 from msnn.model.kept_run import LATEST, has_checkpoint, newest, spec_places
 from msnn.training.records.checkpoint import Checkpoint, read_checkpoint
 from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
@@ -28,7 +28,7 @@ def open_run(
         folder = (
             new_run_folder(program, options.runs)
             if options.folder is None
-            else own_folder(program, options.folder)
+            else own_folder(program, options.folder, is_durable=not options.ends_in_log)
         )
         begun = {
             "spec": options.spec_file,

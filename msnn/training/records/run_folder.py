@@ -14,7 +14,6 @@ from typing import Any, cast
 from backends.files.atomic_write import naming, sync, write_bytes, write_text
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.model.covariance_file import COVARIANCE, Covariance, write_covariance
 from msnn.model.kept_run import (
     CHECKPOINT,
     DESCRIPTION,
@@ -27,7 +26,8 @@ from msnn.model.kept_run import (
     read_json,
 )
 from msnn.model.spec_hash import SubmodelFile
-from msnn.model.weights_file import write_weights
+from msnn.model.weights.covariance_file import COVARIANCE, Covariance, write_covariance
+from msnn.model.weights.weights_file import write_weights
 
 METRICS = "metrics.jsonl"
 
@@ -40,6 +40,8 @@ class RunFolder:
     program: Program
     latest: Path | None
     """The link that leads to the run last used; None for one of several runs, such as a fold."""
+    is_durable: bool = True
+    """Whether what it says of itself waits for the disk; weights and checkpoints do always."""
 
     @property
     def weights(self) -> Path:
@@ -132,7 +134,7 @@ class RunFolder:
 
     def _describe(self, record: Mapping[str, Any]) -> None:
         text = json.dumps(record, ensure_ascii=False, indent=2)
-        write_text(self.path / DESCRIPTION, text + "\n", durable=True)
+        write_text(self.path / DESCRIPTION, text + "\n", durable=self.is_durable)
 
 
 def new_run_folder(program: Program, runs: Path) -> RunFolder:
@@ -150,10 +152,10 @@ def new_run_folder(program: Program, runs: Path) -> RunFolder:
     raise FileExistsError(message)
 
 
-def own_folder(program: Program, folder: Path) -> RunFolder:
+def own_folder(program: Program, folder: Path, *, is_durable: bool) -> RunFolder:
     """A fresh folder for a run that `latest` does not lead to, such as one fold of several."""
     folder.mkdir(parents=True)
-    return RunFolder(folder, program, None)
+    return RunFolder(folder, program, None, is_durable)
 
 
 def finite(value: Any) -> Any:

@@ -8,7 +8,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-from msnn.errors.run_ends import still_runs
+from msnn.errors.learning.run_ends import still_runs
 from spec_schema.diagnostics.diagnostic import SpecError
 
 

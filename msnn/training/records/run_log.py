@@ -14,8 +14,8 @@ from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from backends.files.atomic_write import naming
 from msnn.training.records.run_folder import finite
+from msnn.validation.reports.words import rollout_text
 from msnn.validation.validate import ValidationReport
-from msnn.validation.words import rollout_text
 from spec_schema.reading.endless_files import refuse_endless
 
 LOG = "runs.jsonl"
@@ -95,6 +95,8 @@ class RunLine:
     version: str = ""
     """Of msnn."""
     warnings: tuple[str, ...] = ()
+    drawn_by: int | None = None
+    """The seed of a sweep that drew some of the settings."""
 
 
 def append(log: Path, line: RunLine) -> None:

@@ -6,11 +6,13 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from importlib.metadata import version
 from typing import Any, cast
 
 import numpy as np
 
+from backends.files.disk_arrays import blocks
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset
 from msnn.model.spec_hash import SubmodelFile
@@ -34,12 +36,7 @@ def run_record(
         "program": program.name,
         "spec_sha256": program.spec_hash,
         "parts": {part.name: part.record() for part in parts},
-        "versions": {
-            "msnn": __version__,
-            "python": platform.python_version(),
-            "numpy": version("numpy"),
-            **({TORCH.name: version(TORCH.name)} if TORCH.is_installed else {}),
-        },
+        "versions": _versions(),
         "bits": bits_record(program, plans),
         "stages": [stage_record(plan) for plan in plans],
         "data": {
@@ -47,6 +44,16 @@ def run_record(
             "rows": {name: int(data.in_set(name).sum()) for name in data.sets},
             "sha256": data_hash(data),
         },
+    }
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return {
+        "msnn": __version__,
+        "python": platform.python_version(),
+        "numpy": version("numpy"),
+        **({TORCH.name: version(TORCH.name)} if TORCH.is_installed else {}),
     }
 
 
@@ -99,8 +106,10 @@ def data_hash(data: Dataset) -> str:
     digest = hashlib.sha256()
     for name, series in sorted(data.series.items()):
         digest.update(f"{name}{series.shape}".encode())
-        digest.update(np.ascontiguousarray(series).tobytes())
+        for part in blocks(series):
+            digest.update(np.ascontiguousarray(part).tobytes())
     digest.update(",".join(data.sets).encode())
     for rows in (data.set_of_row, data.continues, data.usable):
-        digest.update(np.ascontiguousarray(rows).tobytes())
+        for part in blocks(rows):
+            digest.update(np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()

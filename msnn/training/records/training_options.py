@@ -14,6 +14,7 @@ from msnn.model.model_weights import redrawn_weights
 from msnn.model.spec_hash import SubmodelFile
 from msnn.training.black_boxes import black_boxes
 from msnn.training.engines.devices import CPU, Device
+from msnn.training.ranks.training_ranks import TrainingRanks
 from msnn.training.records.run_lock import held
 
 
@@ -43,6 +44,10 @@ class TrainingOptions:
     """Where torch computes."""
     has_errors: bool = True
     """Whether standard errors are estimated at the end, which takes a kernel of its own."""
+    ranks: TrainingRanks | None = None
+    """The processes that train together; only the first one has `runs`."""
+    ends_in_log: bool = False
+    """Whether a log tells of its end: then its last second is trained again, not kept on disk."""
     redrawn: Callable[[int], Mapping[str, FloatArray]] | None = None
     """Other initial values, by number, for the further runs of a stage with `starts:`."""
 

@@ -20,7 +20,7 @@ from compiler.interpreter.bounded_rollouts import Rollouts
 from compiler.ir import ops
 from compiler.ir.program import Loss, Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors import knowledge
+from msnn.errors.learning import knowledge
 from msnn.simulation.rollout_plan import set_rollouts
 from msnn.simulation.start_fit import fit_of
 from msnn.training.plans.squared_losses import squared

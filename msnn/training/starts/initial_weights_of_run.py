@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors import stages as errors
-from msnn.model.weights_file import initial_weights
+from msnn.errors.learning import stages as errors
+from msnn.model.weights.weights_file import initial_weights
 from msnn.training.starts.fitted_arrays import fitted_arrays
 from msnn.training.starts.statistics import with_statistics
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from backends.files.disk_arrays import AT_ONCE, blocks
 from compiler.ir.program import Parameter, Program
-from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors import training as errors
+from msnn.data.dataset import BoolArray, Dataset, FloatArray
+from msnn.errors.learning import training as errors
 from msnn.training.plans.stage_data import TRAIN
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
@@ -38,13 +39,28 @@ def with_statistics(
 
 def _statistic(parameter: Parameter, data: Dataset) -> FloatArray | None:
     assert parameter.statistic is not None
-    rows = data.series[parameter.statistic.signal][data.in_set(TRAIN)]
-    known = np.isfinite(rows)
-    if not known.any(axis=0).all():
+    name = parameter.statistic.signal
+    sums = [(np.sum(r, axis=0, where=k), np.sum(k, axis=0)) for r, k in _known(data, name)]
+    count = sum((n for _, n in sums), np.zeros(()))
+    if not np.all(count):
         return None
-    mean = np.mean(rows, axis=0, where=known)
+    mean = sum((total for total, _ in sums[1:]), sums[0][0]) / count
     if parameter.statistic.kind == "mean":
         return np.asarray(mean)
-    std = np.asarray(np.std(rows, axis=0, where=known))
+    squares = [np.sum((r - mean) ** 2, axis=0, where=k) for r, k in _known(data, name)]
+    std = np.asarray(np.sqrt(sum(squares[1:], squares[0]) / count))
     # a sum of equal numbers rounds, so that their deviation need not be exactly 0
     return std if np.all(std > 1e-12 * np.abs(mean)) and np.all(std > 0) else None
+
+
+def _known(data: Dataset, name: str) -> Iterator[tuple[FloatArray, BoolArray]]:
+    """The rows of `train`, blocks of all rows at a time, and which of their numbers are known.
+
+    Sums over blocks have the same bits wherever the rows are kept.
+    """
+    series, code = data.series[name], data.sets.index(TRAIN) if TRAIN in data.sets else None
+    for begin, block in enumerate(blocks(series)):
+        first = begin * AT_ONCE
+        rows = block[data.set_of_row[first : first + len(block)] == code]
+        if len(rows):
+            yield rows, np.isfinite(rows)

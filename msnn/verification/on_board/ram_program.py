@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from msnn.errors.boards import no_room
+from msnn.errors.targets.boards import no_room
 from msnn.verification.builds.harness import TEMPLATES, write_harness, write_template
 from msnn.verification.exported_c import ExportedC
 from msnn.verification.on_board.cores import Core

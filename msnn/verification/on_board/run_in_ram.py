@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msnn.errors.boards import refused_memory, silent
+from msnn.errors.targets.boards import refused_memory, silent
 from msnn.verification.on_board.debugger import Debugger, RefusedMemoryError
 from msnn.verification.on_board.ram_program import RamProgram
 from spec_schema.diagnostics.diagnostic import SpecError

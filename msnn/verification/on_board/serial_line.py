@@ -7,7 +7,7 @@ import select
 import sys
 import time
 
-from msnn.errors.boards import silent, unreachable
+from msnn.errors.targets.boards import silent, unreachable
 from msnn.verification.on_board.answer import END
 from msnn.verification.on_board.link import Serial, words
 from spec_schema.diagnostics.diagnostic import SpecError

@@ -102,6 +102,8 @@ class Layout(Entry):
     """Whether files that follow each other in time are one record."""
     filter: ConditionField | None = None
     """Rows that are kept: those for which a comparison of signals holds."""
+    records: Annotated[Literal["file", "row_group"], choice("file", "row_group")] | None = None
+    """What a record is: a file, or a row group of a Parquet file, which is read at a time."""
 
 
 class Source(Layout):
@@ -125,3 +127,5 @@ class Data(Layout):
     """How records are divided into train, val and test."""
     nan: Annotated[Literal["error", "drop", "split"], choice("error", "drop", "split")] = "error"
     """What becomes of records with missing inputs."""
+    keep: Annotated[Literal["memory", "disk"], choice("memory", "disk")] = "memory"
+    """Where signals lie while a command runs: data larger than memory lie on disk."""

@@ -13,7 +13,7 @@ from backends.c import COptions, write_c
 from backends.c.host.build import build_library
 from backends.c.host.library import CStep
 from backends.c.interface.interface import c_interface
-from backends.c.selftest.golden_vectors import GoldenVectors, golden_vectors
+from backends.c.selftest.vectors.golden_vectors import GoldenVectors, golden_vectors
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop

@@ -11,10 +11,10 @@ import pytest
 
 from backends.c import COptions, write_c
 from backends.c.interface.interface import Interface, c_interface
-from backends.c.selftest.drawn_inputs import StartPoint
 from backends.c.selftest.golden_singles import GoldenSingles, golden_singles
-from backends.c.selftest.golden_vectors import GoldenRun, golden_runs
 from backends.c.selftest.singles.ordered_codes import between, codes_of, numbers_of
+from backends.c.selftest.vectors.drawn_inputs import StartPoint
+from backends.c.selftest.vectors.golden_vectors import GoldenRun, golden_runs
 from backends.c_lowering.options import ParameterAccess
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
@@ -44,6 +44,10 @@ states:
   p: {next: 0.5 * p + u, init: 0, range: [-3, 3]}
   q: {next: 0.5 * q - u, init: 0, range: [-40, 40]}
 outputs: {y: {expr: p + q}}
+"""
+_ROUNDED_SUM = """
+inputs: {u: {range: [1, 9], on_invalid: clamp}, v: {range: [1, 9], on_invalid: clamp}}
+outputs: {y: {expr: "abs(0.37 * exp(2.3 * u) * v - 171.7 * v * v * u)"}}
 """
 
 
@@ -86,6 +90,11 @@ def test_steps_stand_within_a_hundredth_of_a_threshold_on_both_sides() -> None:
     compared = gain * found.vectors.inputs["u"]
     assert np.any((compared > 3.0) & (compared <= 3.031))
     assert np.any((compared <= 3.0) & (compared > 2.97))
+
+
+def test_a_sum_of_rounded_products_is_exactly_0_in_some_step() -> None:
+    singles = _singles(_ROUNDED_SUM)
+    assert np.any(singles.vectors.outputs["y"] == 0.0)
 
 
 def test_each_slope_that_can_be_infinite_is_so_alone() -> None:

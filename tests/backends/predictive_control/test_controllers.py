@@ -12,8 +12,8 @@ import pytest
 from backends.c.host.build import build_library
 from backends.predictive_control import write_controller
 from backends.predictive_control.library import ControllerLibrary
-from backends.predictive_control.rows import rows_of
 from backends.predictive_control.solution import multipliers_of, plan_of
+from backends.predictive_control.structure.rows import rows_of
 from compiler.optimal_control.horizon import Given
 from compiler.optimal_control.kkt import Judge
 from msnn.exports.judged_controller import compare_controller

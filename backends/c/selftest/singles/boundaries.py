@@ -24,6 +24,14 @@ _APART = (14, 8)
 _BESIDE = 6
 """Numbers around the ends among which one may be found at which two sides are equal."""
 _AROUND = 8
+_LONGER = 24
+"""Rounds of `_AT_ONCE` steps each around every end where no two sides were equal yet: a sum of
+products hits 0 at few of the numbers beside the place where its sign changes."""
+_AT_ONCE = 16
+_MOVED = (0.1, 0.3, 1.0)
+"""Shares of the numbers that move beside an end, by turns."""
+_ENOUGH = 4
+"""Steps at which two sides of a decision are equal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +40,8 @@ class Boundaries:
 
     found: list[Trials]
     """All, some of them next to such a place and some at it."""
+    equal: Trials
+    """Few steps of each decision at which both sides are equal, which is rare."""
     below: Trials
     above: Trials
     """Pairs of steps a little apart that decide otherwise."""
@@ -51,7 +61,7 @@ def boundaries(
     left, right, decision = _segments(outcomes(drawn), drawn, random)
     rows = np.arange(len(decision))
     if not len(rows):
-        return Boundaries([], left, right)
+        return Boundaries([], left, left, right)
     side = outcomes(left)[rows, decision]
     low, high = codes_of(left.numbers), codes_of(right.numbers)
     found: list[Trials] = []
@@ -76,8 +86,34 @@ def boundaries(
     for _ in range(_AROUND):
         beside = trials(low + random.integers(-_BESIDE, _BESIDE + 1, low.shape), rows)
         found.append(beside.of(outcomes(beside)[rows, decision] == 0))
+    equal = _equal(outcomes, trials(low, rows), decision, steps.dtype, random)
     below, above = (joined_trials([pair[side] for pair in pairs]) for side in (0, 1))
-    return Boundaries(found, below, above)
+    return Boundaries(found, equal, below, above)
+
+
+def _equal(
+    outcomes: Callable[[Trials], Outcomes],
+    ends: Trials,
+    decision: NDArray[np.int64],
+    dtype: np.dtype[Any],
+    random: np.random.Generator,
+) -> Trials:
+    """Steps beside these ends at which the sides of their decisions are equal."""
+    found, counts = [ends.of(np.zeros(0, np.int64))], np.zeros(decision.max() + 1, np.int64)
+    codes = codes_of(ends.numbers)
+    for turn in range(_LONGER):
+        rows = np.repeat(np.flatnonzero(counts[decision] < _ENOUGH), _AT_ONCE)
+        if not len(rows):
+            break
+        moves = random.integers(-_BESIDE, _BESIDE + 1, (len(rows), codes.shape[1]))
+        moves *= random.random(moves.shape) < _MOVED[turn % len(_MOVED)]
+        beside = Trials(ends.starts[rows], numbers_of(codes[rows] + moves, dtype))
+        hits = np.flatnonzero(outcomes(beside)[np.arange(len(rows)), decision[rows]] == 0)
+        for which in np.unique(decision[rows[hits]]):
+            own = hits[decision[rows[hits]] == which][: _ENOUGH - counts[which]]
+            counts[which] += len(own)
+            found.append(beside.of(own))
+    return joined_trials(found)
 
 
 def _segments(

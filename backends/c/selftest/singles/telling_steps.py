@@ -41,14 +41,18 @@ def telling_steps(
         return np.concatenate([signs, np.where(infinite, 1, -1).astype(np.int8)], axis=1)
 
     beside = boundaries(steps, outcomes, drawn, random)
-    found = joined_trials([drawn, *beside.found])
-    found = found.of(np.flatnonzero(decisions.settled(steps.run(found), len(found))))
+    found = joined_trials([drawn, *beside.found, beside.equal])
+    settled = decisions.settled(steps.run(found), len(found))
+    rare = np.arange(len(found)) >= len(found) - len(beside.equal)
+    found, rare = found.of(np.flatnonzero(settled)), rare[settled]
     changes = steps.changes()
     plain = steps.seen(found.of(np.arange(PLAIN)), changes).sum(axis=0)
     left = [change for change, count in zip(changes, plain, strict=True) if count < _RARE]
     alone = slopes_alone(steps, decisions, random)
     chosen = [*_at_limits(found, decisions, steps), *_both_sides(beside, outcomes, steps)]
-    order, begin, size = random.permutation(len(found)), 0, _FIRST
+    order = random.permutation(len(found))
+    # those that are rare stand first
+    order, begin, size = order[np.argsort(~rare[order], kind="stable")], 0, _FIRST
     while left and begin < min(len(found), _TRIED // len(left)) and len(chosen) < _MOST:
         part = found.of(order[begin : begin + size])
         seen = steps.seen(part, left)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from backends.files.c_compiler import CompilerMissingError
-from backends.native.sensitivity_kernel import StackTooSmallError
-from msnn.errors import kernels
-from msnn.errors import training as errors
+from backends.native.rollouts.sensitivity_kernel import StackTooSmallError
+from msnn.errors.learning import kernels
+from msnn.errors.learning import training as errors
 from msnn.simulation.engines.kernel_trials import NO_FALLBACK, WrongKernelError
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError

@@ -121,7 +121,13 @@ class NativeEngine:
         optimizer = self._variables.optimizer
         optimizer.left_out = 0
         done, sums, counts = self._kernel.train(
-            self._train, groups, bounds, self._variables, self._loss_weights, (sums, counts)
+            self._train,
+            groups,
+            bounds,
+            self._variables,
+            self._loss_weights,
+            (sums, counts),
+            ranks=self._plan.ranks,
         )
         self.left_out = int(optimizer.left_out)
         self.has_left_out = self.has_left_out or self.left_out > 0
@@ -161,7 +167,8 @@ class NativeEngine:
 
     def _losses(self, data: KernelData, groups: Groups) -> LossSums:
         physical, weights = self._variables.physical, self._loss_weights
-        found = self._kernel.losses(data, groups, physical, weights, gradient=False)
+        ranks = self._plan.ranks
+        found = self._kernel.losses(data, groups, physical, weights, gradient=False, ranks=ranks)
         return self._named(found.sums, found.counts)
 
     def _named(self, sums: FloatArray, counts: FloatArray) -> LossSums:

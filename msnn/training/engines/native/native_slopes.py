@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from backends.gauss_newton_products import Products
-from backends.native.sensitivity_kernel import SensitivityKernel
+from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
 from backends.native.variables import flat
 from compiler.differentiation.sensitivities import sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
@@ -14,6 +14,7 @@ from msnn.data.starts import Runs
 from msnn.simulation.engines.kernel_trials import check_if_fresh
 from msnn.training.engines.native.kernel_check import check_sensitivities
 from msnn.training.engines.own_series import own_series
+from msnn.training.engines.shared_products import no_products, own_runs, summed_products
 from msnn.training.plans.stage_plan import StagePlan
 
 Weights = Mapping[str, FloatArray]
@@ -25,6 +26,7 @@ class NativeSlopes:
     def __init__(
         self, plan: StagePlan, series: Weights, train_rows: Mapping[str, BoolArray] | None
     ) -> None:
+        self._ranks = plan.ranks
         self._program = with_compared_squares(plan.rollout.program)
         self._series = series = own_series(plan, series)
         self._found = sensitivities(self._program, plan.trained)
@@ -46,4 +48,11 @@ class NativeSlopes:
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
         """Of every loss: products of its residuals and slopes."""
         physical = flat(self._program, weights)
-        return self._kernel.products(self._train, runs.t0, runs.steps, physical)
+        if self._ranks is None:
+            return self._kernel.products(self._train, runs.t0, runs.steps, physical)
+        own = own_runs(runs, self._ranks)
+        if len(own):
+            found = self._kernel.products(self._train, own.t0, own.steps, physical)
+        else:
+            found = {loss.name: no_products(self._kernel.numbers) for loss in self._program.losses}
+        return summed_products(found, self._ranks)

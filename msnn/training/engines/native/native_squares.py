@@ -33,6 +33,7 @@ class NativeSquares:
         evaluation_rows: Mapping[str, BoolArray] | None,
     ) -> None:
         self._slopes = NativeSlopes(plan, series, train_rows)
+        self._ranks = plan.ranks
         self._program = with_compared_squares(plan.rollout.program)
         self._series = series = own_series(plan, series)
         self._costs = Kernel(self._program, "float64", plan.threads, slopes=False)
@@ -67,6 +68,7 @@ class NativeSquares:
         groups = kernel.groups(runs.t0, runs.steps)
         physical = flat(self._program, weights)
         every = [1.0] * len(kernel.source.losses)
-        found = kernel.losses(data, groups, physical, every, gradient=False)
+        ranks = self._ranks
+        found = kernel.losses(data, groups, physical, every, gradient=False, ranks=ranks)
         named = zip(kernel.source.losses, found.sums.tolist(), found.counts.tolist(), strict=True)
         return {name: LossSum(total, count) for name, total, count in named}

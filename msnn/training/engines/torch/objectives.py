@@ -11,6 +11,7 @@ from torch import Tensor
 
 from backends.native.kernel import Kernel
 from backends.native.kernel_data import KernelData
+from backends.native.lanes.lane_groups import Groups
 from backends.torch_module.module import TorchModel
 from compiler.differentiation.training_step import training_step
 from compiler.ir.program import Measure
@@ -147,6 +148,7 @@ class KernelObjective:
         self._train = self._kernel.data(own_series(plan, series), plan.rollout.skip, train_rows)
         self._evaluation = self._kernel.data(series, plan.rollout.skip, evaluation_rows)
         self._weights = [plan.loss_weights[name] for name in self._kernel.source.losses]
+        self._grouped: tuple[Runs, Groups] | None = None
 
     def check(self, runs: Runs) -> None:
         """Compares a fresh kernel with the interpreter. Raises WrongKernelError."""
@@ -194,10 +196,11 @@ class KernelObjective:
         kernel = self._kernel
         found = kernel.losses(
             data,
-            kernel.groups(runs.t0, runs.steps),
+            self._groups(runs),
             physical.detach().to(torch.float64).numpy(),
             self._weights,
             gradient=slope,
+            ranks=self._plan.ranks,
         )
         measures = _measures(self._plan)
         for name, total, count in zip(
@@ -209,6 +212,12 @@ class KernelObjective:
             for name, weight in self._plan.loss_weights.items()
         )
         return value, found.gradient
+
+    def _groups(self, runs: Runs) -> Groups:
+        """Those of the last rollouts are kept: a line search asks for the same again and again."""
+        if self._grouped is None or self._grouped[0] is not runs:
+            self._grouped = runs, self._kernel.groups(runs.t0, runs.steps)
+        return self._grouped[1]
 
     def _physical(self) -> Tensor:
         values = self._model.physical()

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 
 from compiler.ir.program import Parameter
-from msnn.errors import stages as errors
+from msnn.errors.learning import stages as errors
 from msnn.training.plans.torch_optimizer_options import TORCH_OPTIMIZERS
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.sections.training.optimizers import TorchOptimizer

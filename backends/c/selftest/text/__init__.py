@@ -1,0 +1,1 @@
+"""Writes self-tests and golden vectors as C."""

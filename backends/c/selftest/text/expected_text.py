@@ -1,0 +1,44 @@
+"""Writes what golden steps answer as text, which a harness compares line by line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from backends.c.interface.interface import Interface
+from backends.c.selftest.matrix_checksums import checksums
+from backends.c.selftest.vectors.golden_vectors import GoldenVectors
+
+
+def expected_text(interface: Interface, runs: Sequence[GoldenVectors]) -> str:
+    """One line a step: the status, then each output's bits, in hexadecimal digits; or `nan`.
+
+    With a Jacobian whose bits are promised a hash of them ends the line. There is an empty line
+    between two runs.
+    """
+    return "\n".join(_expected_run(interface, run) for run in runs)
+
+
+def _expected_run(interface: Interface, golden: GoldenVectors) -> str:
+    steps = len(golden.status)
+    parts = [golden.outputs[field.name].reshape(steps, -1) for field in interface.outputs]
+    rows = np.concatenate(parts, axis=1) if parts else np.empty((steps, 0), np.float32)
+    hashed = interface.jacobian is not None and interface.options.is_exact
+    hashes = checksums(golden.slopes) if hashed else []
+    digits = 2 * rows.itemsize
+    bits = rows.view(f"u{rows.itemsize}")
+    lines = [
+        " ".join(
+            [
+                f"{golden.status[k]:08x}",
+                *(
+                    "nan" if nan else f"{word:0{digits}x}"
+                    for word, nan in zip(bits[k].tolist(), np.isnan(rows[k]), strict=True)
+                ),
+                *([f"{hashes[k]:08x}"] if hashed else []),
+            ]
+        )
+        for k in range(steps)
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,100 @@
+"""Compares, in C, copies of structs in vectors with their golden values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import Interface
+from backends.c.interface.jacobian_interface import JacobianInterface
+from backends.c.selftest.text.golden_tables import DIFFER
+from backends.c.selftest.text.golden_text import tolerance
+from backends.c.selftest.vectors.golden_vectors import GoldenVectors
+from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.tree import (
+    Argument,
+    Call,
+    ConstantTable,
+    CType,
+    Declare,
+    Element,
+    Function,
+    If,
+    Name,
+    Real,
+    Return,
+    Truth,
+)
+from compiler.jacobian.matrices import Vector
+
+Array = NDArray[Any]
+_VECTOR, _DIFFER, _GOLDEN = "v", "differ", "golden"
+
+
+def helper_functions(
+    interface: Interface,
+    jacobian: JacobianInterface,
+    golden: GoldenVectors,
+    weights: Mapping[str, Array],
+) -> tuple[Function, ...]:
+    """`<prefix>_x_differs(v)` and so on: whether a vector is another one than after the first
+    golden step, and one of parameters than the trained ones."""
+    first = {
+        "x": golden.states,
+        "u": golden.inputs,
+        "y": golden.outputs,
+        "p": {name: np.asarray(values)[np.newaxis] for name, values in weights.items()},
+    }
+    vectors = (
+        jacobian.jacobian.states,
+        jacobian.jacobian.inputs,
+        jacobian.jacobian.outputs,
+        jacobian.jacobian.parameters,
+    )
+    there = {vector.letter for vector in jacobian.vectors}
+    return tuple(
+        _comparison(interface, vector.letter, _numbers(vector, first[vector.letter], interface))
+        for vector in vectors
+        if vector.letter in there
+    )
+
+
+def resumed_step(interface: Interface, golden: GoldenVectors) -> int | None:
+    """The first golden step but one that needs nothing of before it but the state: all inputs that
+    are held when they are invalid are valid in it."""
+    for step in range(1, len(golden.status)):
+        held = [input for input in interface.inputs if input.held is not None]
+        if all(_valid(input.field.name, golden, step) for input in held):
+            return step
+    return None
+
+
+def _valid(name: str, golden: GoldenVectors, step: int) -> bool:
+    return bool(np.array_equal(golden.inputs[name][step], golden.seen[name][step]))
+
+
+def _numbers(vector: Vector, values: Mapping[str, Array], interface: Interface) -> Array:
+    """Those of the first row, in the order of the vector."""
+    parts = [values[member.name][0].ravel() for member in vector.members]
+    return np.concatenate(parts).astype(interface.options.dtype)
+
+
+def _comparison(interface: Interface, letter: str, numbers: Array) -> Function:
+    prefix = interface.prefix
+    scope = Scope(LocalNames(prefix))
+    for name in (_VECTOR, _DIFFER, _GOLDEN):
+        scope.reserve(name)
+    scope.add(ConstantTable(_GOLDEN, tuple(numbers.tolist()), hexadecimal=True))
+    scope.add(Declare(CType.BOOL, _DIFFER, Truth(False)))
+    allowed = Real(tolerance(interface, numbers))
+    with scope.loop(len(numbers)) as (index, inner):
+        at = index.expression()
+        pair = (Element(Name(_VECTOR), at), Element(Name(_GOLDEN), at), allowed)
+        inner.add(If(Call(f"{prefix}_differs", pair), DIFFER))
+    scope.add(Return(Name(_DIFFER)))
+    argument = Argument(f"const {prefix}_real *", _VECTOR)
+    body = tuple(scope.statements)
+    return Function(f"{prefix}_{letter}_differs", "bool", (argument,), body, static=True)

@@ -1,0 +1,163 @@
+"""Writes golden vectors as C functions, which feed the step with them and compare results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from backends.c.interface.interface import Interface
+from backends.c.selftest.golden_singles import GoldenSingles
+from backends.c.selftest.text.golden_tables import DIFFER, Array, GoldenTables
+from backends.c.selftest.vectors.golden_starts import GoldenStart
+from backends.c.selftest.vectors.golden_vectors import GoldenVectors, joined
+from backends.c.selftest.vectors.written_states import state_fields
+from backends.c_language.helper_functions import is_nan
+from backends.c_language.places import Index
+from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.tree import (
+    Argument,
+    Assign,
+    Binary,
+    Call,
+    ConstantTable,
+    CType,
+    Declare,
+    Element,
+    Expression,
+    Function,
+    If,
+    Name,
+    Real,
+    Return,
+    Truth,
+    Unary,
+)
+
+
+def golden_functions(
+    interface: Interface,
+    runs: Sequence[GoldenVectors],
+    starts: Sequence[GoldenStart] = (),
+    singles: GoldenSingles | None = None,
+) -> tuple[Function, ...]:
+    """What `GoldenTables` makes, after the function that compares two numbers.
+
+    Behind the starts of the runs stand those that are judged by the status of `reset` alone.
+    """
+    prefix = interface.prefix
+    golden = joined([*runs, singles.vectors] if singles else runs)
+    every = [*(run.start for run in runs), *starts]
+    given = [
+        (f, np.stack([start.windows[f.name] for start in every])) for f, _ in interface.windows
+    ]
+    given += [
+        (f, np.stack([start.supplied[f.name] for start in every])) for f, _ in interface.supplied
+    ]
+    written = [run.written for run in runs if run.written]
+    if singles:
+        own = singles.vectors.written
+        count = len(singles.starts)
+        written += [{name: values[k] for name, values in own.items()} for k in range(count)]
+    fields = state_fields(interface) if written else ()
+    tables = GoldenTables(
+        prefix,
+        CType.REAL,
+        interface.options.unroll,
+        starts=given,
+        start_status=[int(start.status) for start in every],
+        written=[(f, np.stack([states[f.name] for states in written])) for f in fields],
+        inputs=[(input.field, golden.inputs[input.field.name]) for input in interface.inputs],
+        outputs=[(field, golden.outputs[field.name]) for field in interface.outputs],
+        status=[int(status) for status in golden.status],
+        singles=singles.starts if singles else (),
+    )
+
+    tuned = (_tune_function(interface, singles.tuned),) if singles and singles.tunes else ()
+
+    def differs(given: Expression, expected: Expression, values: Array) -> Expression:
+        allowed = Real(tolerance(interface, values))
+        return Call(f"{prefix}_differs", (given, expected, allowed))
+
+    known = (differs_function(prefix),) if interface.outputs else ()
+    return (*known, *tables.functions(differs), *tuned)
+
+
+def _tune_function(interface: Interface, tuned: Sequence[Mapping[int, float]]) -> Function:
+    """`<prefix>_tune(numbers, single)` writes a single step's own parameters over the trained."""
+    scope = Scope(LocalNames(interface.prefix))
+    for name in ("numbers", "single"):
+        scope.reserve(name)
+    listed = [(k, place, x) for k, own in enumerate(tuned) for place, x in own.items()]
+    columns = [tuple(map(float, column)) for column in zip(*listed, strict=True)]
+    scope.add(ConstantTable("golden_single", columns[0], CType.UNSIGNED))
+    scope.add(ConstantTable("golden_place", columns[1], CType.UNSIGNED))
+    scope.add(ConstantTable("golden_number", columns[2], hexadecimal=True))
+    with scope.loop(len(listed)) as (index, inner):
+        at = index.expression()
+        own = Binary("==", Element(Name("golden_single"), at), Name("single"))
+        place = Element(Name("numbers"), Element(Name("golden_place"), at))
+        inner.add(If(own, (Assign(place, Element(Name("golden_number"), at)),)))
+    real = f"{interface.prefix}_real *"
+    arguments = (Argument(real, "numbers"), Argument("uint32_t", "single"))
+    name = f"{interface.prefix}_tune"
+    return Function(name, "void", arguments, tuple(scope.statements), static=True)
+
+
+def differs_function(prefix: str) -> Function:
+    """Whether a number is another one than expected; NaN is NaN, and an infinity itself only."""
+    x, expected, tolerance = Name("x"), Name("expected"), Name("tolerance")
+    near = Binary(
+        "&&",
+        Binary("<=", Binary("-", x, expected), tolerance),
+        Binary("<=", Binary("-", expected, x), tolerance),
+    )
+    parts = {
+        "within": near,
+        "equal": Binary("&&", Binary("<=", x, expected), Binary(">=", x, expected)),
+        "both_nan": Binary("&&", is_nan(x), is_nan(expected)),
+    }
+    fine = Binary("||", Binary("||", Name("within"), Name("equal")), Name("both_nan"))
+    body = (
+        *(Declare(CType.BOOL, name, value, constant=True) for name, value in parts.items()),
+        Return(Unary("!", fine)),
+    )
+    real = f"{prefix}_real"
+    arguments = tuple(Argument(real, name) for name in ("x", "expected", "tolerance"))
+    return Function(f"{prefix}_differs", "bool", arguments, body, static=True)
+
+
+def tolerance(interface: Interface, values: Array) -> float:
+    """0 where the interpreter runs the same kernels in the same precision.
+
+    In float64 it calls numpy's functions and a C library is a third one: last places differ, and
+    a run of steps lets the difference grow.
+    """
+    options = interface.options
+    if options.is_exact:
+        return 0.0
+    finite = np.abs(values[np.isfinite(values)])
+    scale = max(1.0, float(finite.max())) if finite.size else 1.0
+    return scale * (1e-9 if options.dtype == "float64" else 1e-3)
+
+
+def kernels_function(
+    prefix: str, cases: Mapping[str, Sequence[tuple[tuple[float, ...], float]]]
+) -> Function:
+    """Whether a kernel gives other bits than it should: a table of arguments and value for each."""
+    scope = Scope(LocalNames(prefix))
+    scope.reserve("differ")
+    scope.add(Declare(CType.BOOL, "differ", Truth(False)))
+    for kernel, rows in cases.items():
+        table = scope.fresh(f"golden_{kernel}")
+        numbers = tuple(x for arguments, value in rows for x in (*arguments, value))
+        width = len(numbers) // len(rows)
+        scope.add(ConstantTable(table, numbers, hexadecimal=True))
+        with scope.loop(len(rows)) as (index, inner):
+            begin = index.times(width)
+            row = [Element(Name(table), begin.plus(Index(n)).expression()) for n in range(width)]
+            called = Call(f"{prefix}_{kernel}", tuple(row[:-1]))
+            inner.add(If(Call(f"{prefix}_differs", (called, row[-1], Real(0.0))), DIFFER))
+    scope.add(Return(Name("differ")))
+    body = tuple(scope.statements)
+    return Function(f"{prefix}_kernels_differ", "bool", (), body, static=True)

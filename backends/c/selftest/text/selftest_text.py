@@ -1,0 +1,211 @@
+"""Writes the self-test that runs on the target, and the test program for the host."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from backends.c.functions.function_writer import Weights
+from backends.c.interface.interface import Interface
+from backends.c.selftest.golden_singles import GoldenSingles, golden_singles
+from backends.c.selftest.kernel_cases import kernel_cases
+from backends.c.selftest.text.expected_text import expected_text
+from backends.c.selftest.text.golden_helpers import helper_functions, resumed_step
+from backends.c.selftest.text.golden_jacobian import slopes_function
+from backends.c.selftest.text.golden_text import (
+    differs_function,
+    golden_functions,
+    kernels_function,
+)
+from backends.c.selftest.vectors.drawn_inputs import Outside, StartPoint
+from backends.c.selftest.vectors.golden_starts import GoldenStart, golden_starts
+from backends.c.selftest.vectors.golden_vectors import GoldenRun, GoldenVectors, golden_runs
+from backends.c.selftest.vectors.written_states import Written, written_states
+from backends.c_language.literals import hex_literal, real_literal
+from backends.c_language.printer import Printer
+from backends.c_language.rendering import render
+from compiler.ir.program import Program
+
+SELFTEST_STEPS = 16
+"""Golden steps that travel with the code to the target."""
+
+_LAG = 3
+"""Steps by which a second instance follows the first: neither may touch the other's memory."""
+
+_PARTS = 7
+_STARTS: tuple[StartPoint | Outside, ...] = (
+    *(StartPoint(part, _PARTS) for part in range(_PARTS)),
+    *(StartPoint(part, _PARTS, "at") for part in range(_PARTS)),
+    *(StartPoint(part, _PARTS, "below") for part in range(_PARTS)),
+    "above",
+    "below",
+    "far above",
+    "nan",
+)
+_OPENINGS = ((1, 1, 0), (3, 3, 1), (5, 5, 4))
+"""Runs that begin with invalid samples: in which part of the ranges, how many, and with which kind
+those of the past begin: above the range, below, NaN."""
+
+_AFTER_INIT = (0, 0, 2, 4)
+"""After how many invalid samples in runs without a past, which stand last."""
+
+FROM_INIT = len(_AFTER_INIT)
+"""Golden runs that begin without a past."""
+_SELFTEST_OPENING = 2
+"""Invalid samples with which the self-test begins, where the policy replaces them."""
+
+_TEST_STEPS = 16
+"""Golden steps of each."""
+
+_SELFTEST_SEED, _TEST_SEED, _STARTS_SEED, _SINGLES_SEED = 1, 2, 0, 5
+
+
+def selftest_text(
+    program: Program, interface: Interface, weights: Weights, kernels: Collection[str]
+) -> str:
+    """`src/<prefix>_selftest.c`: golden steps, kernels, and what a compiler may do wrong."""
+    dtype, prefix = interface.options.dtype, interface.prefix
+    printer = Printer(prefix, dtype)
+    begin = GoldenRun(_SELFTEST_SEED, opening=_SELFTEST_OPENING, invalid=0)
+    (golden,) = golden_runs(program, interface, weights, SELFTEST_STEPS, [begin])
+    functions = _golden(interface, [golden])
+    jacobian, sample_time = interface.jacobian, program.sample_time
+    if (kernels or sample_time is not None or jacobian) and not _compares(interface):
+        functions.append(printer.function(differs_function(prefix)))
+    if kernels:
+        check = kernels_function(prefix, kernel_cases(kernels, dtype))
+        functions.append(printer.function(check))
+    if jacobian is not None:
+        helpers = helper_functions(interface, jacobian, golden, weights)
+        functions += [printer.function(function) for function in helpers]
+    letters = _letters(interface)
+    # 1 + ε' squared is 1 + 2ε' + ε'²: for this ε' the last term is lost when the product is rounded
+    small = 2.0**-12 if dtype == "float32" else 2.0**-27
+    return render(
+        "selftest.c.j2",
+        interface,
+        "Self-test",
+        functions=functions,
+        kernels=bool(kernels),
+        calibrates=interface.calibrates,
+        jacobian=jacobian is not None,
+        hashes=_hashes(interface),
+        letters=letters,
+        sample_time=None if sample_time is None else real_literal(sample_time, dtype),
+        resumed=resumed_step(interface, golden) if _moves_all(interface) else None,
+        lag=_LAG,
+        steps=SELFTEST_STEPS,
+        factor=hex_literal(1.0 + small, dtype),
+        square=hex_literal(1.0 + 2.0 * small, dtype),
+        smallest=hex_literal(float(np.finfo(dtype).tiny), dtype),
+        half=real_literal(0.5, dtype),
+        zero=real_literal(0.0, dtype),
+        one=real_literal(1.0, dtype),
+    )
+
+
+def test_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
+    """`test/<prefix>_sil.c`, the vectors that it replays, and the bits that it must answer."""
+    prefix = interface.prefix
+    runs = _golden_runs(program, interface, weights)
+    starts = golden_starts(program, interface, weights, _STARTS_SEED)
+    begun = [run.start for run in runs[:_PARTS]]
+    singles = None
+    if interface.options.is_exact:
+        singles = golden_singles(program, interface, weights, begun, _SINGLES_SEED)
+    alone = len(singles.starts) if singles else 0
+    every = [*runs, singles.vectors] if singles else runs
+    vectors = render(
+        "vectors.h.j2",
+        interface,
+        "Golden vectors",
+        guard=f"{prefix.upper()}_VECTORS_H",
+        functions=_golden(interface, runs, starts, singles),
+        hashes=_hashes(interface),
+        runs=len(runs),
+        steps=_TEST_STEPS,
+        singles=alone,
+        from_init=FROM_INIT,
+        tunes=bool(singles and singles.tunes),
+        linearized=singles.linearized if singles else 0,
+        writes=bool(singles and singles.vectors.written),
+        written=sum(bool(run.written) for run in runs),
+        starts=len(runs) + len(starts),
+    )
+    main = render(
+        "main.c.j2",
+        interface,
+        "Test program",
+        jacobian=interface.jacobian is not None,
+        letters=_letters(interface),
+        runs=len(runs),
+        from_init=FROM_INIT,
+        steps=_TEST_STEPS,
+        singles=alone,
+        count=len(runs) * _TEST_STEPS + alone,
+        lag=_LAG,
+    )
+    return {
+        f"test/{prefix}_sil.c": main,
+        f"test/{prefix}_vectors.h": vectors,
+        f"test/{prefix}_expected.txt": expected_text(interface, every),
+    }
+
+
+def _golden_runs(program: Program, interface: Interface, weights: Weights) -> list[GoldenVectors]:
+    """Runs from `reset`, the last of them with a written state, then runs from `init`."""
+    begun: list[tuple[StartPoint | Outside | None, int, int | None, Written | None]] = [
+        *((start, 0, None, None) for start in _STARTS),
+        *((StartPoint(part, _PARTS), opening, kind, None) for part, opening, kind in _OPENINGS),
+        *(
+            (StartPoint(number % _PARTS, _PARTS), 0, number, written)
+            for number, written in enumerate(written_states(interface))
+        ),
+        *((None, opening, None, None) for opening in _AFTER_INIT),
+    ]
+    runs = [GoldenRun(_TEST_SEED + number, *begin) for number, begin in enumerate(begun)]
+    return golden_runs(program, interface, weights, _TEST_STEPS, runs)
+
+
+def _letters(interface: Interface) -> list[str]:
+    """The vectors that have functions which copy structs into them."""
+    if interface.jacobian is None:
+        return []
+    return [vector.letter for vector in interface.jacobian.vectors]
+
+
+def _moves_all(interface: Interface) -> bool:
+    """Whether the state vector has all that is remembered, buffers too."""
+    if "x" not in _letters(interface) or interface.jacobian is None:
+        return False
+    moved = {member.name for member in interface.jacobian.jacobian.states.members}
+    return all(memory.state.name in moved for memory in interface.states)
+
+
+def _compares(interface: Interface) -> bool:
+    """Whether golden steps need the function that compares two numbers."""
+    slopes = interface.jacobian is not None and not interface.options.is_exact
+    return bool(interface.outputs) or slopes
+
+
+def _hashes(interface: Interface) -> bool:
+    """Whether hashes of slopes are compared."""
+    jacobian = interface.jacobian
+    return jacobian is not None and bool(jacobian.fields) and interface.options.is_exact
+
+
+def _golden(
+    interface: Interface,
+    runs: Sequence[GoldenVectors],
+    starts: Sequence[GoldenStart] = (),
+    singles: GoldenSingles | None = None,
+) -> list[str]:
+    printer = Printer(interface.prefix, interface.options.dtype)
+    functions = [*golden_functions(interface, runs, starts, singles)]
+    every = [*runs, singles.vectors] if singles else runs
+    if interface.jacobian is not None:
+        if not interface.outputs and _compares(interface):
+            functions.insert(0, differs_function(interface.prefix))
+        functions.append(slopes_function(interface, interface.jacobian, every))
+    return [printer.function(function) for function in functions]

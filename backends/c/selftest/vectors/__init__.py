@@ -1,0 +1,1 @@
+"""Makes golden vectors, and judges in numpy what their steps answer."""

@@ -1,0 +1,68 @@
+"""Makes golden starts: samples around t0, the states that `reset` makes of them, its status."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import Interface
+from backends.c.interface.status import Status
+from backends.c.selftest.vectors.drawn_inputs import DrawnRecord
+from backends.c.selftest.vectors.drawn_starts import drawn_starts
+from backends.c.selftest.vectors.policy_reference import apply_policy_to_window
+from backends.c.selftest.vectors.state_reference import first_state_bits
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class GoldenStart:
+    """Values by name in the spec, in the type of the generated code."""
+
+    windows: dict[str, Array]
+    """Raw samples that `reset` takes."""
+    supplied: dict[str, Array]
+    """States that `reset` takes."""
+    states: dict[str, Array]
+    """What it sets, (1, *shape)."""
+    status: Status
+    """What it returns."""
+
+
+def golden_start(
+    interface: Interface, interpreter: Interpreter, record: DrawnRecord
+) -> GoldenStart:
+    """What `reset` takes of a record, and what the interpreter answers in the same arithmetic."""
+    windows: dict[str, Array] = {}
+    log, bits = dict(record.log), Status(0)
+    for field, port in interface.windows:
+        series = log[field.name].copy()
+        rows = slice(record.t0 + port.first, record.t0 + port.last + 1)
+        windows[field.name] = np.moveaxis(series[rows], 0, -1).reshape(field.shape).copy()
+        checked = apply_policy_to_window(port.signal, series[rows], interface.options.dtype)
+        series[rows], bits = checked[0], bits | checked[1]
+        log[field.name] = series
+    states = interpreter.start(log, record.t0)
+    return GoldenStart(
+        windows=windows,
+        supplied={state.name: states[state.name][0] for _, state in interface.supplied},
+        states=states,
+        status=bits | first_state_bits(interface, states),
+    )
+
+
+def golden_starts(
+    program: Program, interface: Interface, weights: Mapping[str, Array], seed: int
+) -> list[GoldenStart]:
+    """Starts that try each check of `reset` alone: what it returns tells whether it is there."""
+    options = interface.options
+    random = np.random.Generator(np.random.Philox(seed))
+    interpreter = Interpreter(program, weights, options.dtype)
+    records = drawn_starts(program, random, options.dtype, options.unroll)
+    return [golden_start(interface, interpreter, record) for record in records]

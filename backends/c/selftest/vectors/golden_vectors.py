@@ -1,0 +1,221 @@
+"""Makes golden vectors: drawn inputs, and what the interpreter answers in the same arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import Interface
+from backends.c.interface.status import Status
+from backends.c.selftest.vectors.drawn_inputs import (
+    Outside,
+    StartPoint,
+    drawn_record,
+    drawn_series,
+    knots_of,
+)
+from backends.c.selftest.vectors.first_steps import emptied, filled_by_first
+from backends.c.selftest.vectors.golden_starts import GoldenStart, golden_start
+from backends.c.selftest.vectors.log_of_steps import log_of_steps
+from backends.c.selftest.vectors.policy_reference import apply_policy, first_held
+from backends.c.selftest.vectors.state_reference import (
+    equation_bits,
+    next_state_bits,
+    restarted,
+    saturation_bits,
+    with_checked,
+)
+from backends.c.selftest.vectors.written_states import Written, state_fields
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.program import Program
+from compiler.jacobian.interpret import JacobianInterpreter
+
+Array = NDArray[Any]
+_ANYWHERE = StartPoint()
+
+
+@dataclass(frozen=True, slots=True)
+class GoldenVectors:
+    """Values by name in the spec, in the type of the generated code; series are (steps, *shape)."""
+
+    start: GoldenStart
+    """Before the first step."""
+    written: dict[str, Array]
+    """States that a harness writes into the struct after that; empty if it writes none."""
+    inputs: dict[str, Array]
+    """As given to the step, invalid ones among them."""
+    seen: dict[str, Array]
+    """Inputs after what the policies made of them."""
+    outputs: dict[str, Array]
+    states: dict[str, Array]
+    """After each step."""
+    status: NDArray[np.uint32]
+    slopes: dict[str, Array]
+    """Matrices of the Jacobian before each step, (steps, rows, columns); empty without one."""
+
+
+@dataclass(frozen=True, slots=True)
+class GoldenRun:
+    """How a golden run begins."""
+
+    seed: int
+    start: StartPoint | Outside | None = _ANYWHERE
+    """Where in their ranges, or beyond, the states begin; with None they begin without a past, as
+    after `init`."""
+    opening: int = 0
+    """Samples with which each input begins that are invalid."""
+    invalid: int | None = None
+    """With which kind the samples of the past begin that are invalid too (`drawn_record`)."""
+    written: Written | None = None
+    """What stands in the struct before the first step."""
+
+
+def golden_vectors(
+    program: Program,
+    interface: Interface,
+    weights: Mapping[str, Array],
+    steps: int,
+    seed: int = 0,
+) -> GoldenVectors:
+    """`steps` steps from a drawn past, each from the states that the one before left."""
+    (run,) = golden_runs(program, interface, weights, steps, [GoldenRun(seed)])
+    return run
+
+
+def golden_runs(
+    program: Program,
+    interface: Interface,
+    weights: Mapping[str, Array],
+    steps: int,
+    runs: Sequence[GoldenRun],
+) -> list[GoldenVectors]:
+    """So many steps of each run; a step of all runs is computed at once.
+
+    The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
+    """
+    dtype = interface.options.dtype
+    knots = knots_of(program, dtype)
+    interpreter = Interpreter(with_checked(program), weights, dtype)
+    linearized = interface.jacobian and JacobianInterpreter(
+        interface.jacobian.jacobian, program, weights, dtype
+    )
+    inputs: list[dict[str, Array]] = []
+    begun: list[GoldenStart] = []
+    for run in runs:
+        random = np.random.Generator(np.random.Philox(run.seed))
+        record = drawn_record(program, random, run.start or _ANYWHERE, dtype, invalid=run.invalid)
+        inputs.append(
+            {
+                input.field.name: drawn_series(
+                    input, steps, random, knots, run.opening, turn=number
+                )
+                for number, input in enumerate(interface.inputs)
+            }
+        )
+        begun.append(golden_start(interface, interpreter, record))
+    first = [_first_states(interface, run, start) for run, start in zip(runs, begun, strict=True)]
+    seen, policy_bits = _seen(interface, inputs, steps)
+    from_init = [k for k, run in enumerate(runs) if run.start is None and interface.from_record]
+    states = {s.name: np.concatenate([each[s.name] for each in first]) for s in program.states}
+    outputs = {f.name: np.empty((len(runs), steps, *f.shape), dtype) for f in interface.outputs}
+    status = np.zeros((len(runs), steps), np.uint32)
+    slopes: list[dict[str, Array]] = []
+    following: list[Mapping[str, Array]] = []
+    for k in range(steps):
+        log = log_of_steps(interface, {n: values[:, k] for n, values in seen.items()}, len(runs))
+        if linearized is not None:
+            slopes.append(linearized.matrices(*log, states))
+        if k == 0 and from_init:
+            states = filled_by_first(interpreter, interface, states, log, from_init)
+        result = interpreter.step(*log, states, losses=False)
+        for name, values in outputs.items():
+            values[:, k] = result.outputs[name]
+        after = {name: value.copy() for name, value in result.next_states.items()}
+        for row in range(len(runs)):
+            one = slice(row, row + 1)
+            answers = {name: value[one] for name, value in result.outputs.items()}
+            next = {name: value[one] for name, value in result.next_states.items()}
+            bits = policy_bits[row][k] | equation_bits(program, answers, dtype)
+            bits |= saturation_bits(program, answers) | next_state_bits(interface, next)
+            if row in from_init:
+                waits = interface.from_record - (interface.filled_by_first if k > 0 else set())
+                bits |= Status.UNINITIALISED if waits else Status(0)
+            status[row, k] = bits
+            again = {s.name: begun[row].states[s.name] for s in program.states}
+            again = {s.name: again[s.name] for s in program.states if s.on_range == "reset"}
+            for name, value in restarted(interface, next, again).items():
+                after[name][one] = value
+        states = after
+        following.append(after)
+    names = slopes[0] if slopes else ()
+    matrices = {name: np.stack([step[name] for step in slopes], axis=1) for name in names}
+    remembered = {
+        s.name: np.stack([step[s.name] for step in following], axis=1) for s in program.states
+    }
+    return [
+        GoldenVectors(
+            start=begun[row],
+            written=_written(interface, run, first[row]),
+            inputs=inputs[row],
+            seen={name: values[row] for name, values in seen.items()},
+            outputs={name: values[row] for name, values in outputs.items()},
+            states={name: values[row] for name, values in remembered.items()},
+            status=status[row],
+            slopes={name: values[row] for name, values in matrices.items()},
+        )
+        for row, run in enumerate(runs)
+    ]
+
+
+def _first_states(interface: Interface, run: GoldenRun, begin: GoldenStart) -> dict[str, Array]:
+    """Before the first step, (1, *shape); what only a record can give is 0 after `init`."""
+    if run.start is None and interface.from_record:
+        return emptied(interface, begin.states)
+    return run.written.into(begin.states) if run.written else begin.states
+
+
+def _written(interface: Interface, run: GoldenRun, first: Mapping[str, Array]) -> dict[str, Array]:
+    fields = state_fields(interface) if run.written else ()
+    return {field.name: first[field.name][0] for field in fields}
+
+
+def _seen(
+    interface: Interface, inputs: Sequence[Mapping[str, Array]], steps: int
+) -> tuple[dict[str, Array], list[list[Status]]]:
+    """What the policies make of the inputs of all runs, (runs, steps, *shape), and what they say of
+    each run and step."""
+    dtype = interface.options.dtype
+    bits = [[Status(0)] * steps for _ in inputs]
+    seen: dict[str, Array] = {}
+    for input in interface.inputs:
+        name, signal = input.field.name, input.port.signal
+        accepted = np.stack([run[name] for run in inputs])
+        for row, run in enumerate(inputs):
+            before = first_held(signal, input.field.shape, dtype)
+            for k in range(steps):
+                before, said = apply_policy(signal, run[name][k], before, dtype)
+                accepted[row, k] = before
+                bits[row][k] |= said
+        seen[name] = accepted
+    return seen, bits
+
+
+def joined(runs: Sequence[GoldenVectors]) -> GoldenVectors:
+    """The steps of all runs one after the other, with the start of the first."""
+    return replace(
+        runs[0],
+        inputs=_one_after_the_other([run.inputs for run in runs]),
+        seen=_one_after_the_other([run.seen for run in runs]),
+        outputs=_one_after_the_other([run.outputs for run in runs]),
+        states=_one_after_the_other([run.states for run in runs]),
+        status=np.concatenate([run.status for run in runs]),
+        slopes=_one_after_the_other([run.slopes for run in runs]),
+    )
+
+
+def _one_after_the_other(series: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    return {name: np.concatenate([each[name] for each in series]) for name in series[0]}

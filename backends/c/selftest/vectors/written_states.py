@@ -1,0 +1,71 @@
+"""Says which states a harness writes into the struct, to begin where no start leads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from backends.c.interface.interface import Field, Interface
+from backends.c.interface.state_checks import StateCheck
+from backends.c.interface.status import Status
+from backends.c.selftest.vectors.drawn_inputs import outside
+from backends.c_lowering.state_memory import PlainState
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """A number that stands in an element of a state before the first step."""
+
+    state: str
+    element: int
+    value: float
+
+    def into(self, states: Mapping[str, Array]) -> dict[str, Array]:
+        """The states, (1, *shape) each, with the number among them."""
+        changed = states[self.state].copy()
+        changed.reshape(-1)[self.element] = self.value
+        return {**states, self.state: changed}
+
+
+def written_states(interface: Interface) -> list[Written]:
+    """What brings each check of a step's states to speak alone.
+
+    A state that begins at a number of the spec may need many steps to its limit, and one without
+    a range is never infinite while all goes well.
+    """
+    return [written for check in interface.checks for written in _of(check, interface)]
+
+
+def state_fields(interface: Interface) -> list[Field]:
+    """The fields of the state struct that are as large as their states."""
+    return [
+        Field(memory.state.name, memory.identifier, memory.state.axes, memory.state.unit, "")
+        for memory in interface.states
+        if isinstance(memory, PlainState)
+    ]
+
+
+def _of(check: StateCheck, interface: Interface) -> Iterator[Written]:
+    if not isinstance(check.memory, PlainState):
+        return
+    size = math.prod(check.memory.shape)
+    elements = range(size) if size <= interface.options.unroll else (0, size - 1)
+    values = _values(check)
+    for number, element in enumerate(elements):
+        chosen = values if size == 1 else [values[number % len(values)]]
+        for value in chosen:
+            yield Written(check.memory.state.name, element, value)
+
+
+def _values(check: StateCheck) -> list[float]:
+    """Two ways to be outside, and no number; of a clipped state only that shows."""
+    if check.bit == Status.STATE_NOT_FINITE:
+        return [math.nan, math.inf]
+    found = [outside(check.limits, end) for end in ("above", "far below")]
+    return [*(value for value in found if math.isfinite(value)), math.nan]

@@ -1,0 +1,132 @@
+"""Keeps arrays that are larger than memory in files, which vanish with the process."""
+
+from __future__ import annotations
+
+import mmap
+import tempfile
+import threading
+import time
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+AT_ONCE = 1 << 22
+"""Rows that are in memory at a time."""
+
+
+PAUSE = 0.05
+"""Seconds after which pages are left to the system."""
+
+
+class DiskArray(np.ndarray[Any, np.dtype[Any]]):
+    """An array whose pages the system reads from a file as they are needed, and takes back."""
+
+    pages: mmap.mmap | None
+    """The file; None for a part of an array."""
+    folder: Path
+    copies: dict[str, DiskArray]
+    """The same numbers in other types."""
+
+    def __array_finalize__(self, made_of: object) -> None:
+        self.pages, self.copies = None, {}
+
+
+class ArrayFile:
+    """Rows that are written one after the other into a file without a name."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder = folder
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (`array` closes it)
+        self._shape: tuple[int, ...] = ()
+        self._rows = 0
+        self._dtype = np.dtype(np.float64)
+
+    def append(self, values: NDArray[Any]) -> None:
+        """Adds rows of the shape and type of those before."""
+        self._shape, self._dtype = values.shape[1:], values.dtype
+        self._rows += len(values)
+        if values.size:
+            self._file.write(np.ascontiguousarray(values).data.cast("B"))
+
+    def forget(self) -> None:
+        """Drops what was written."""
+        self._file.close()
+
+    def array(self) -> NDArray[Any]:
+        """All rows. The file lives as long as the array."""
+        self._file.flush()
+        shape = (self._rows, *self._shape)
+        if not np.prod(shape):
+            self._file.close()
+            return np.zeros(shape, self._dtype)
+        pages = mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)
+        found = DiskArray(shape, self._dtype, pages)
+        found.pages, found.folder = pages, self._folder
+        self._file.close()
+        _GIVING_BACK.watch(pages)
+        return found
+
+
+def laid_out(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The array as C reads it: in memory, or on disk where it is there; copies are made once."""
+    if not isinstance(values, DiskArray) or values.pages is None:
+        return np.ascontiguousarray(values, dtype)
+    if values.dtype == dtype:
+        return values
+    if dtype.str not in values.copies:
+        file = ArrayFile(values.folder)
+        for block in blocks(values):
+            file.append(block.astype(dtype))
+        copy = file.array()
+        assert isinstance(copy, DiskArray)
+        values.copies[dtype.str] = copy
+    return values.copies[dtype.str]
+
+
+def blocks(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """The rows of an array, as many at a time as are in memory at once."""
+    for begin in range(0, len(values), AT_ONCE):
+        yield values[begin : begin + AT_ONCE]
+
+
+class _GivingBack:
+    """Leaves pages to the system while others read: the process holds few, the system the rest.
+
+    A page that is read again comes from the cache of the system, or from the file where somebody
+    else has wanted the memory.
+    """
+
+    def __init__(self) -> None:
+        self._mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
+        self._lock = threading.Lock()
+        self._runs = False
+
+    def watch(self, pages: mmap.mmap) -> None:
+        """Begins with a file; it ends with the last array that is of it."""
+        with self._lock:
+            self._mapped.add(pages)
+            if not self._runs and hasattr(mmap, "MADV_DONTNEED"):
+                self._runs = True
+                threading.Thread(target=self._give_back, daemon=True).start()
+
+    def _give_back(self) -> None:
+        time.sleep(PAUSE)
+        while self._gave_back():
+            time.sleep(PAUSE)
+
+    def _gave_back(self) -> bool:
+        """Whether there is a file; it holds none while it sleeps, so that arrays can go."""
+        with self._lock:
+            mapped = list(self._mapped)
+            self._runs = bool(mapped)
+        for pages in mapped:
+            pages.madvise(mmap.MADV_DONTNEED)
+        return bool(mapped)
+
+
+_GIVING_BACK = _GivingBack()

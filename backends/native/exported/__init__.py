@@ -1,0 +1,1 @@
+"""Compiles exported C for this machine and calls it from Python."""

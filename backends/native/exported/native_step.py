@@ -1,0 +1,78 @@
+"""Compiles the C of an export for this machine and calls its step from Python with few words."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
+
+from backends.c.folder.file_texts import model_texts
+from backends.c.host.library import CStep
+from backends.c.interface.interface import Interface
+from backends.c.interface.layout_metadata import layout_metadata
+from backends.c_language.literals import Dtype
+from backends.native.compile_kernel import compiled_kernel
+from backends.native.exported.one_text import one_text
+from compiler.interpreter.interpreter import physical_weights
+from compiler.ir.program import Program
+
+Array = NDArray[Any]
+_REALS: dict[Dtype, Any] = {"float32": ctypes.c_float, "float64": ctypes.c_double}
+
+
+class NativeStep:
+    """One instance of the C of a program in step form, kept in the cache of kernels.
+
+    `inputs` and `outputs` are the structs of the step as one array of reals, field after field.
+    Raises CompilerMissingError and KernelBuildError.
+    """
+
+    def __init__(
+        self, program: Program, interface: Interface, weights: Mapping[str, ArrayLike]
+    ) -> None:
+        physical = physical_weights(program, weights)
+        texts = model_texts(program, interface, physical)
+        texts.pop(f"src/{interface.prefix}_params.c", None)  # other weights need no other code
+        text = one_text(texts)
+        library = compiled_kernel(text).library
+        layout = layout_metadata(program, interface, physical)["c"]
+        real = _REALS[interface.options.dtype]
+        self._c = CStep(layout, library, physical)
+        self._ready = interface.ready if interface.has_state else None
+        # a struct without fields has one all the same
+        self.inputs = (real * max(sum(input.field.size for input in interface.inputs), 1))()
+        self.outputs = (real * max(sum(field.size for field in interface.outputs), 1))()
+        function = library[f"{interface.prefix}_step"]  # of its own: with types of its arguments
+        addresses = (*self._c.instance, *map(ctypes.addressof, (self.inputs, self.outputs)))
+        function.restype, function.argtypes = ctypes.c_uint32, [ctypes.c_void_p] * len(addresses)
+        self.step: Callable[[], int] = partial(function, *addresses)
+        self.init()
+
+    def init(self) -> None:
+        """Sets the states that need no data."""
+        self._c.init()
+
+    def reset(self, windows: Mapping[str, ArrayLike]) -> int:
+        """Sets all states, from samples around the first step; its status bits."""
+        return self._c.reset(windows)
+
+    def states(self) -> dict[str, Array]:
+        """The values of all states."""
+        return self._c.states()
+
+    def set_states(self, values: Mapping[str, ArrayLike]) -> None:
+        """Sets all states."""
+        self._c.set_states(values)
+
+    @property
+    def waiting(self) -> int:
+        """The bits of `ready` that say what was not set yet."""
+        return 0 if self._ready is None else self._c.word(self._ready) & 3
+
+    def no_longer_waits(self, bits: int) -> None:
+        """Takes bits away from `waiting`."""
+        if self._ready is not None:
+            self._c.set_word(self._ready, self._c.word(self._ready) & ~bits)

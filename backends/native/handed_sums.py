@@ -1,0 +1,74 @@
+"""Lets the processes that share the batches of a training add their sums one after the other."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Sums = NDArray[np.uint8]
+"""Bytes of sums, to be replaced in place."""
+
+
+class Ranks(Protocol):
+    """The processes of one training, this one among them."""
+
+    @property
+    def rank(self) -> int:
+        """Which one this is, from 0."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        ...
+
+    def receive(self, sums: Sums) -> None:
+        """Replaces sums by those of the rank before; the first one keeps its own."""
+        ...
+
+    def hand_on(self, sums: Sums) -> None:
+        """Gives sums to the next rank and replaces them by those of the last."""
+        ...
+
+
+class HandedSums:
+    """Calls ranks from inside of a kernel; what they raise waits until the kernel has returned."""
+
+    def __init__(self, ranks: Ranks) -> None:
+        self._ranks = ranks
+        self._failure: BaseException | None = None
+        self._function = _FUNCTION(self._called)
+        self.address = ctypes.cast(self._function, ctypes.c_void_p).value
+
+    def raise_failure(self) -> None:
+        """Raises what ended the call of the kernel before its end."""
+        if self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise failure
+
+    def _called(self, whole: int, address: int, size: int) -> int:
+        sums = np.ctypeslib.as_array((ctypes.c_uint8 * size).from_address(address))
+        try:
+            if whole:
+                self._ranks.hand_on(sums)
+            else:
+                self._ranks.receive(sums)
+        except BaseException as failure:  # noqa: BLE001  (C has no exceptions: it is raised later)
+            self._failure = failure
+            return 0
+        return 1
+
+
+def added_by(ranks: Ranks, own: NDArray[Any]) -> NDArray[Any]:
+    """The sum of an array over all ranks, added in their order: the same bits on each."""
+    found = np.zeros_like(own)
+    ranks.receive(found.reshape(-1).view(np.uint8))
+    found += own
+    ranks.hand_on(found.reshape(-1).view(np.uint8))
+    return found
+
+
+_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int32, ctypes.c_void_p, ctypes.c_int64)

@@ -1,0 +1,1 @@
+"""Runs rollouts in kernels without learning: outputs, sums of losses, sensitivities."""

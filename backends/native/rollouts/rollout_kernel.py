@@ -1,0 +1,131 @@
+"""Runs rollouts in a kernel, in float64: the outputs of every step, and the sums of losses."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.native.compile_kernel import compiled_kernel
+from backends.native.kernel_data import KernelData
+from backends.native.kernel_structs import aligned, pointer
+from backends.native.lanes.lane_groups import LANES, Groups, Rows, group_type
+from backends.native.rollouts.rollout_source import rollout_source
+from compiler.ir.program import Program
+
+FloatArray = NDArray[np.float64]
+
+_DTYPE = np.dtype(np.float64)
+_LANES = LANES["float64"]
+_AT_ONCE = 1 << 14
+"""Steps of groups that one call runs: a multiple of SEGMENT of templates/native/rollouts.c.j2."""
+_LANE_ROWS = np.dtype([("steps", np.int64, (_LANES,)), ("row", np.int64, (_LANES,))])
+
+
+@dataclass(frozen=True, slots=True)
+class Rolled:
+    """What rollouts did: outputs (Σ steps, numbers a step), rollout after rollout; sums, counts."""
+
+    outputs: FloatArray
+    sums: FloatArray
+    counts: FloatArray
+
+
+class RolloutKernel:
+    """The outputs and losses of one closed program, compiled here. Raises CompilerMissingError."""
+
+    def __init__(self, program: Program) -> None:
+        made = rollout_source(program)
+        self.program, self.source, self._width = program, made.source, made.width
+        self.lanes, self.dtype = _LANES, _DTYPE
+        self.built = compiled_kernel(self.source.text, on_lanes=True)
+        self._library = self.built.library
+        self._library.msnn_work_lanes.restype = ctypes.c_int64
+        self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
+        self._library.msnn_rollouts.restype = None
+
+    def data(
+        self,
+        series: Mapping[str, FloatArray],
+        skip: int = 0,
+        scored: Mapping[str, NDArray[np.bool_]] | None = None,
+    ) -> KernelData:
+        """The logs as the kernel reads them; `skip` and `scored` are for the losses."""
+        return KernelData(self.source, _DTYPE, series, skip, scored)
+
+    def run(
+        self,
+        data: KernelData,
+        starts: Rows,
+        steps: Rows,
+        physical: FloatArray,
+        advance: Callable[[int], None],
+    ) -> Rolled:
+        """Rollouts of `steps[i]` steps from rows `starts[i]`.
+
+        `advance` is told now and then how many more steps of rollouts are done.
+        """
+        losses = len(self.source.losses)
+        found = Rolled(
+            np.empty((int(steps.sum()), self._width)), np.zeros(losses), np.zeros(losses)
+        )
+        groups, rows = _groups(starts, steps)
+        lanes = self._library.msnn_work_lanes(int(steps.max(initial=0)))
+        work = aligned(lanes * _LANES * _DTYPE.itemsize)
+        theta = np.ascontiguousarray(physical, _DTYPE)
+        for first, stop, begin, end in _calls(groups["steps"]):
+            self._library.msnn_rollouts(
+                ctypes.byref(data.problem),
+                pointer(groups[first:stop]),
+                pointer(rows[first:stop]),
+                ctypes.c_int64(stop - first),
+                ctypes.c_int64(begin),
+                ctypes.c_int64(end),
+                pointer(theta),
+                pointer(work),
+                pointer(found.outputs),
+                pointer(found.sums),
+                pointer(found.counts),
+            )
+            advance(int(np.clip(rows["steps"][first:stop] - begin, 0, end - begin).sum()))
+        return found
+
+
+def _groups(starts: Rows, steps: Rows) -> tuple[Groups, NDArray[np.void]]:
+    """Rollouts of about one length side by side; lanes left over repeat one and have no steps."""
+    order = np.argsort(-steps, kind="stable")
+    count = -(-len(order) // _LANES)
+    place = np.arange(count * _LANES).reshape(count, _LANES)
+    members = order[np.minimum(place, len(order) - 1)]
+    used = place < len(order)
+    groups = np.zeros(count, group_type(_LANES, _DTYPE))
+    groups["start"], groups["used"] = starts[members], -used.astype(np.int64)
+    groups["steps"] = steps[members[:, 0]]
+    rows = np.zeros(count, _LANE_ROWS)
+    rows["steps"] = np.where(used, steps[members], 0)
+    rows["row"] = (np.cumsum(steps) - steps)[members]
+    return groups, rows
+
+
+def _calls(steps: Rows) -> list[tuple[int, int, int, int]]:
+    """Which groups run which steps together: short ones whole, a long one alone, in pieces."""
+    calls: list[tuple[int, int, int, int]] = []
+    first = 0
+    done = np.cumsum(steps)
+    while first < len(steps):
+        if steps[first] > _AT_ONCE:
+            whole = int(steps[first])
+            calls += [
+                (first, first + 1, begin, min(begin + _AT_ONCE, whole))
+                for begin in range(0, whole, _AT_ONCE)
+            ]
+            first += 1
+        else:
+            before = int(done[first] - steps[first])
+            stop = max(int(np.searchsorted(done, before + _AT_ONCE, side="right")), first + 1)
+            calls.append((first, stop, 0, _AT_ONCE))
+            first = stop
+    return calls

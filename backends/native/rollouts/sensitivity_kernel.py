@@ -1,0 +1,128 @@
+"""Runs a kernel that simulates sensitivities: products of residuals and slopes of rollouts."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import threading
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.gauss_newton_products import Products
+from backends.native.compile_kernel import compiled_kernel
+from backends.native.kernel_data import KernelData
+from backends.native.kernel_structs import aligned, pointer
+from backends.native.lanes.lane_groups import LANES, Rows, group_type, lane_groups
+from backends.native.rollouts.sensitivity_source import sensitivity_source
+from compiler.differentiation.sensitivities import Sensitivities
+
+FloatArray = NDArray[np.float64]
+
+_DTYPE = np.dtype(np.float64)
+
+
+STACK = 4 * 2**20
+"""Bytes that slopes may take on any stack: half of what threads usually have: compilers spill."""
+
+LARGEST_STACK = 64 * 2**20
+"""Bytes that they may take on one of their own."""
+
+
+class StackTooSmallError(Exception):
+    """The slopes of one step need more stack than a thread is given."""
+
+
+class SensitivityKernel:
+    """One program with its sensitivities, compiled here.
+
+    Raises CompilerMissingError and StackTooSmallError.
+    """
+
+    def __init__(self, found: Sensitivities) -> None:
+        made = sensitivity_source(found)
+        self.source, self._width, self._marked = made.source, made.width, made.marked
+        self.numbers = found.numbers
+        self.dtype, self.lanes = _DTYPE, LANES["float64"]
+        self._groups = group_type(LANES["float64"], _DTYPE)
+        self._stack = _stack(self.source.text, self.lanes * _DTYPE.itemsize)
+        if self._stack > LARGEST_STACK:
+            raise StackTooSmallError(f"a step needs {self._stack / 2**20:.1f} MiB of stack")
+        self.built = compiled_kernel(self.source.text, on_lanes=True)
+        self._library = self.built.library
+        self._library.msnn_work_lanes.restype = ctypes.c_int64
+        self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
+        self._library.msnn_products.restype = None
+
+    def data(
+        self,
+        series: Mapping[str, FloatArray],
+        skip: int = 0,
+        scored: Mapping[str, NDArray[np.bool_]] | None = None,
+    ) -> KernelData:
+        """The logs as the kernel reads them."""
+        return KernelData(self.source, _DTYPE, series, skip, scored)
+
+    def products(
+        self, data: KernelData, starts: Rows, steps: Rows, physical: FloatArray
+    ) -> dict[str, Products]:
+        """The products of each loss, summed over rollouts from rows `starts`."""
+        groups, _ = lane_groups(self._groups, starts, steps, [len(starts)])
+        losses, width, numbers = len(self.source.losses), self._width, self.numbers
+        sums, counts = np.zeros(losses), np.zeros(losses)
+        found = np.zeros((losses, width, width))
+        lanes = self._library.msnn_work_lanes(int(steps.max()))
+        work = aligned(lanes * LANES["float64"] * _DTYPE.itemsize)
+        theta = np.ascontiguousarray(physical, _DTYPE)
+
+        def add() -> None:
+            self._library.msnn_products(
+                ctypes.byref(data.problem),
+                pointer(groups),
+                ctypes.c_int64(len(groups)),
+                pointer(theta),
+                pointer(work),
+                pointer(sums),
+                pointer(counts),
+                pointer(found),
+            )
+
+        _with_stack(self._stack, add)
+        # a mark is 0 or √ of the factor of its row, so that the sum of its squares counts
+        marks = found[:, numbers + 1, numbers + 1] if self._marked else np.zeros(losses)
+        lower = np.tril(found[:, : numbers + 1, : numbers + 1])
+        whole = lower + np.tril(lower, -1).transpose(0, 2, 1)
+        return {
+            name: Products(
+                whole[i, :numbers, :numbers],
+                whole[i, numbers, :numbers],
+                float(whole[i, numbers, numbers]),
+                float(sums[i]),
+                float(counts[i]),
+                float(marks[i]),
+            )
+            for i, name in enumerate(self.source.losses)
+        }
+
+
+def _with_stack(needed: int, run: Callable[[], None]) -> None:
+    """Runs it with twice as much stack as its arrays need: here, or in a thread that has so much.
+
+    What a thread was not given it does not take: pages of a stack are there when they are touched.
+    """
+    if needed <= STACK:
+        run()
+        return
+    usual = threading.stack_size(2 * needed)
+    try:
+        thread = threading.Thread(target=run)
+        thread.start()
+    finally:
+        threading.stack_size(usual)
+    thread.join()
+
+
+def _stack(text: str, lanes: int) -> int:
+    """Bytes of the arrays of a step: a compiler that reuses none of them takes so many."""
+    return lanes * sum(map(int, re.findall(r"^ +lanes \w+\[(\d+)\];$", text, re.MULTILINE)))

@@ -1,0 +1,1 @@
+"""Writes the self-test of a controller and the golden solves that it repeats."""

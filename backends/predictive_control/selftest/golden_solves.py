@@ -1,0 +1,142 @@
+"""Records what a controller decides, so that other builds can be compared with it to the bit.
+
+Starts are drawn within what the spec declares and beyond it, until each kind of end is there:
+solved inside the limits, at a limit of a control, with a soft bound exceeded, capped, infeasible.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.predictive_control.inputs import InputField, input_fields
+from backends.predictive_control.library import ControllerLibrary, Decision
+from backends.predictive_control.selftest.recorded import compiled_texts
+from backends.predictive_control.selftest.starts import drawn_starts
+from backends.predictive_control.solution import multipliers_of
+from backends.predictive_control.structure.rows import Rows, rows_of
+from compiler.optimal_control.problem import ControlProblem
+
+_DRAWS = 16
+_BEYOND = (1.0, 3.0, 10.0)
+"""Factors of the drawn states."""
+_OF_A_KIND = 2
+_AGAIN = 0.9
+"""The state of the solve that follows, from the plan of the one before."""
+_BOUND = 1e-3
+"""Distance from a limit that counts as at it, by the control's scale; part of the weight of a soft
+bound that its multiplier lacks where it is exceeded."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class GoldenSolve:
+    """A solve and its bits."""
+
+    begins: bool
+    """Whether the controller is begun anew before it."""
+    x: tuple[float, ...]
+    known: tuple[float, ...]
+    """Of each field of the input the numbers of one sample, the same all along the horizon."""
+    status: int
+    iterations: int
+    u: tuple[float, ...]
+    residual: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Start:
+    x: Array
+    known: tuple[Array, ...]
+
+
+def golden_solves(
+    problem: ControlProblem, texts: Mapping[str, str], name: str
+) -> tuple[GoldenSolve, ...] | None:
+    """The solves of a controller's files; None where nothing compiles them here."""
+    built = compiled_texts(texts)
+    if built is None:
+        return None
+    library = ControllerLibrary(json.loads(texts[f"{name}.json"]), built)
+    fields, rows = input_fields(problem), rows_of(problem)
+    real = library.real
+    kinds: dict[tuple[int, bool, bool], int] = {}
+    found: list[GoldenSolve] = []
+    for start in _starts(problem, fields, real):
+        library.init()
+        decision = _solved(library, fields, start)
+        kind = (
+            decision.status,
+            _is_at_a_limit(rows, decision.control),
+            _exceeds(problem, rows, library),
+        )
+        kinds[kind] = kinds.get(kind, 0) + 1
+        if kinds[kind] > _OF_A_KIND:
+            continue
+        found.append(_recorded(True, start, decision))
+        missing = _Start(np.where(np.arange(len(start.x)) == 0, np.nan, start.x), start.known)
+        after = [missing] if kinds[kind] == 1 and len(start.x) else []
+        later = _Start((_AGAIN * start.x).astype(real).astype(float), start.known)
+        for then in (*after, later):
+            found.append(_recorded(False, then, _solved(library, fields, then)))
+    return tuple(found)
+
+
+def _starts(
+    problem: ControlProblem, fields: Sequence[InputField], real: np.dtype[np.floating]
+) -> list[_Start]:
+    random = np.random.default_rng(2)
+    found: list[_Start] = []
+    for beyond in _BEYOND:
+        for drawn in drawn_starts(problem, _DRAWS):
+            x = (beyond * np.array(drawn)).astype(real).astype(float)
+            known = [random.uniform(-beyond, beyond, field.count) for field in fields]
+            rounded = (values.astype(real).astype(float) for values in known)
+            found.append(_Start(x, tuple(rounded)))
+    return found
+
+
+def _solved(library: ControllerLibrary, fields: Sequence[InputField], start: _Start) -> Decision:
+    known = {
+        field.identifier: np.tile(values, field.samples)
+        for field, values in zip(fields, start.known, strict=True)
+    }
+    return library.solve({"x": start.x} | known)
+
+
+def _recorded(begins: bool, start: _Start, decision: Decision) -> GoldenSolve:
+    return GoldenSolve(
+        begins=begins,
+        x=tuple(start.x.tolist()),
+        known=tuple(float(x) for values in start.known for x in values),
+        status=decision.status,
+        iterations=decision.iterations,
+        u=tuple(float(u) for u in decision.control),
+        residual=decision.residual,
+    )
+
+
+def _is_at_a_limit(rows: Rows, control: NDArray[np.floating]) -> bool:
+    near = (
+        abs(float(u) - end) <= _BOUND * row.scale
+        for u, row in zip(control, rows.rows, strict=False)
+        for end in (row.minimum, row.maximum)
+        if end is not None
+    )
+    return any(near)
+
+
+def _exceeds(problem: ControlProblem, rows: Rows, library: ControllerLibrary) -> bool:
+    """Whether a soft bound is exceeded: its multiplier is its weight then."""
+    found = multipliers_of(problem, rows, library)
+    return any(
+        bool(np.any(side >= (1 - _BOUND) * path.linear))
+        for path, low, high in zip(problem.path_limits, found.path_min, found.path_max, strict=True)
+        if path.linear is not None
+        for side in (low, high)
+    )

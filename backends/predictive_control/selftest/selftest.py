@@ -1,0 +1,59 @@
+"""Writes the self-test of a controller: what must be refused, and golden solves to the bit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from backends.c_language.literals import Dtype
+from backends.c_language.rendering import render
+from backends.predictive_control.constants import reachable
+from backends.predictive_control.inputs import input_fields
+from backends.predictive_control.numbers import Numbers
+from backends.predictive_control.selftest.golden_solves import golden_solves
+from backends.predictive_control.selftest.starts import drawn_starts
+from backends.predictive_control.structure.rows import rows_of
+from compiler.optimal_control.problem import ControlProblem
+
+
+@dataclass(frozen=True, slots=True)
+class SelfTest:
+    """What the file is named after."""
+
+    model: str
+    prefix: str
+    takes_parameters: bool = False
+
+
+def selftest_texts(
+    problem: ControlProblem, prefix: str, dtype: Dtype, texts: Mapping[str, str]
+) -> dict[str, str]:
+    """`src/<prefix>_mpc_selftest.c` of the files in `texts`, by path; of a trained problem."""
+    problem = replace(problem, tolerance=reachable(problem.tolerance, dtype))
+    name = f"{prefix}_mpc"
+    numbers, rows = Numbers(dtype), rows_of(problem)
+    fields = input_fields(problem)
+    counts = [field.count for field in fields]
+    controls = rows.rows[: problem.controls.size]
+    text = render(
+        "selftest.c.j2",
+        SelfTest(problem.program.name, name),
+        "Self-test of the predictive controller",
+        "mpc",
+        real=numbers.real,
+        num=numbers.literal,
+        braced=numbers.braced,
+        starts=drawn_starts(problem),
+        tolerance=numbers.literal(problem.tolerance),
+        nan="NAN" if dtype == "float32" else "(double)NAN",
+        lowest=[_end(row.minimum, float("-inf"), rows.move) for row in controls],
+        highest=[_end(row.maximum, float("inf"), rows.move) for row in controls],
+        fields=[(field, sum(counts[:number])) for number, field in enumerate(fields)],
+        known=sum(counts),
+        golden=golden_solves(problem, texts, name) or (),
+    )
+    return {f"src/{name}_selftest.c": text}
+
+
+def _end(limit: float | None, without: float, moves: bool) -> float:
+    return without if limit is None or moves else limit

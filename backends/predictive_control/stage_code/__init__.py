@@ -1,0 +1,1 @@
+"""Writes the functions of a stage in C: values, slopes, curvature."""

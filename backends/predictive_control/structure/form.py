@@ -1,0 +1,72 @@
+"""Says what a structure of the solver decides: its derivatives, arrays and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from backends.predictive_control.stage_code.placed_matrix import PlacedMatrix
+from backends.predictive_control.stage_code.stage_functions import StageArrays
+from backends.predictive_control.structure.stages import Stages
+from compiler.optimal_control.structure import Chosen
+
+
+@dataclass(frozen=True, slots=True)
+class PlanLayout:
+    """Where the plan of a controller is: number i of (x, u) at stage k in z[places[i] + step k]."""
+
+    structure: Chosen
+    places: tuple[int, ...]
+    step: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Addresses:
+    """How the templates address numbers; each is a text with places for what it is asked for."""
+
+    stage: str
+    """The numbers of an array that a stage reads, of the array and the stage."""
+    state: str
+    """Where among them a state is."""
+    memory: str
+    """Where a number of x is."""
+    control: str
+    measured: str
+    """What was measured of a state."""
+
+    def of_stage(self, array: str, k: str) -> str:
+        return self.stage.format(array, k)
+
+    def of_state(self, i: str) -> str:
+        return self.state.format(i)
+
+    def of_memory(self, i: str) -> str:
+        return self.memory.format(i)
+
+    def of_control(self, i: str) -> str:
+        return self.control.format(i)
+
+    def of_measured(self, i: str) -> str:
+        return self.measured.format(i)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Form:
+    """A problem in the form of one structure."""
+
+    stages: Stages
+    stage: StageArrays
+    terminal: StageArrays
+    steady: PlacedMatrix | None
+    """Slopes that are the same along the horizon, where the structure tells them apart."""
+    shapes: Mapping[str, tuple[int, ...]]
+    """Arrays of the solver that hang on the structure."""
+    places_of_memory: tuple[int, ...]
+    """Where a stage finds the numbers of x."""
+    newest: tuple[int, ...]
+    """The numbers of x that have gaps from stage to stage."""
+    plan: PlanLayout
+    addresses: Addresses
+    facts: Mapping[str, Any]
+    """Sizes and tables for the templates."""

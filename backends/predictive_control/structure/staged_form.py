@@ -1,0 +1,80 @@
+"""Brings a problem into the form that a Riccati recursion over the stages solves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c_language.places import c_strides
+from backends.predictive_control.stage_code.placed_matrix import PlacedMatrix
+from backends.predictive_control.stage_code.series import Place
+from backends.predictive_control.stage_code.stage_functions import StageArrays
+from backends.predictive_control.structure.form import Addresses, Form, PlanLayout
+from backends.predictive_control.structure.rows import Rows
+from backends.predictive_control.structure.stages import Stages, numbers_of, stages_of_problem
+from compiler.hessian.step_derivatives import StepDerivatives, next_value
+from compiler.ir.types import Type
+from compiler.optimal_control.problem import ControlProblem
+
+
+def staged_form(problem: ControlProblem, rows: Rows) -> Form:
+    """A stage has all numbers of (x, u) side by side."""
+    nx, nu = problem.states.size, problem.controls.size
+    names = [member.name for member in problem.states.members]
+    following = [(next_value(member.name), member.size) for member in problem.states.members]
+    stages = stages_of_problem(problem, problem.program, rows, following, names)
+    count, width = problem.horizon + 1, nx + nu
+    return Form(
+        stages=stages,
+        stage=_arrays(problem, stages, stages.stage, stages.results),
+        terminal=_arrays(problem, stages, stages.terminal, stages.terminal_results),
+        steady=None,
+        shapes={
+            "z": (count, width),
+            "dz": (count, width),
+            "gradient": (count, width),
+            "adjoint": (count, nx),
+            "slopes": (count, stages.size, width),
+            "curvature": (count, width, width),
+            "gain": (problem.horizon, nu, nx),
+            "advance": (problem.horizon, nu),
+        },
+        places_of_memory=tuple(range(nx)),
+        newest=tuple(range(nx)),
+        plan=PlanLayout("staged", tuple(range(width)), width),
+        addresses=Addresses(
+            stage="c->{}[{}]",
+            state="{}",
+            memory="{}",
+            control="STATES + {}",
+            measured="c->measured[{}]",
+        ),
+        facts={"plain": 0},
+    )
+
+
+def _arrays(
+    problem: ControlProblem, stages: Stages, found: StepDerivatives, results: Mapping[str, int]
+) -> StageArrays:
+    width = problem.states.size + problem.controls.size
+    of_results = [results[m.name] + i for m in found.results.members for i in range(m.size)]
+    numbers = numbers_of(problem, found.variables)
+    firsts = [(member, member.first) for member in problem.states.members]
+    firsts += [(m, problem.states.size + m.first) for m in problem.controls.members]
+    assert found.hessian is not None
+
+    def placed(array: str, rows: Sequence[int] | NDArray[np.int64]) -> PlacedMatrix:
+        matrix = found.jacobian if array == "slopes" else found.hessian
+        assert matrix is not None
+        first, last = (min(rows) * width, (max(rows) + 1) * width) if len(rows) else (0, 0)
+        return PlacedMatrix(array, matrix, np.asarray(rows, int) * width, numbers, first, last)
+
+    return StageArrays(
+        variables={m.name: Place("z", first, c_strides(Type(m.axes).shape)) for m, first in firsts},
+        results=results,
+        given=stages.given,
+        slopes=placed("slopes", of_results),
+        curvature=placed("curvature", numbers),
+    )

@@ -1,0 +1,87 @@
+"""Derives what a solver computes of a stage and of the end of the horizon."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.predictive_control.structure.rows import Rows
+from compiler.hessian.step_derivatives import StepDerivatives, step_derivatives
+from compiler.ir.program import Program
+from compiler.jacobian.matrices import Vector, vector_of
+from compiler.optimal_control.problem import ControlProblem
+
+
+@dataclass(frozen=True, slots=True)
+class Stages:
+    """Derivatives of a stage and of the end, and where each result stands among those of any."""
+
+    stage: StepDerivatives
+    terminal: StepDerivatives
+    results: Mapping[str, int]
+    terminal_results: Mapping[str, int]
+    size: int
+    """Of the results: next values of states, the cost, bounded values."""
+    given: Vector
+    """Disturbances and references of a stage."""
+
+
+def stages_of_problem(
+    problem: ControlProblem,
+    program: Program,
+    rows: Rows,
+    following: Sequence[tuple[str, int]],
+    next_states: Sequence[str],
+) -> Stages:
+    """The stages; `following` are the results that are next values, with their sizes.
+
+    Those that are no next state of the program are outputs of it.
+    """
+    places: dict[str, int] = {}
+    end = 0
+    for name, size in following:
+        places[name] = end
+        end += size
+    cost = end
+    places[problem.stage] = cost
+    end += 1
+    for path in rows.paths:
+        places[path.value] = end
+        end += problem.type(path.value).size
+    of_end = places if problem.terminal is None else {**places, problem.terminal: cost}
+    controls = [member.name for member in problem.controls.members]
+    outputs = [name for name in places if any(name == output.name for output in program.outputs)]
+    at_end = [path.value for path in rows.paths if not path.reads_control]
+    at_end += [] if problem.terminal is None else [problem.terminal]
+    return Stages(
+        stage=step_derivatives(
+            _with_outputs(program, outputs), inputs=controls, next_states=next_states
+        ),
+        terminal=step_derivatives(_with_outputs(program, at_end), inputs=(), next_states=()),
+        results=places,
+        terminal_results=of_end,
+        size=end,
+        given=vector_of(
+            "given",
+            [
+                (m.name, m.axes, m.unit)
+                for m in (*problem.disturbances.members, *problem.references.members)
+            ],
+        ),
+    )
+
+
+def numbers_of(problem: ControlProblem, variables: Vector) -> NDArray[np.int64]:
+    """Which number of (x, u) each number of a vector of states and controls is."""
+    states = {member.name: member.first for member in problem.states.members}
+    nx = problem.states.size
+    firsts = states | {m.name: nx + m.first for m in problem.controls.members}
+    parts = [firsts[m.name] + np.arange(m.size) for m in variables.members]
+    return np.concatenate([*parts, np.empty(0)]).astype(np.int64)
+
+
+def _with_outputs(program: Program, names: Sequence[str]) -> Program:
+    return replace(program, outputs=tuple(program.output(name) for name in names))

@@ -1,0 +1,1 @@
+"""Integrates continuous states over a sample."""

@@ -1,0 +1,1 @@
+"""Gives every name of a spec its nodes: constants, calls, states, buffers."""

@@ -1,0 +1,1 @@
+"""Lowers graphs to integer nodes, and bounds what rounding costs."""

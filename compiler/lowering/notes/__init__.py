@@ -1,0 +1,1 @@
+"""Remembers what lowering finds on its way."""

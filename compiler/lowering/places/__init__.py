@@ -1,0 +1,1 @@
+"""Brings values to the place that they are for."""

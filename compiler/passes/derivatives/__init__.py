@@ -1,0 +1,1 @@
+"""Passes that keep derivatives finite for libraries that take them by themselves."""

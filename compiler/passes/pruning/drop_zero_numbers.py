@@ -1,0 +1,78 @@
+"""Leaves out single learned numbers that are exactly 0, and all that only they make use of."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from compiler.ir import ops
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, with_start, with_step
+from compiler.ir.program import Graph, Node, NodeId, Program
+from compiler.passes.simplify.drop_unused import drop_unused
+
+
+def drop_zero_numbers(program: Program, names: Collection[str]) -> Program:
+    """Products with the parameters `names`, which are 0 as a whole, are 0, and sums go without.
+
+    The new program has the same outputs wherever the values that met the zeros are finite: 0 · ∞
+    is left out too.
+
+    Before: window form. After: the same form.
+
+        %2: scalar = %k * %x                       # k is 0
+        %4: scalar = %3 + %2
+
+        %3: scalar = …                             # stands where %4 stood
+    """
+    if not names:
+        return program
+    program = with_step(program, *_dropped(program.step, names))
+    return drop_unused(with_start(program, *_dropped(program.start, names)))
+
+
+def _dropped(graph: Graph, names: Collection[str]) -> tuple[Graph, dict[NodeId, NodeId]]:
+    builder = GraphBuilder()
+    copies: dict[NodeId, NodeId] = {}
+    zero: set[NodeId] = set()
+    for index, node in graph:
+        of = [arg in zero for arg in node.args]
+        with builder.at(node.span):
+            if _is_zero(node, of, names):
+                zero.add(index)
+                number = builder.constant(0.0, unit=node.type.unit)
+                copies[index] = builder.broadcast(number, node.type.axes)
+                continue
+            args = tuple(copies[arg] for arg in node.args)
+            match node.op:
+                case ops.Add() if any(of):
+                    copies[index] = args[of.index(False)]
+                case ops.Subtract() if any(of):
+                    copies[index] = args[0] if of[1] else builder.negate(args[1])
+                case _:
+                    copies[index] = copy_node(builder, node, args)
+    return builder.graph(), copies
+
+
+def _is_zero(node: Node, of: list[bool], names: Collection[str]) -> bool:
+    """Whether a value is 0 since parameters are, given which of its operands are."""
+    match node.op:
+        case ops.ReadParameter(name):
+            return name in names
+        case ops.Multiply() | ops.Contract():
+            return any(of)
+        case ops.Divide():
+            return of[0]
+        case (
+            ops.Add()
+            | ops.Subtract()
+            | ops.Negate()
+            | ops.Identity()
+            | ops.Sum()
+            | ops.Broadcast()
+            | ops.Reshape()
+            | ops.Slice()
+            | ops.Concat()
+        ):
+            return all(of)
+        case _:
+            return False

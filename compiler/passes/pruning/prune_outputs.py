@@ -1,0 +1,65 @@
+"""Reduces a program to what some of its outputs need: the deployed part of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from compiler.ir.ops import ReadSignal, ReadState
+from compiler.ir.program import Graph, Node, Program, Role, Signal, State
+from compiler.passes.simplify.drop_unused import drop_unused
+
+
+def prune_outputs(program: Program, names: Iterable[str]) -> Program:
+    """The program with the named outputs only, the states that they need, and no losses.
+
+    Exporting the controller of a closed loop drops the plant with all that only it or a loss reads:
+    a discrete state that a sub-model moves, of which none of the outputs needs a value in the same
+    step, is measured from now on. It becomes an input of the same name (R13).
+
+    Before and after: any form. Raises KeyError for a name that no output has.
+
+        output command = %7
+        output plant = %13          # pruned to command: %8 … %13 go too
+    """
+    wanted = dict.fromkeys(names)
+    known = {output.name for output in program.outputs}
+    for name in wanted:
+        if name not in known:
+            raise KeyError(name)
+    outputs = tuple(output for output in program.outputs if output.name in wanted)
+    kept = {submodel for output in outputs for submodel in output.needs}
+    measured = {state.name: state for state in program.states if not kept.issuperset(state.needs)}
+    pruned = drop_unused(replace(program, outputs=outputs, losses=()))
+    ports = [measured[state.name] for state in pruned.states if state.name in measured]
+    return drop_unused(_with_ports(pruned, ports)) if ports else pruned
+
+
+def _with_ports(program: Program, states: list[State]) -> Program:
+    names = {state.name for state in states}
+    logged = [signal for signal in program.signals if signal.name not in names]
+    nodes = tuple(_measured(node, names) for node in program.step.nodes)
+    return replace(
+        program,
+        signals=(*logged, *(_port(state) for state in states)),
+        states=tuple(state for state in program.states if state.name not in names),
+        step=Graph(nodes),
+    )
+
+
+def _measured(node: Node, names: set[str]) -> Node:
+    if isinstance(node.op, ReadState) and node.op.name in names:
+        return replace(node, op=ReadSignal(node.op.name, 0, 0))
+    return node
+
+
+def _port(state: State) -> Signal:
+    return Signal(
+        state.name,
+        Role.INPUT,
+        state.axes,
+        state.unit,
+        state.range,
+        doc=state.doc,
+        span=state.span,
+    )

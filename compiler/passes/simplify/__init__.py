@@ -1,0 +1,1 @@
+"""Passes that compute less for the same numbers."""

@@ -1,0 +1,52 @@
+"""Joins a command to the others that torchrun has started, of which one speaks for all."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Generator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from msnn.cli.manners import NOW
+from msnn.packages import TORCH
+from spec_schema.diagnostics.diagnostic import SpecError
+
+if TYPE_CHECKING:
+    from msnn.training.ranks.gloo_ranks import GlooRanks
+
+
+@contextmanager
+def joined_ranks() -> Generator[GlooRanks | None]:
+    """The processes that torchrun has started; None for a command on its own.
+
+    The first one says how it goes. What ends the command is said by the process that meets it
+    first.
+    """
+    if not _is_one_of_several():
+        yield None
+        return
+    TORCH.require("lets processes train together")
+    from msnn.training.ranks.gloo_ranks import GlooRanks
+
+    ranks = GlooRanks()
+    NOW.is_silent = not ranks.is_first
+    try:
+        yield ranks
+    except BaseException as error:
+        # torchrun ends the others soon: what there is to say is said before
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        speaks = ranks.is_speaker() or (ranks.is_first and _is_of_lost_rank(error))
+        NOW.is_silent = not speaks
+        raise
+
+
+def _is_of_lost_rank(error: BaseException) -> bool:
+    """Whether it says where the training is kept, which the first process alone knows."""
+    return isinstance(error, SpecError) and any(d.code == "E0867" for d in error.diagnostics)
+
+
+def _is_one_of_several() -> bool:
+    """Whether torchrun has started this process and others with it."""
+    started = "TORCHELASTIC_RUN_ID" in os.environ
+    return started and int(os.environ.get("WORLD_SIZE", "1")) > 1

@@ -1,0 +1,125 @@
+"""`msnn sweep`: trains one spec with many values of it, and ranks them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from msnn.cli.arguments import (
+    RUNS,
+    DataRoot,
+    OutputFormat,
+    PlotFile,
+    ResultFormat,
+    Settings,
+    SpecFile,
+    refuse_undrawable,
+)
+
+_ROWS = 20
+"""Of the table as text; as JSON it has all."""
+_PAUSE = 1.0
+"""Seconds between two lines of progress: small models train fifty times a second."""
+
+
+def sweep(
+    spec: SpecFile,
+    grid: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--grid",
+            metavar="KEY=V1,V2,...",
+            help="Every choice of a value of the spec; several span a grid.",
+        ),
+    ] = None,
+    draw: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--draw",
+            metavar="KEY=LAW",
+            help="Draw a value: uniform(0.5, 2), log(1, 100) N/m, integer(1, 20), choice(a, b).",
+        ),
+    ] = None,
+    draws: Annotated[
+        int | None, typer.Option(min=1, help="How often values are drawn; default: 20.")
+    ] = None,
+    draw_seed: Annotated[
+        int, typer.Option(min=0, help="Decides what is drawn; the log has it.")
+    ] = 0,
+    settings: Settings = None,
+    seeds: Annotated[
+        int, typer.Option(min=1, help="Train each so often, from other initial values and orders.")
+    ] = 1,
+    folds: Annotated[
+        bool, typer.Option("--folds", help="Train every fold of `split: {by: kfold, k}`.")
+    ] = False,
+    on: Annotated[
+        str, typer.Option(metavar="SET", help="The rows held out that they are compared on.")
+    ] = "val",
+    by: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METRIC",
+            help="What ranks them: fit, y.fit, y.rmse:record; default: the first of `validate`.",
+        ),
+    ] = None,
+    cost: Annotated[
+        bool, typer.Option("--cost/--no-cost", help="Count instructions and bytes of the C.")
+    ] = False,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Trainings at once; default: one a processor.")
+    ] = None,
+    ray: Annotated[
+        str | None,
+        typer.Option(
+            "--ray",
+            metavar="ADDRESS",
+            help="Train on a Ray cluster: 10.0.0.1:6379, auto, or local to try it here.",
+        ),
+    ] = None,
+    data_root: DataRoot = None,
+    out: Annotated[
+        Path,
+        typer.Option("-o", "--out", metavar="FOLDER", help="Trainings are kept below, with a log."),
+    ] = RUNS,
+    plot: PlotFile = None,
+    format: OutputFormat = ResultFormat.TEXT,
+) -> None:
+    """Train a spec with many values of it.
+
+    Values of a grid, drawn at random, or both: any that `--set` replaces, by seeds and folds. The
+    table, the Pareto front and the log are those of `msnn compare`: what `runs.jsonl` has is not
+    trained again, so an interrupted sweep goes on and a larger one trains what is new.
+    """
+    from msnn.api import sweeps
+    from msnn.cli.comparison_results import end_interrupted, show_comparison
+    from msnn.cli.console import progress_stream
+    from msnn.comparison.progress_lines import TrialLines
+    from msnn.training.training_result import TrainingInterruptedError
+
+    refuse_undrawable(plot)
+    try:
+        found = sweeps.sweep(
+            spec,
+            grid=grid or (),
+            draw=draw or (),
+            draws=draws,
+            draw_seed=draw_seed,
+            settings=settings or (),
+            data_root=data_root,
+            on=on,
+            seeds=seeds,
+            folds=folds,
+            runs=out,
+            jobs=jobs or os.cpu_count() or 1,
+            ray=ray,
+            by=by,
+            cost=cost,
+            listener=TrialLines(progress_stream(), _PAUSE),
+        )
+    except (KeyboardInterrupt, TrainingInterruptedError):
+        raise end_interrupted() from None
+    show_comparison(found, "sweep", format, plot, _ROWS)

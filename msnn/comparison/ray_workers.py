@@ -1,0 +1,189 @@
+"""Runs the trials of a comparison as tasks of a Ray cluster, and keeps here what they leave."""
+
+from __future__ import annotations
+
+import json
+import logging
+import tempfile
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from backends.files.atomic_write import write_bytes, write_text
+from msnn.comparison.readings import Readings
+from msnn.comparison.trial import (
+    Outcome,
+    ReadyTrial,
+    Setup,
+    Trial,
+    killed,
+    ready_trial,
+    refused,
+    train_ready,
+)
+from msnn.data.dataset import Dataset
+from msnn.errors.sweeps import unusable_cluster
+from msnn.model.kept_run import CHECKPOINT, DESCRIPTION, PARTS, WEIGHTS, read_json, spec_places
+from msnn.packages import RAY
+from msnn.training.records.run_log import RunLine
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.version import __version__
+
+_AHEAD = 3
+"""Tasks for each processor that have begun or wait for it: no node is idle while one is made."""
+_RETRIES, _TIMES = 3, "four times"
+"""After the worker or the node of a task was killed."""
+_SERIES_KEPT = 8
+
+Files = Mapping[str, bytes]
+
+
+def ray_outcomes(
+    trials: Sequence[Trial], setup: Setup, known: Mapping[str, RunLine], address: str
+) -> Generator[tuple[Trial, Outcome]]:
+    """Each trial with its outcome, as they end, trained on the cluster at `address`.
+
+    Specs and data are read here, so that nodes need neither; series go into the object store once.
+    A trial whose worker or node is killed begins again on another. What trainings leave comes back
+    and is written below `setup.runs`. Raises SpecError where there is no such cluster.
+    """
+    with _Cluster(address, setup) as cluster:
+        waiting = iter(trials)
+        readings = Readings(setup.data, setup.data_root)
+        is_over = False
+        while cluster.busy or not is_over:
+            while not is_over and cluster.has_room:
+                trial = next(waiting, None)
+                if trial is None:
+                    is_over = True
+                    break
+                ready = ready_trial(trial, setup, known, readings)
+                if isinstance(ready, Outcome):
+                    yield trial, ready
+                else:
+                    cluster.start(ready)
+            if cluster.busy:
+                yield from cluster.ended()
+
+
+@dataclass(slots=True)
+class _Cluster:
+    """A connection to Ray, and the tasks that are under way."""
+
+    address: str
+    setup: Setup
+    _ray: Any = field(init=False, default=None)
+    _is_ours: bool = field(init=False, default=False)
+    _task: Any = field(init=False, default=None)
+    _most: int = field(init=False, default=0)
+    _running: dict[Any, ReadyTrial] = field(init=False, default_factory=dict[Any, ReadyTrial])
+    _series: list[tuple[object, Any]] = field(init=False, default_factory=list[tuple[object, Any]])
+
+    def __enter__(self) -> _Cluster:
+        RAY.require("trains on a cluster")
+        ray = self._ray = import_module("ray")
+        self._is_ours = not ray.is_initialized()
+        if self._is_ours:
+            try:
+                ray.init(self.address, log_to_driver=False, logging_level=logging.ERROR)
+            except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
+                why = str(error).strip().splitlines() or [type(error).__name__]
+                raise SpecError((unusable_cluster(self.address, why[0]),)) from error
+        cores = int(ray.cluster_resources().get("CPU", 1))
+        self._most = max(1, cores) * _AHEAD
+        self._task = ray.remote(max_retries=_RETRIES, num_cpus=1)(_in_task)
+        return self
+
+    def __exit__(self, *why: object) -> None:
+        for task in self._running:
+            with suppress(Exception):  # a cluster that is gone runs nothing
+                self._ray.cancel(task, force=True)
+        if self._is_ours and self._ray is not None:
+            self._ray.shutdown()
+
+    @property
+    def busy(self) -> bool:
+        return bool(self._running)
+
+    @property
+    def has_room(self) -> bool:
+        return len(self._running) < self._most
+
+    def start(self, ready: ReadyTrial) -> None:
+        """Sends what a node cannot read: the model, which rows are whose, where series are."""
+        parts = tuple(replace(part, file=None) for part in ready.model.parts)
+        model = replace(ready.model, parts=parts)
+        sent = replace(ready, model=model, data=replace(ready.data, series={}))
+        setup = replace(self.setup, data=None, data_root=None)
+        self._running[self._task.remote(sent, self._stored(ready.data), setup)] = ready
+
+    def ended(self) -> list[tuple[Trial, Outcome]]:
+        """Trials that are over, at least one, with their files written here."""
+        done, _ = self._ray.wait(list(self._running), num_returns=1)
+        return [self._result(task, self._running.pop(task)) for task in done]
+
+    def _result(self, task: Any, ready: ReadyTrial) -> tuple[Trial, Outcome]:
+        exceptions = self._ray.exceptions
+        try:
+            outcome, files = self._ray.get(task)
+        except (
+            exceptions.WorkerCrashedError,
+            exceptions.NodeDiedError,
+            exceptions.OutOfMemoryError,
+            exceptions.LocalRayletDiedError,
+        ):
+            return ready.trial, killed(ready.trial, _TIMES)
+        if outcome.line.version not in ("", __version__):
+            why = f"a node has msnn {outcome.line.version}, and this is {__version__}"
+            return ready.trial, refused(
+                ready.line, SpecError((unusable_cluster(self.address, why),))
+            )
+        self._keep(ready, outcome.line, files)
+        return ready.trial, outcome
+
+    def _keep(self, ready: ReadyTrial, line: RunLine, files: Files) -> None:
+        if self.setup.runs is None or line.folder is None:
+            return
+        folder = self.setup.runs / line.folder
+        for name, content in files.items():
+            write_bytes(folder / name, content, durable=name == WEIGHTS)
+        record = read_json(folder / DESCRIPTION)
+        spec = str(ready.model.path)  # seen from here, not from the node
+        record |= {"spec": spec, "spec_places": spec_places(spec, folder)}
+        write_text(folder / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
+        for part in ready.model.parts:
+            if part.file is not None:
+                place = folder / PARTS / f"{part.name}.safetensors"
+                write_bytes(place, part.file.read_bytes())
+
+    def _stored(self, data: Dataset) -> Any:
+        """The reference to the series of a dataset, which folds share."""
+        for series, reference in self._series:
+            if series is data.series:
+                return reference
+        reference = self._ray.put(data.series)
+        self._series.append((data.series, reference))
+        del self._series[:-_SERIES_KEPT]
+        return reference
+
+
+def _in_task(sent: ReadyTrial, series: Any, setup: Setup) -> tuple[Outcome, Files]:
+    """Trains on a node, in a folder of its own; what it leaves is the answer."""
+    ready = replace(sent, data=replace(sent.data, series=series))
+    with tempfile.TemporaryDirectory(prefix="msnn-") as place:
+        runs = None if setup.runs is None else Path(place)
+        outcome = train_ready(
+            replace(ready, line=replace(ready.line, version=__version__)), replace(setup, runs=runs)
+        )
+        files: dict[str, bytes] = {}
+        if runs is not None and outcome.line.folder is not None:
+            folder = runs / outcome.line.folder
+            files = {
+                path.relative_to(folder).as_posix(): path.read_bytes()
+                for path in folder.rglob("*")
+                if path.is_file() and path.name != CHECKPOINT
+            }
+    return outcome, files

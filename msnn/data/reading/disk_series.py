@@ -1,0 +1,58 @@
+"""Moves the series of one file after the other to disk, so that memory holds a file at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from backends.files.disk_arrays import ArrayFile
+from backends.native.kernel_cache.folders import cache_folder
+from msnn.data.dataset import FloatArray
+from msnn.data.reading.part import FilePart
+
+_TIME = "time of rows"
+"""Beside the names of signals, which have no blanks."""
+
+
+class DiskSeries:
+    """The series of all parts in files without a name beside the kernels, one a signal."""
+
+    def __init__(self) -> None:
+        self._files: dict[str, ArrayFile] = {}
+
+    def taken(self, part: FilePart) -> FilePart:
+        """The part without its series, which are on disk from now on."""
+        series = part.series if part.time is None else {**part.series, _TIME: part.time}
+        for name, values in series.items():
+            if name not in self._files:
+                self._files[name] = ArrayFile(cache_folder())
+            self._files[name].append(values)
+        pieces = tuple(replace(piece, time=None) for piece in part.pieces)
+        empty = None if part.time is None else part.time[:0].copy()
+        return replace(part, series={}, time=empty, pieces=pieces)
+
+    def forget(self) -> None:
+        """Drops all of it."""
+        for file in self._files.values():
+            file.forget()
+
+    def returned(
+        self, parts: Sequence[FilePart]
+    ) -> tuple[list[FilePart], Mapping[str, FloatArray]]:
+        """The parts with what is theirs of the series on disk, and the whole series."""
+        whole = {name: file.array() for name, file in self._files.items()}
+        time = whole.pop(_TIME, None)
+        found: list[FilePart] = []
+        start = timed = 0
+        for part in parts:
+            rows = len(part.usable)
+            own = {name: values[start : start + rows] for name, values in whole.items()}
+            start += rows
+            if part.time is None or time is None:
+                found.append(replace(part, series=own))
+                continue
+            seconds = time[timed : timed + rows]
+            timed += rows
+            pieces = tuple(replace(piece, time=seconds) for piece in part.pieces)
+            found.append(replace(part, series=own, time=seconds, pieces=pieces))
+        return found, whole

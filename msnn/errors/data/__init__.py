@@ -1,0 +1,1 @@
+"""Diagnostics of measured data and their files."""

@@ -1,0 +1,86 @@
+"""E0806 to E0810 and E0822: cells and rows of data that are not what they should be."""
+
+import re
+
+from msnn.errors.data.files import _and_more
+from spec_schema.diagnostics.diagnostic import Diagnostic, error
+from spec_schema.diagnostics.source import Span
+
+
+def ragged_row(
+    file: str, row: int, found: int, expected: int, more: int, place: Span, *, commas: bool
+) -> Diagnostic:
+    """E0806: a row with more or fewer cells than the header; `more` rows are like it."""
+    message = f"row {row} of {file} has {found} cells, the header has {expected} columns"
+    notes = _and_more(more, "row")
+    repair = _COMMA_HELP if commas else None
+    return error("E0806", place, message, f"{found} cells", notes=notes, help=repair)
+
+
+def not_a_number(file: str, row: int, column: str, text: str, more: int, place: Span) -> Diagnostic:
+    """E0807: text where a number belongs."""
+    message = f"`{text}` in column `{column}` is not a number (row {row} of {file})"
+    notes = _and_more(more, "cell")
+    return error("E0807", place, message, "not a number", notes=notes, help=_repair_of(text))
+
+
+def decimal_comma(
+    file: str, row: int, column: str, text: str, more: int, place: Span, *, delimiter: str
+) -> Diagnostic:
+    """E0808: a number with a comma where the point belongs."""
+    own = "" if delimiter == "," else 'delimiter: ";", '
+    message = f"`{text}` in column `{column}` has a decimal comma (row {row} of {file})"
+    label = f"write `{text.replace(',', '.')}`"
+    repair = f'a file with decimal commas needs `csv: {{{own}decimal: ","}}` under `data:`'
+    return error("E0808", place, message, label, notes=_and_more(more, "cell"), help=repair)
+
+
+def missing_value(
+    file: str, row: int, column: str, text: str, more: int, place: Span | None
+) -> Diagnostic:
+    """E0809: an empty or NaN cell of an input while `nan: error` holds."""
+    found = f"`{text}`" if text else "no value"
+    message = f"column `{column}` has {found} in row {row} of {file}"
+    notes = _and_more(more, "cell")
+    repair = "`nan: split` ends the episode here, `nan: drop` leaves the record out"
+    return error("E0809", place, message, "an input is missing here", notes=notes, help=repair)
+
+
+def infinite_value(
+    file: str, row: int, column: str, text: str, more: int, place: Span | None
+) -> Diagnostic:
+    """E0810: a cell that is infinite."""
+    message = f"`{text}` in column `{column}` is not finite (row {row} of {file})"
+    return error("E0810", place, message, "not a finite number", notes=_and_more(more, "cell"))
+
+
+def unbalanced_quote(file: str, row: int, more: int, place: Span) -> Diagnostic:
+    """E0822: a quote that its line does not close."""
+    message = f'row {row} of {file} has a `"` that its line does not close'
+    return error("E0822", place, message, "opened here", notes=_and_more(more, "row"))
+
+
+def _repair_of(text: str) -> str | None:
+    """What to write in place of a text that people often have in a table."""
+    if _DATE.match(text):
+        return "write times as `2026-11-22 17:00:00.25` (ISO 8601), or as numbers"
+    if text.upper() in _NOT_MEASURED:
+        return "leave the cell empty where nothing was measured"
+    if text.startswith("="):
+        return "a formula has no value yet: open the file in a spreadsheet program and save it"
+    if _NUMBER.fullmatch(text):
+        whole, point = text.replace(".", ""), text.replace(".", ",", 1)
+        return f"beside decimal commas a point may part thousands: write `{whole}` or `{point}`"
+    joined = _BLANKS.sub("", text)
+    if joined != text and _NUMBER.fullmatch(joined):
+        return f"write the number without blanks: `{joined}`"
+    return None
+
+
+_DATE = re.compile(r"\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d\d(:\d\d)?")
+_NOT_MEASURED = frozenset(
+    ["N/A", "#N/A", "NONE", "#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "-", "--"]
+)
+_BLANKS = re.compile(r"[\s\u00a0\u2009\u202f]")
+_NUMBER = re.compile(r"[+-]?\d+([.]\d*)?([eE][+-]?\d+)?")
+_COMMA_HELP = 'a file with decimal commas needs `csv: {delimiter: ";", decimal: ","}`'

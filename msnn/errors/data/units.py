@@ -1,0 +1,78 @@
+"""E0979, E0989 to E0991, E0997 to E0999: moments and units that a file of a logger states."""
+
+from msnn.errors.data.files import _and_more
+from spec_schema.diagnostics.diagnostic import Diagnostic, error
+from spec_schema.diagnostics.source import Span
+
+
+def misfitting_date(
+    what: str, date: str, file: str, has_zone: bool | None, span: Span | None
+) -> Diagnostic:
+    """E0979: a date of the spec for times that are none, or that another clock has shown."""
+    if has_zone is None:
+        times = f"the times of {file} are seconds"
+        repair = "write the time as they are, such as `20 s`"
+    elif has_zone:
+        times = f"the dates of {file} have an offset from UTC"
+        repair = f"write `Z` or the offset behind it: `{date}Z`"
+    else:
+        times = f"the dates of {file} have no offset from UTC"
+        repair = "write it as that clock showed it, without the offset"
+    message = f"{what} is the date {date}, and {times}"
+    return error("E0979", span, message, "not to be compared with them", help=repair)
+
+
+def not_a_moment(
+    file: str, row: int, column: str, text: str, more: int, place: Span | None
+) -> Diagnostic:
+    """E0989: another text or a number in a column of times that are dates."""
+    message = f"`{text}` in column `{column}` is no moment such as `2026-11-22 17:00:00.25`"
+    notes = (f"row {row} of {file}; the rows before have dates", *_and_more(more, "cell"))
+    repair = "write every time as ISO 8601, or every time as a number"
+    return error("E0989", place, message, "not a date and a time of day", notes=notes, help=repair)
+
+
+def mixed_zones(
+    file: str, row: int, column: str, text: str, more: int, place: Span | None
+) -> Diagnostic:
+    """E0990: times of which some have an offset from UTC and others none."""
+    message = f"`{text}` in column `{column}` and the times before differ in having a time zone"
+    notes = (f"row {row} of {file}", *_and_more(more, "cell"))
+    repair = "write `Z` or an offset such as `+01:00` behind every time, or behind none"
+    return error("E0990", place, message, "is it the same clock?", notes=notes, help=repair)
+
+
+def units_differ(file: str, column: str, header: str, line: str, place: Span | None) -> Diagnostic:
+    """E0991: a header that names another unit than the line of units below it."""
+    message = f"{file} says of column `{column}` that it is in {header}, and below in {line}"
+    repair = f"say which is right: `columns: {{NAME: {{column: {column!r}, unit: {line}}}}}`"
+    return error("E0991", place, message, "which one is right?", help=repair)
+
+
+def unit_beside_scale(
+    *, signal: str, column: str, found: str, declared: str, span: Span | None
+) -> Diagnostic:
+    """E0997: a factor in the spec for a column whose file states another unit than the signal's."""
+    message = (
+        f"the file has `{column}` in {found}, `{signal}` is in {declared}, and the spec has a "
+        "`scale:` or `offset:` for it"
+    )
+    repair = f"write `unit: {declared}` beside `scale:` if that converts, else take `scale:` away"
+    return error("E0997", span, message, "does this convert the unit?", help=repair)
+
+
+def unit_of_moments(column: str, unit: str, span: Span | None) -> Diagnostic:
+    """E0998: a unit of time for a column whose times are dates."""
+    message = f"column `{column}` has dates, and `unit: {unit}` is said of it"
+    return error("E0998", span, message, "dates have no unit", help="remove `unit:`")
+
+
+def misfitting_file_unit(
+    *, signal: str, column: str, found: str, declared: str, span: Span | None
+) -> Diagnostic:
+    """E0999: a column whose unit, by the file's own words, does not convert to the signal's."""
+    message = f"the file has `{column}` in {found}, which does not convert to {declared}"
+    said = f"{{column: {column!r}, unit: {declared}}}"
+    key = f"time: {said}" if signal == "time" else f"columns: {{{signal}: {said}}}"
+    repair = f"if that is no unit, say the true one: `{key}`"
+    return error("E0999", span, message, f"`{signal}` is in {declared}", help=repair)

@@ -1,0 +1,1 @@
+"""Diagnostics of training, of its runs and of weights."""

@@ -1,0 +1,1 @@
+"""Diagnostics of what is measured, compared and reported of trained models."""

@@ -1,0 +1,46 @@
+"""E0860-E0864: sweeps over values of a spec: draws, what is swept twice, clusters."""
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, error
+
+
+def malformed_draw(text: str) -> Diagnostic:
+    """E0860: what a value is drawn from, where no law is known by that."""
+    message = f"`{text}` is no path, `=` and what the value is drawn from"
+    repair = (
+        "write `KEY=uniform(0.5, 2)`, `KEY=log(1e-3, 1e-1)`, `KEY=integer(1, 20)`, each with a "
+        "unit behind it where the value has one, or `KEY=choice(rk4, euler)`"
+    )
+    return error("E0860", None, message, help=repair)
+
+
+def wrong_bounds(text: str, why: str) -> Diagnostic:
+    """E0861: bounds between which nothing can be drawn."""
+    message = f"nothing can be drawn from `{text}`: {why}"
+    repair = (
+        "give two finite bounds, the smaller first: `KEY=uniform(0.5, 2)`; `log` needs both > 0"
+    )
+    return error("E0861", None, message, help=repair)
+
+
+def swept_twice(path: str) -> Diagnostic:
+    """E0862: a value of a spec that is swept twice."""
+    message = f"`{path}` is swept twice"
+    repair = "leave it to one `--grid` or `--draw`"
+    return error("E0862", None, message, help=repair)
+
+
+def nothing_drawn(count: int) -> Diagnostic:
+    """E0863: a number of draws where nothing is drawn."""
+    message = f"{count} draws are asked for, and no value is drawn"
+    repair = "say which: `--draw 'parameters.k.init=log(1, 100)'`, or leave out `--draws`"
+    return error("E0863", None, message, help=repair)
+
+
+def unusable_cluster(address: str, why: str) -> Diagnostic:
+    """E0864: a Ray cluster that trainings cannot run on."""
+    message = f"trainings cannot run on the Ray cluster `{address}`: {why}"
+    repair = (
+        "give the address that `ray start --head` prints, `auto` on a node of the cluster, or "
+        "`local` to try it here; all nodes need the same msnn, Python and Ray"
+    )
+    return error("E0864", None, message, help=repair)

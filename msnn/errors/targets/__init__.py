@@ -1,0 +1,1 @@
+"""Diagnostics of exports, and of what is brought in from other tools."""

@@ -1,0 +1,1 @@
+"""Follows the source of Python functions without running it."""

@@ -1,0 +1,1 @@
+"""Recognises relations that stand together for one thing of the language."""

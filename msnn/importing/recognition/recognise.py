@@ -1,0 +1,17 @@
+"""Finds relations that stand for many: local models, integrals and derivatives in time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from msnn.importing.recognition.calculus import calculus
+from msnn.importing.recognition.local_models import local_models
+from msnn.importing.recognition.recognised import Recognised
+from msnn.importing.saved_file.grammar import File
+from msnn.importing.saved_file.graph import Graph
+
+
+def recognise(file: File) -> Mapping[str, Recognised]:
+    """What the relations are that stand for many."""
+    graph = Graph(file)
+    return {**calculus(graph), **local_models(graph)}

@@ -1,0 +1,31 @@
+"""Describes what many relations are together, and what it needs to be followed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from msnn.importing.functions import Functions
+from msnn.importing.layers.layers import Layers
+from msnn.importing.signals import Signals
+from msnn.importing.terms.values import Value, Values
+
+
+class Followed(Protocol):
+    """What a recognised form asks of the relations around it."""
+
+    values: Values
+    layers: Layers
+    functions: Functions
+    signals: Signals | None
+
+    def operand(self, name: str) -> Value: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Recognised:
+    """The relations that it needs, and how its value is made of theirs."""
+
+    needs: tuple[str, ...]
+    make: Callable[[Followed], Value]

@@ -1,0 +1,119 @@
+"""Reads the JSON of an nnodely 1.x model as the values that its grammar allows, and no others."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, TypeAlias, cast
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic_core import ErrorDetails
+
+from msnn.errors.targets.importing import wrong_json
+from msnn.importing.saved_file.json_text import JsonText, path_text
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+
+_MOST_FAULTS = 8
+
+Size: TypeAlias = Annotated[int, Field(ge=1, le=100_000)]
+Number: TypeAlias = int | FiniteFloat
+Numbers: TypeAlias = "Number | list[Any]"
+Samples: TypeAlias = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(strict=True, extra="ignore", frozen=True)
+
+
+class Info(_Strict):
+    """What holds of the whole model."""
+
+    SampleTime: Annotated[Number, Field(gt=0)] = 1
+
+
+class Input(_Strict):
+    """A signal: its size, the union of the windows that are read of it, and what feeds it."""
+
+    dim: Size
+    sw: Annotated[list[Samples], Field(min_length=2, max_length=2)] | None = None
+    tw: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    closed_loop: Annotated[str | None, Field(alias="closedLoop")] = None
+    connect: str | None = None
+    local: int = 0
+
+
+class Array(_Strict):
+    """A parameter or constant."""
+
+    dim: Size | list[Size]
+    sw: Size | None = None
+    tw: Annotated[Number, Field(gt=0)] | None = None
+    values: Any = None
+    init_values: Any = None
+
+
+class Function(_Strict):
+    """Fuzzy sets, or the source text of a function."""
+
+    code: str | None = None
+    name: str | None = None
+    params_and_consts: list[str] = []
+    n_input: int | None = None
+    map_over_dim: bool | list[int | None] = False
+    centers: list[Number] | None = None
+    dim_out: dict[str, Size] | None = None
+    functions: str | list[str] | None = None
+    names: str | list[str] | None = None
+
+
+class Minimizer(_Strict):
+    """A loss between two relations or outputs."""
+
+    A: str
+    B: str
+    loss: str
+
+
+def _relation(given: list[Any]) -> list[Any]:
+    kind, operands = given[:2]
+    if not isinstance(kind, str) or names_in(operands) != operands:
+        raise ValueError("a relation is [kind, [names of operands], …]")
+    return given
+
+
+def names_in(operands: Any) -> list[str]:
+    """The names in the operands of a relation; none of what is no list."""
+    if not isinstance(operands, list):
+        return []
+    return [one for one in cast("list[Any]", operands) if isinstance(one, str)]
+
+
+class File(_Strict):
+    """A saved model."""
+
+    Info: Info
+    Inputs: dict[str, Input]
+    Constants: dict[str, Array] = {}
+    Parameters: dict[str, Array] = {}
+    Functions: dict[str, Function] = {}
+    Relations: dict[str, Annotated[list[Any], Field(min_length=2), AfterValidator(_relation)]]
+    Outputs: Annotated[dict[str, str], Field(min_length=1)]
+    Minimizers: dict[str, Minimizer] = {}
+
+
+def read_file(text: JsonText) -> File:
+    """The model of a JSON text. Raises SpecError with every value that has a wrong form."""
+    try:
+        return File.model_validate(text.value)
+    except ValidationError as fault:
+        found = fault.errors(include_url=False, include_context=False)
+        raise SpecError([_said(text, one) for one in found[:_MOST_FAULTS]], [text.source]) from None
+
+
+def _said(text: JsonText, fault: ErrorDetails) -> Diagnostic:
+    # a union names its branches among the steps, which the text does not have
+    path: list[str | int] = []
+    for step in fault["loc"]:
+        if (*path, step) in text.places:
+            path.append(step)
+    missing = fault["loc"][-1] if fault["type"] == "missing" else None
+    reason = f"`{missing}` is missing" if missing is not None else fault["msg"].lower()
+    return wrong_json(path_text(tuple(path)), reason, text.place(*path))

@@ -1,0 +1,23 @@
+"""Finds the arrays that several layers and formulas of a file use."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from msnn.importing.saved_file.grammar import File, names_in
+
+
+def shared_arrays(file: File) -> frozenset[str]:
+    """Weights that stand in layers of different kinds, or in a formula too."""
+    arrays = {*file.Parameters, *file.Constants}
+    layers: set[tuple[str, ...]] = set()
+    uses: Counter[str] = Counter()
+    for kind, operands, *rest in file.Relations.values():
+        uses.update({one for one in names_in(operands) if one in arrays})
+        if kind in {"Fir", "Linear"} and len(rest) >= 2:
+            layers.add((kind, *map(str, rest)))
+    for _, weight, bias, *_ in layers:
+        uses.update({weight, bias} & arrays)
+    for function in file.Functions.values():
+        uses.update(set(function.params_and_consts))
+    return frozenset(name for name, count in uses.items() if count > 1)

@@ -1,0 +1,51 @@
+"""Checks arrays against the parameters of a model, wherever they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.ir.program import Program
+from msnn.data.dataset import FloatArray
+from msnn.errors.learning import weights as errors
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+
+GIVEN = "the given mapping of weights"
+"""What messages call weights that are no file."""
+
+
+def checked_weights(
+    program: Program, arrays: Mapping[str, NDArray[Any]], origin: str
+) -> dict[str, FloatArray]:
+    """The arrays of all parameters; SpecError with all that is wrong. `origin` names them."""
+    faults: list[Diagnostic] = []
+    known = [parameter.name for parameter in program.parameters]
+    unknown = [name for name in arrays if name not in known]
+    if unknown:
+        faults.append(errors.unknown_weights(origin, unknown, known))
+    missing = [name for name in known if name not in arrays]
+    if missing:
+        faults.append(errors.missing_weights(origin, missing, given=origin == GIVEN))
+    found: dict[str, FloatArray] = {}
+    for parameter in program.parameters:
+        shape = tuple(axis.size for axis in parameter.axes)
+        name, array = parameter.name, arrays.get(parameter.name)
+        if array is None:
+            continue
+        if array.shape != shape:
+            faults.append(
+                errors.misshapen_weights(origin, name, array.shape, shape, parameter.span)
+            )
+        elif not np.issubdtype(array.dtype, np.floating):
+            faults.append(errors.weights_not_floating(origin, name, str(array.dtype)))
+        else:
+            found[name] = array.astype(np.float64)
+    wild = [name for name, array in found.items() if not np.all(np.isfinite(array))]
+    if wild:
+        faults.append(errors.weights_not_finite(origin, wild))
+    if faults:
+        raise SpecError(faults)
+    return found

@@ -1,0 +1,107 @@
+"""Keeps the covariance of learned numbers beside the weights that it belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from backends.files.atomic_write import write_bytes
+from backends.files.safetensors_bytes import safetensors_bytes
+from msnn.data.dataset import FloatArray, IntArray
+from msnn.errors.results.intervals import no_covariance
+from msnn.model.kept_run import PARAMETERS, read_json
+from msnn.model.weights.safetensors_file import arrays_in
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.reading.endless_files import refuse_endless
+
+COVARIANCE = "covariance.safetensors"
+_MATRIX = "covariance"
+_VALUE = "value of "
+
+
+@dataclass(frozen=True, slots=True)
+class Covariance:
+    """How uncertain the numbers are that a training has learned, in the units of the parameters."""
+
+    values: Mapping[str, FloatArray]
+    """The parameters that it is of, as they were estimated: it belongs to these values alone."""
+    matrix: FloatArray
+    """Rows and columns: all numbers of `values`, one parameter after the other. 0 for a number that
+    is held at a bound or at 0, and in directions that no residual depends on."""
+
+    @classmethod
+    def sorted_by_name(
+        cls, names: Sequence[str], weights: Mapping[str, FloatArray], matrix: FloatArray
+    ) -> Covariance:
+        """Of a matrix over the numbers of `names`; in the order that a file keeps."""
+        places = _places(names, weights)
+        order = sorted(names)
+        numbers = np.concatenate([places[name] for name in order])
+        return cls({name: weights[name] for name in order}, matrix[np.ix_(numbers, numbers)])
+
+    def root(self, names: Sequence[str]) -> FloatArray:
+        """L with L Lᵀ = the part of the matrix for these parameters, in their order."""
+        places = _places(list(self.values), self.values)
+        numbers = np.concatenate([places[name] for name in names])
+        part = self.matrix[np.ix_(numbers, numbers)]
+        values, vectors = np.linalg.eigh((part + part.T) / 2.0)
+        return vectors * np.sqrt(np.maximum(values, 0.0))
+
+    @property
+    def free(self) -> int:
+        """How many numbers were free to move."""
+        return int(np.count_nonzero(np.diagonal(self.matrix)))
+
+    def belongs_to(self, weights: Mapping[str, FloatArray]) -> bool:
+        """Whether these weights are what it was estimated at."""
+        return all(
+            name in weights and np.array_equal(weights[name], value)
+            for name, value in self.values.items()
+        )
+
+
+def _places(names: Sequence[str], weights: Mapping[str, FloatArray]) -> dict[str, IntArray]:
+    """Where the numbers of each parameter stand, one parameter after the other."""
+    ends = np.cumsum([weights[name].size for name in names])
+    return {
+        name: np.arange(end - weights[name].size, end)
+        for name, end in zip(names, ends.tolist(), strict=True)
+    }
+
+
+def write_covariance(path: Path, found: Covariance) -> Path:
+    """Writes matrix and values as a safetensors file."""
+    arrays = {_MATRIX: found.matrix}
+    arrays |= {f"{_VALUE}{name}": np.asarray(value) for name, value in found.values.items()}
+    return write_bytes(path, safetensors_bytes(arrays, {"format": "msnn-covariance-1"}))
+
+
+def read_covariance(weights_file: Path, weights: Mapping[str, FloatArray]) -> Covariance:
+    """The covariance beside a weights file. Raises SpecError where there is none of its values."""
+    path = weights_file.with_name(COVARIANCE)
+    try:
+        refuse_endless(path)
+        content = path.read_bytes()
+    except OSError:
+        errors = read_json(weights_file.with_name(PARAMETERS)).get("standard_errors")
+        known = cast("dict[str, object]", errors) if isinstance(errors, dict) else {}
+        reason = known.get("reason")
+        why = f"there is no {path}" if reason is None else f"no standard errors, since {reason}"
+        raise SpecError([no_covariance(why)]) from None
+    arrays = arrays_in(content) or {}
+    values = {
+        name.removeprefix(_VALUE): arrays[name]
+        for name in sorted(arrays)
+        if name.startswith(_VALUE)
+    }
+    matrix, size = arrays.get(_MATRIX), sum(value.size for value in values.values())
+    if matrix is None or matrix.shape != (size, size) or not np.all(np.isfinite(matrix)):
+        raise SpecError([no_covariance(f"{path} cannot be read")])
+    found = Covariance(values, matrix)
+    if not found.belongs_to(weights):
+        raise SpecError([no_covariance(f"{path} belongs to other weights")])
+    return found

@@ -1,0 +1,1 @@
+"""Steps by second-order methods, whatever engine gives residuals and slopes."""

@@ -1,0 +1,130 @@
+"""Starts of runs as unknowns of least squares, together with the parameters (decision 0212)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from backends.gauss_newton_products import Products, StartBlocks
+from compiler.differentiation.estimated_starts import (
+    estimated_states,
+    offset_parameter,
+    start_signal,
+    with_moved_starts,
+)
+from compiler.ir.program import State
+from compiler.ir.types import Type
+from msnn.data.dataset import FloatArray, IntArray
+from msnn.data.starts import Runs
+from msnn.training.engines.second_order.squares import Slopes
+from msnn.training.plans.stage_plan import StagePlan
+
+Weights = Mapping[str, FloatArray]
+
+
+class JointStarts:
+    """The starts of the runs of a stage as numbers in a row, and slopes in them.
+
+    To all starts of a state a parameter is added that is 0: the slopes of one run in it are those
+    in its start.
+    """
+
+    def __init__(self, plan: StagePlan, series: Weights) -> None:
+        assert plan.rollout.starts is not None
+        self._rows = len(next(iter(series.values())))
+        program = plan.rollout.starts.program
+        self._states: tuple[State, ...] = estimated_states(program)
+        self._sizes = [Type(state.axes).size for state in self._states]
+        self.plan = replace(
+            plan,
+            rollout=replace(plan.rollout, program=with_moved_starts(program)),
+            trained=(*plan.trained, *map(offset_parameter, self._states)),
+        )
+        """The stage whose squares have slopes in starts, after those in the parameters."""
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers the start of one run is."""
+        return sum(self._sizes)
+
+    def moved(self, weights: Weights) -> dict[str, FloatArray]:
+        """The weights with the parameters that are added to starts."""
+        zeros = {offset_parameter(s): np.zeros(Type(s.axes).shape) for s in self._states}
+        return {**weights, **zeros}
+
+    def flat(self, series: Weights, t0: IntArray) -> FloatArray:
+        """The starts of runs, one after the other."""
+        parts = [series[start_signal(s)][t0].reshape(len(t0), -1) for s in self._states]
+        return np.concatenate(parts, axis=1).ravel()
+
+    def series(self, flat: FloatArray, t0: IntArray) -> dict[str, FloatArray]:
+        """The series that runs read these starts from."""
+        parts = np.split(flat.reshape(len(t0), -1), np.cumsum(self._sizes)[:-1], axis=1)
+        found: dict[str, FloatArray] = {}
+        for state, part in zip(self._states, parts, strict=True):
+            shape = Type(state.axes).shape
+            whole = np.zeros((self._rows, *shape))
+            whole[t0] = part.reshape(len(t0), *shape)
+            found[start_signal(state)] = whole
+        return found
+
+    def products(self, squares: Slopes, runs: Runs, weights: Weights) -> dict[str, Products]:
+        """The products of every loss, the slopes in the start of each run apart."""
+        moved = self.moved(weights)
+        alone = [squares.products(runs.take(np.array([i])), moved) for i in range(len(runs))]
+        return {name: _apart([one[name] for one in alone], self.numbers) for name in alone[0]}
+
+
+def _apart(runs: Sequence[Products], numbers: int) -> Products:
+    """The products of single runs, whose last `numbers` are their starts, as those of all."""
+    whole = sum(runs[1:], runs[0])
+    n = len(whole.slope) - numbers
+    blocks = StartBlocks(
+        np.stack([one.curvature[:n, n:] for one in runs]),
+        np.stack([one.curvature[n:, n:] for one in runs]),
+        np.stack([one.slope[n:] for one in runs]),
+    )
+    return replace(whole, curvature=whole.curvature[:n, :n], slope=whole.slope[:n], starts=blocks)
+
+
+_NOTHING = 1e-10
+"""Curvature, relative to that of single numbers, below which a direction changes nothing."""
+
+
+def without_starts(
+    products: Mapping[str, Products], shares: Mapping[str, float]
+) -> tuple[dict[str, Products], dict[str, float]]:
+    """The products after the starts are eliminated, and the residuals that these have used up.
+
+    With C = Σ cₗ KₗᵀKₗ and B = Σ cₗ JₗᵀKₗ of a run, the start follows a change of the parameters by
+    −C⁺Bᵀ: what is left of the slopes is Jₗ − KₗC⁺Bᵀ. A loss pays tr(C⁺ cₗ KₗᵀKₗ) numbers.
+    """
+    blocks = {name: one.starts for name, one in products.items() if one.starts is not None}
+    cross = sum(share * blocks[name].cross for name, share in shares.items())
+    own = sum(share * blocks[name].curvature for name, share in shares.items())
+    inverse = _inverted(np.asarray(own))
+    follows = np.asarray(cross) @ inverse
+    left: dict[str, Products] = {}
+    used: dict[str, float] = {}
+    for name, one in products.items():
+        block = blocks[name]
+        mixed = np.einsum("rpn,rqn->pq", follows, block.cross)
+        within = np.einsum("rpn,rnm,rqm->pq", follows, block.curvature, follows)
+        curvature = one.curvature - mixed - mixed.T + within
+        left[name] = replace(one, curvature=curvature, starts=None)
+        used[name] = shares.get(name, 0.0) * float(np.sum(inverse * block.curvature))
+    return left, used
+
+
+def _inverted(blocks: FloatArray) -> FloatArray:
+    """The inverse of each block in the directions that change something."""
+    diagonal = np.diagonal(blocks, axis1=1, axis2=2)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(blocks * scale[:, :, None] * scale[:, None, :])
+    seen = values > _NOTHING
+    kept = vectors * scale[:, :, None]
+    return (kept * np.where(seen, 1.0 / np.where(seen, values, 1.0), 0.0)[:, None, :]) @ (
+        kept.transpose(0, 2, 1)
+    )

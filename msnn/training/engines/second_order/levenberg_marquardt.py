@@ -1,0 +1,302 @@
+"""Steps by Levenberg-Marquardt: damped Gauss-Newton on all rollouts of a stage at once.
+
+A step δ of the raw variables solves (A + μD)δ = −g, where 2g is the slope of the weighted total F
+and 2A its curvature without second derivatives of residuals. D is the largest diagonal of A so far
+(Moré 1978), so that units do not matter; μ follows the gain of the last step (Nielsen 1999). A step
+is taken where it lowers the total and slopes are finite there: the next one is made of these.
+Residuals whose slopes are infinite have no share in A and g, but one in F.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from backends.gauss_newton_products import Products
+from backends.known_terms import corners
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
+from msnn.data.starts import Runs
+from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
+from msnn.training.engines.learned_numbers import LearnedNumbers
+from msnn.training.engines.second_order.joint_starts import JointStarts
+from msnn.training.engines.second_order.normal_equations import Model, in_raw_variables
+from msnn.training.engines.second_order.quadratic_terms import QuadraticTerms, quadratic_terms
+from msnn.training.engines.second_order.squares import Squares, loss_sums_of
+from msnn.training.plans.known_terms_of_stage import known_of
+from msnn.training.plans.stage_plan import StagePlan
+from spec_schema.sections.training.optimizers import LevenbergMarquardt
+
+NAME = "levenberg_marquardt"
+
+Weights = Mapping[str, FloatArray]
+
+_MOST_DAMPING = 1e16
+"""Times the curvature: a step that is so much shorter is lost in the rounding of the variables."""
+
+
+class LevenbergMarquardtEngine:
+    """Trains the parameters `plan.trained` of one stage; the others keep their values."""
+
+    batches_a_call = 1
+    left_out = 0
+    has_left_out = False
+
+    def __init__(
+        self,
+        plan: StagePlan,
+        series: Mapping[str, FloatArray],
+        weights: Mapping[str, FloatArray],
+        train_rows: Mapping[str, BoolArray] | None,
+        evaluation_rows: Mapping[str, BoolArray] | None,
+        squares: type[Squares],
+    ) -> None:
+        assert isinstance(plan.optimizer, LevenbergMarquardt)
+        self._plan, self._options = plan, plan.optimizer
+        program = plan.rollout.program
+        parameters = [program.parameter(name) for name in plan.trained]
+        self._numbers = LearnedNumbers(parameters, weights)
+        self._raw, self.moved = self._numbers.begin()
+        self._learned = len(self._raw)
+        self._joint = JointStarts(plan, series) if plan.estimates_starts else None
+        self._begun: Weights = {}  # series of the starts with which runs begin
+        self._started: Runs | None = None  # whose starts are the last variables, in their order
+        self._watches_training = True
+        self._known = known_of(plan, parameters)
+        self._spread = 0.0
+        self._largest = np.zeros_like(self._raw)
+        self._damping, self._growth = self._options.damping, 2.0
+        self.finished: str | None = None
+        self._ahead: tuple[Runs, Mapping[str, Products]] | None = None
+        """The products at the present variables, where the last step has looked at them."""
+        as_squares = plan if self._joint is None else self._joint.plan
+        self._squares = squares(as_squares, series, train_rows, evaluation_rows)
+
+    def check(self, runs: Runs) -> None:
+        """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
+        self._squares.check(runs, self._all(self.weights()))
+
+    def weights(self) -> dict[str, FloatArray]:
+        """Physical values; parameters that are not trained are exactly those given."""
+        return self._numbers.weights(self._raw)
+
+    def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
+        """Takes how priors count; it leaves nothing out, as its steps compare totals."""
+        self._spread = spread
+
+    def measure(self, runs: Runs) -> LossSums:
+        """The losses of rollouts to train on at the current weights."""
+        in_order = runs.take(np.argsort(runs.t0, kind="stable"))
+        self._begin(in_order)
+        return self._costs_at(in_order, self._raw)
+
+    def write(self, series: Weights, *, watched: bool) -> None:
+        """Replaces series by which runs start; those that are variables begin there."""
+        if watched:
+            self._watches_training = False
+        else:
+            self._begun, self._ahead = series, None
+        if watched or self._joint is None:
+            self._squares.write(series, watched=watched)
+
+    def train_batches(
+        self,
+        runs: Runs,
+        size: int,
+        members: IntArray | None = None,
+        before: LossSums | None = None,
+    ) -> LossSums:
+        """One step from all rollouts; the losses before it. Raises NonFiniteLossError."""
+        assert not before, "an epoch is one step"
+        runs = runs if members is None else runs.take(members)
+        assert size >= len(runs), "every step takes all rollouts"
+        if self.finished is not None:  # with other rollouts it goes on
+            self.finished, self._damping, self._growth = None, self._options.damping, 2.0
+        in_order = runs.take(np.argsort(runs.t0, kind="stable"))  # so that sums do not shuffle
+        self._begin(in_order)
+        products = self._products(in_order)
+        if not self._is_finite(products):
+            raise NonFiniteLossError(runs, self._without_slopes(products))
+        self._note_left_out(products)
+        if self._joint is not None and not self._counting(products):
+            self.finished = "nothing is scored"  # nor does anything decide where runs start
+        elif not self.left_out:
+            self._descend(in_order, self._model(products))
+        return loss_sums_of(products)
+
+    def order(self, count: int, key: int) -> IntArray:
+        """As they stand: every step takes all rollouts, in the order of their rows."""
+        del key
+        return np.arange(count, dtype=np.int64)
+
+    def evaluate(self, runs: Runs) -> LossSums:
+        """The losses of these rollouts at the current weights, on the rows that count."""
+        if self._joint is not None and self._watches_training:
+            in_order = runs.take(np.argsort(runs.t0, kind="stable"))
+            self._begin(in_order)
+            return self._costs_at(in_order, self._raw)
+        return self._squares.watched_costs(runs, self._all(self.weights()))
+
+    def state(self) -> EngineState:
+        """Raw variables, scales and damping as they are now."""
+        structure = {
+            "engine": NAME,
+            "damping": self._damping,
+            "growth": self._growth,
+            "finished": self.finished,
+        }
+        arrays = {"raw": self._raw.copy(), "largest": self._largest.copy()}
+        if self._started is not None:
+            arrays |= {n: getattr(self._started, n).astype(float) for n in ("t0", "steps")}
+        return EngineState(arrays, structure)
+
+    def restore(self, state: EngineState) -> None:
+        """Goes back to a state of the same stage; KeyError or ValueError for any other."""
+        if not isinstance(state.structure, dict) or state.structure.get("engine") != NAME:
+            message = "the checkpoint is of another engine"
+            raise ValueError(message)
+        self._raw = state.arrays["raw"].copy()
+        self._largest = state.arrays["largest"].copy()
+        self._damping = float(state.structure["damping"])
+        self._growth = float(state.structure["growth"])
+        self.finished = state.structure["finished"]
+        self._ahead = None
+        if "t0" in state.arrays:
+            t0, steps = (state.arrays[name].astype(np.int64) for name in ("t0", "steps"))
+            self._started = Runs(t0, steps, 0, 0)
+
+    def _begin(self, runs: Runs) -> None:
+        """Takes the starts of other runs as variables than so far."""
+        if self._joint is None or (self._started is not None and self._started.begin_as(runs)):
+            return
+        n, starts = self._learned, self._joint.flat(self._begun, runs.t0)
+        self._raw = np.append(self._raw[:n], starts)
+        self._largest = np.append(self._largest[:n], np.zeros_like(starts))
+        self._started, self._ahead = runs, None
+
+    def _all(self, weights: Weights) -> Weights:
+        """The weights of the program that the squares are of."""
+        return weights if self._joint is None else self._joint.moved(weights)
+
+    def _products_at(self, runs: Runs, raw: FloatArray) -> Mapping[str, Products]:
+        weights = self._numbers.weights(raw)
+        if self._joint is None:
+            return self._squares.products(runs, weights)
+        self._write_starts(runs, raw)
+        return self._joint.products(self._squares, runs, weights)
+
+    def _costs_at(self, runs: Runs, raw: FloatArray) -> LossSums:
+        self._write_starts(runs, raw)
+        return self._squares.train_costs(runs, self._all(self._numbers.weights(raw)))
+
+    def _write_starts(self, runs: Runs, raw: FloatArray) -> None:
+        if self._joint is not None:
+            series = self._joint.series(raw[self._learned :], runs.t0)
+            self._squares.write(series, watched=False)
+
+    def _products(self, runs: Runs) -> Mapping[str, Products]:
+        """The products at the present variables."""
+        if self._ahead is not None and self._ahead[0].begin_as(runs):
+            return self._ahead[1]
+        return self._products_at(runs, self._raw)
+
+    def _is_model(self, products: Mapping[str, Products]) -> bool:
+        """Whether a next step follows from these."""
+        counting = self._counting(products).values()
+        nothing = bool(counting) and all(one.is_left_out for one in counting)
+        return self._is_finite(products) and not nothing
+
+    def _is_finite(self, products: Mapping[str, Products]) -> bool:
+        """Whether a step can be made of these; rows of losses that do not count may be anything."""
+        return all(
+            np.isfinite(one.cost)
+            and np.isfinite(one.slope).all()
+            and np.isfinite(one.curvature).all()
+            and (one.starts is None or np.isfinite(one.starts.curvature).all())
+            for one in self._counting(products).values()
+        )
+
+    def _note_left_out(self, products: Mapping[str, Products]) -> None:
+        counting = list(self._counting(products).values())
+        self.has_left_out = self.has_left_out or any(one.left_out for one in counting)
+        self.left_out = int(bool(counting) and all(one.is_left_out for one in counting))
+
+    def _without_slopes(self, products: Mapping[str, Products]) -> tuple[str, ...]:
+        """The parameters in which a loss has no finite slope though its value is one."""
+        counting = list(self._counting(products).values())
+        if not all(np.isfinite(one.cost) for one in counting):
+            return ()
+        bad = np.zeros(self._learned, bool)
+        for one in counting:
+            bad |= ~np.isfinite(one.slope) | ~np.isfinite(np.diagonal(one.curvature))
+        return tuple(p.name for p, part in self._numbers.parts(bad) if part.any())
+
+    def _counting(self, products: Mapping[str, Products]) -> dict[str, Products]:
+        """Those of the losses that count; penalties have none."""
+        return {
+            loss.name: products[loss.name]
+            for loss in self._plan.rollout.program.losses
+            if self._plan.loss_weights[loss.name]
+            and loss.penalty is None
+            and products[loss.name].count
+        }
+
+    def _model(self, products: Mapping[str, Products]) -> Model:
+        shares = {
+            name: self._plan.loss_weights[name] / found.count
+            for name, found in self._counting(products).items()
+        }
+        losses = in_raw_variables(products, shares, self._numbers.slopes(self._raw))
+        raw = self._raw[: self._learned]
+        found = losses.plus(self._quadratic_terms(raw), corners(self._known, raw))
+        # D never shrinks, so that a variable which loses its influence does not run away (Moré
+        # 1978)
+        self._largest = np.maximum(self._largest, found.diagonal)
+        return found.model(self._scale(), raw, self._known)
+
+    def _quadratic_terms(self, raw: FloatArray) -> QuadraticTerms:
+        return quadratic_terms(self._known, raw, self._plan.weight_decay, self._spread)
+
+    def _descend(self, runs: Runs, model: Model) -> None:
+        """Takes the first step that lowers the total, shorter ones until one does."""
+        while self._damping < _MOST_DAMPING:
+            step, fall = model.step(self._damping)
+            # the model promises no more than rounding
+            if fall <= np.finfo(float).eps * model.total or not step.any():
+                break
+            trial = self._raw + step
+            # the cost alone first: slopes take as many times longer as there are learned numbers
+            total = self._total_at(runs, trial)
+            ahead = self._products_at(runs, trial) if total < model.total else None
+            if ahead is not None and self._is_model(ahead):
+                # 1 where the model was right: the damping falls to a third; Nielsen's rule is
+                # smooth between
+                gain = (model.total - total) / fall
+                self._raw, self._ahead = trial, (runs, ahead)
+                self._damping *= max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
+                self._growth = 2.0
+                if max(model.total - total, fall) <= self._options.tolerance * model.total:
+                    self.finished = "converged"
+                return
+            # rejected: doubled, then times 4, 8, …, so that a bad start takes few trials
+            self._damping *= self._growth
+            self._growth *= 2.0
+        else:
+            self.finished = "no step lowers the total"
+            return
+        self.finished = "converged"
+
+    def _total_at(self, runs: Runs, raw: FloatArray) -> float:
+        """The weighted total; NaN, which is below nothing, where a rollout leaves the numbers."""
+        with np.errstate(over="ignore"):
+            sums = self._costs_at(runs, raw)
+        losses = sum(
+            weight * sums[name].total / sums[name].count
+            for name, weight in self._plan.loss_weights.items()
+            if weight and sums[name].count
+        )
+        return losses + self._quadratic_terms(raw[: self._learned]).value
+
+    def _scale(self) -> FloatArray:
+        """1/√D; 1 in a variable that no residual depends on."""
+        return 1.0 / np.sqrt(np.where(self._largest > 0.0, self._largest, 1.0))

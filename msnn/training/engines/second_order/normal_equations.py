@@ -1,0 +1,161 @@
+"""The total of a stage near its variables, and the step that lowers it at some damping."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from backends.gauss_newton_products import Products, StartBlocks
+from backends.known_terms import KnownTerms
+from msnn.data.dataset import FloatArray
+from msnn.training.engines.second_order.damped_steps import DampedModel
+from msnn.training.engines.second_order.quadratic_terms import QuadraticTerms
+
+
+class Model(Protocol):
+    """The total near the variables."""
+
+    @property
+    def total(self) -> float:
+        """F at the variables."""
+        ...
+
+    def step(self, damping: float) -> tuple[FloatArray, float]:
+        """The step in raw variables at this damping, and how much the model of the total falls."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class NormalEquations:
+    """F, its slope 2g and curvature 2A in the raw variables, those of starts apart."""
+
+    total: float
+    slope: FloatArray
+    curvature: FloatArray
+    starts: StartBlocks | None
+
+    @property
+    def diagonal(self) -> FloatArray:
+        """Of A: the parameters, then the starts of all runs."""
+        of_parameters = np.diagonal(self.curvature)
+        if self.starts is None:
+            return of_parameters
+        own = np.diagonal(self.starts.curvature, axis1=1, axis2=2)
+        return np.concatenate([of_parameters, own.ravel()])
+
+    def plus(self, known: QuadraticTerms, penalties: float) -> NormalEquations:
+        """With what is known of the parameters beside the data, and penalties in the total."""
+        return replace(
+            self,
+            total=self.total + known.value + penalties,
+            slope=self.slope + known.slope,
+            curvature=self.curvature + np.diag(known.curvature),
+        )
+
+    def model(self, scale: FloatArray, raw: FloatArray, known: KnownTerms) -> Model:
+        """In variables times 1/scale, at these raw variables of the parameters."""
+        n = len(self.curvature)
+        top = scale[:n]
+        values, vectors = np.linalg.eigh(self.curvature * np.outer(top, top))
+        parameters = DampedModel(
+            total=self.total,
+            raw=raw,
+            scale=top,
+            slope=self.slope * top,
+            curvatures=np.maximum(values, 0.0),
+            directions=vectors,
+            known=known,
+        )
+        if self.starts is None:
+            return parameters
+        return ArrowModel.of(parameters, self.curvature, self.starts, scale[n:])
+
+
+def in_raw_variables(
+    products: Mapping[str, Products], shares: Mapping[str, float], physical_by_raw: FloatArray
+) -> NormalEquations:
+    """The sum of the products of losses, each times its share of the total."""
+    n = len(physical_by_raw)
+    total, slope, curvature = 0.0, np.zeros(n), np.zeros((n, n))
+    blocks: list[StartBlocks] = []
+    for name, share in shares.items():
+        found = products[name]
+        total += share * found.cost
+        slope += share * found.slope * physical_by_raw
+        curvature += share * found.curvature * np.outer(physical_by_raw, physical_by_raw)
+        if found.starts is not None:
+            blocks.append(found.starts.scaled(share, physical_by_raw))
+    starts = sum(blocks[1:], blocks[0]) if blocks else None
+    return NormalEquations(total, slope, curvature, starts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArrowModel:
+    """The total near the variables, F + 2gᵀδ + δᵀAδ + P, where A has a block a run beside a border.
+
+    Eliminating the starts leaves the damped model of the parameters, whose curvature is the Schur
+    complement S = A − Σ B(C + μ)⁻¹Bᵀ of the blocks C of the runs (Golub, Pereyra 1973); starts have
+    no penalties P. All variables are scaled by 1/√D.
+    """
+
+    parameters: DampedModel
+    """The model of the parameters while all starts stay."""
+    curvature: FloatArray
+    """Of the parameters."""
+    slope: FloatArray
+    """Of the starts, (runs, starts)."""
+    scale: FloatArray
+    """1/√D of the starts, (runs, starts)."""
+    cross: FloatArray
+    values: FloatArray
+    """Eigenvalues of the blocks of the runs, none below 0."""
+    directions: FloatArray
+
+    @property
+    def total(self) -> float:
+        """F at the variables."""
+        return self.parameters.total
+
+    @classmethod
+    def of(
+        cls, parameters: DampedModel, curvature: FloatArray, blocks: StartBlocks, scale: FloatArray
+    ) -> ArrowModel:
+        """The model of unscaled products of starts; `scale` is theirs."""
+        top, own = parameters.scale, scale.reshape(blocks.slope.shape)
+        values, directions = np.linalg.eigh(blocks.curvature * own[:, :, None] * own[:, None, :])
+        return cls(
+            parameters=parameters,
+            curvature=curvature * np.outer(top, top),
+            slope=blocks.slope * own,
+            scale=own,
+            cross=blocks.cross * top[None, :, None] * own[:, None, :],
+            values=np.maximum(values, 0.0),
+            directions=directions,
+        )
+
+    def step(self, damping: float) -> tuple[FloatArray, float]:
+        """The step in raw variables, then starts, and how much the model of the total falls."""
+        turned = self.cross @ self.directions
+        shares = np.einsum("rni,rn->ri", self.directions, self.slope) / (self.values + damping)
+        left = turned / (self.values + damping)[:, None, :]
+        complement = self.curvature - np.einsum("rpi,rqi->pq", left, turned)
+        values, vectors = np.linalg.eigh(complement)
+        reduced = replace(
+            self.parameters,
+            slope=self.parameters.slope - np.einsum("rpi,ri->p", turned, shares),
+            curvatures=np.maximum(values, 0.0),
+            directions=vectors,
+        )
+        moved, _ = reduced.step(damping)
+        of_parameters = moved / self.parameters.scale
+        inside = -shares - np.einsum("rpi,p->ri", left, of_parameters)
+        of_starts = np.einsum("rni,ri->rn", self.directions, inside)
+        step = np.concatenate([moved, (of_starts * self.scale).ravel()])
+        along = 2.0 * float(self.parameters.slope @ of_parameters + np.sum(self.slope * of_starts))
+        crossed = 2.0 * float(np.einsum("p,rpn,rn->", of_parameters, self.cross, of_starts))
+        bent = float(of_parameters @ self.curvature @ of_parameters)
+        bent += crossed + float(np.sum(self.values * inside * inside))
+        return step, self.parameters.lost_corners(moved) - along - bent

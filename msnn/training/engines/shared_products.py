@@ -1,0 +1,49 @@
+"""Shares the rollouts of least squares among processes, and sums up their products."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from backends.gauss_newton_products import Products
+from backends.native.handed_sums import Ranks, added_by
+from msnn.data.starts import Runs
+
+
+def own_runs(runs: Runs, ranks: Ranks) -> Runs:
+    """The rollouts of this rank: one after the other, about as many steps as each other rank."""
+    before = np.cumsum(runs.steps) - runs.steps
+    total = int(runs.steps.sum())
+    first, end = (
+        int(np.searchsorted(before * ranks.count, rank * total))
+        for rank in (ranks.rank, ranks.rank + 1)
+    )
+    return runs.take(np.arange(first, end))
+
+
+def no_products(numbers: int) -> Products:
+    """Those of no rollout."""
+    return Products(np.zeros((numbers, numbers)), np.zeros(numbers), 0.0, 0.0, 0.0)
+
+
+def summed_products(own: Mapping[str, Products], ranks: Ranks) -> dict[str, Products]:
+    """The products over all ranks, added in their order: the same bits on each."""
+    parts = [_flat(one) for one in own.values()]
+    whole = np.split(added_by(ranks, np.concatenate(parts)), len(parts))
+    return {
+        name: _shaped(numbers, len(one.slope))
+        for (name, one), numbers in zip(own.items(), whole, strict=True)
+    }
+
+
+def _flat(one: Products) -> np.ndarray:
+    scalars = (one.squares, one.cost, one.count, one.left_out)
+    return np.concatenate([one.curvature.ravel(), one.slope, scalars])
+
+
+def _shaped(flat: np.ndarray, numbers: int) -> Products:
+    curvature, slope, scalars = np.split(flat, [numbers * numbers, numbers * numbers + numbers])
+    squares, cost, count, left_out = map(float, scalars)
+    shaped = curvature.reshape(numbers, numbers)
+    return Products(shaped, slope, squares, cost, count, left_out)

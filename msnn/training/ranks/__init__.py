@@ -1,0 +1,1 @@
+"""Trains in several processes that share the batches of one training."""

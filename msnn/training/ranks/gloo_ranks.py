@@ -1,0 +1,97 @@
+"""Joins the processes that torchrun has started to one training, over gloo."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from datetime import timedelta
+
+import numpy as np
+import torch
+import torch.distributed as gloo
+from numpy.typing import NDArray
+from torch.distributed.rendezvous import rendezvous
+
+from msnn.training.ranks.training_ranks import RankLostError
+
+PATIENCE = timedelta(minutes=10)
+"""How much longer than the others a process may take before it counts as lost."""
+
+_SPEAKER = "msnn speaker"
+
+
+class GlooRanks:
+    """The processes of one training. What they exchange raises RankLostError where one is lost."""
+
+    def __init__(self) -> None:
+        with _reached():
+            self._store, self.rank, self.count = next(rendezvous("env://", timeout=PATIENCE))
+            gloo.init_process_group(
+                "gloo",
+                store=self._store,
+                rank=self.rank,
+                world_size=self.count,
+                timeout=PATIENCE,
+            )
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this process keeps the run and says how it goes."""
+        return self.rank == 0
+
+    def receive(self, sums: NDArray[np.uint8]) -> None:
+        """Replaces sums by those of the rank before; the first one keeps its own."""
+        if self.rank:
+            with _reached():
+                gloo.recv(torch.from_numpy(sums), self.rank - 1)
+
+    def hand_on(self, sums: NDArray[np.uint8]) -> None:
+        """Gives sums to the next rank and replaces them by those of the last."""
+        last = self.count - 1
+        with _reached():
+            if self.rank < last:
+                gloo.send(torch.from_numpy(sums), self.rank + 1)
+            gloo.broadcast(torch.from_numpy(sums), last)
+
+    def most(self, values: Sequence[float]) -> list[float]:
+        """The largest of each value over all ranks."""
+        found = torch.tensor(values, dtype=torch.float64)
+        with _reached():
+            gloo.all_reduce(found, gloo.ReduceOp.MAX)
+        return found.tolist()
+
+    def agree(self, content: bytes) -> bool:
+        """Whether all ranks have the same content; the answer is the same on each."""
+        digest = hashlib.sha256(content).digest()
+        number = float(int.from_bytes(digest[:6]))
+        most, least = self.most((number, -number))
+        return most == -least
+
+    def from_first(self, content: bytes) -> bytes:
+        """The content that the first rank has; that of the others is not looked at."""
+        size = torch.tensor([len(content)])
+        with _reached():
+            gloo.broadcast(size, 0)
+            found = torch.zeros(int(size), dtype=torch.uint8)
+            if self.is_first and content:
+                found.copy_(torch.frombuffer(bytearray(content), dtype=torch.uint8))
+            if len(found):
+                gloo.broadcast(found, 0)
+        return found.numpy().tobytes()
+
+    def is_speaker(self) -> bool:
+        """Whether this process is the first that has to say why the training ends."""
+        try:
+            said = self._store.compare_set(_SPEAKER, "", str(self.rank))
+        except RuntimeError:  # the process that has the store is lost too
+            return True
+        return said.decode() == str(self.rank)
+
+
+@contextmanager
+def _reached() -> Generator[None]:
+    try:
+        yield
+    except RuntimeError as error:
+        raise RankLostError(str(error).partition("\n")[0]) from error

@@ -1,0 +1,52 @@
+"""Writes learned parameters with their standard errors as JSON values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from compiler.ir.program import Program
+from msnn.data.dataset import FloatArray
+from msnn.training.records.learned.standard_errors import StandardErrors, at_bound
+from msnn.training.records.learned.zero_slices import zero_slices
+from msnn.training.records.run_folder import finite
+
+
+def parameters_record(
+    program: Program, weights: Mapping[str, FloatArray], found: StandardErrors | None
+) -> dict[str, Any]:
+    """Every parameter with unit, values and errors, and what the errors were made of.
+
+    A number that has no standard error has null: it was not trained in the last stage, is at a
+    bound, or is not identifiable.
+    """
+    errors: Mapping[str, FloatArray] = {} if found is None else found.errors
+    record: dict[str, Any] = {
+        "parameters": [
+            {
+                "name": parameter.name,
+                "unit": parameter.unit and parameter.unit.text,
+                "shape": [axis.size for axis in parameter.axes],
+                "initial": finite(list(parameter.initial)),
+                "values": finite(weights[parameter.name].ravel().tolist()),
+                "learn": parameter.learn,
+                "at_bound": parameter.learn
+                and bool(at_bound(parameter, weights[parameter.name]).any()),
+                "standard_errors": finite(errors[parameter.name].ravel().tolist())
+                if parameter.name in errors
+                else None,
+            }
+            for parameter in program.parameters
+        ]
+    }
+    zero = zero_slices(program, weights)
+    if zero:
+        record["zero_slices"] = zero
+    if found is not None:
+        record["standard_errors"] = {
+            "residuals": found.residuals,
+            "noise": dict(found.noise),
+            "unidentified": [dict(change) for change in found.unidentified],
+            "reason": found.reason,
+        }
+    return record

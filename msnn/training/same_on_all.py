@@ -1,0 +1,57 @@
+"""Makes sure that the processes of a training train the same: what differs would go unnoticed."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from msnn.data.dataset import FloatArray
+from msnn.errors.ranks import ranks_differ
+from msnn.training.ranks.training_ranks import TrainingRanks, weight_bytes
+from msnn.training.records.checkpoint import Checkpoint, read_checkpoint
+from spec_schema.diagnostics.diagnostic import SpecError
+
+_ALIKE = ("spec_sha256", "parts", "versions", "stages", "data")
+"""What of `run.json` must not differ."""
+
+
+def check_same_training(ranks: TrainingRanks | None, record: Mapping[str, Any]) -> None:
+    """Raises SpecError where spec, data or versions are not those of the other ranks."""
+    for key in _ALIKE if ranks is not None else ():
+        content = json.dumps(record[key], sort_keys=True, default=str).encode()
+        _check(ranks, content, f"`{key}` of `run.json`")
+
+
+def check_same_engine(ranks: TrainingRanks | None, engine: object, dtype: str) -> None:
+    """Raises SpecError where a stage has not the same engine on all ranks."""
+    _check(ranks, f"{type(engine).__name__} {dtype}".encode(), "the engine of a stage")
+
+
+def check_same_weights(ranks: TrainingRanks | None, weights: Mapping[str, FloatArray]) -> None:
+    """Raises SpecError where the ranks do not have the same weights, to the bit."""
+    if ranks is not None:
+        _check(ranks, weight_bytes(weights), "the bits of the weights")
+
+
+def checkpoint_of_first(
+    ranks: TrainingRanks | None, own: Path | None, checkpoint: Checkpoint | None
+) -> Checkpoint | None:
+    """The checkpoint that the first rank goes on from; `own` is its file, None elsewhere."""
+    if ranks is None:
+        return checkpoint
+    content = b"" if own is None or checkpoint is None else own.read_bytes()
+    content = ranks.from_first(content)
+    if ranks.is_first or not content:
+        return checkpoint
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "checkpoint.safetensors"
+        file.write_bytes(content)
+        return read_checkpoint(file)
+
+
+def _check(ranks: TrainingRanks | None, content: bytes, what: str) -> None:
+    if ranks is not None and not ranks.agree(content):
+        raise SpecError((ranks_differ(what),))

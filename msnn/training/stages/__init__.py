@@ -1,0 +1,1 @@
+"""Runs stages of a training: their starts, epochs and best weights."""

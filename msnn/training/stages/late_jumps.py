@@ -1,0 +1,78 @@
+"""Watches for monitors that jump late in a stage: its steps are too long to settle."""
+
+from __future__ import annotations
+
+import math
+
+from msnn.errors.learning import knowledge
+from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.records.progress import EpochEnd
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.sections.training.optimizers import (
+    Adam,
+    AdamW,
+    Lbfgs,
+    LevenbergMarquardt,
+    Sgd,
+    TorchOptimizer,
+)
+
+LATE = 0.5
+"""Part of the epochs from which on a stage is late."""
+JUMP = 2.0
+"""Times the best so far."""
+OFTEN = 0.1
+"""Part of the late epochs that must jump: one alone is a rare batch."""
+SHARE = 0.3
+"""Of the rate, as a repair."""
+
+
+class LateJumps:
+    """Hears of the epochs of one attempt at a stage."""
+
+    def __init__(self) -> None:
+        self._late, self._jumps = 0, 0
+        self._largest, self._at, self._rate = 0.0, 0, 0.0
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        """Counts a late epoch, and whether it jumps."""
+        if event.epoch == 1:
+            self.__init__()
+        if event.lr is None or event.epoch <= LATE * event.epochs:
+            return
+        self._late += 1
+        ratio = event.monitor / event.best if event.best > 0 else 1.0
+        if ratio > JUMP and math.isfinite(ratio):
+            self._jumps += 1
+            if ratio > self._largest:
+                self._largest, self._at, self._rate = ratio, event.epoch, event.lr
+
+    def hint(self, plan: StagePlan) -> Diagnostic | None:
+        """What would settle it; None where nothing jumps."""
+        key = _key(plan)
+        if key is None or self._jumps <= OFTEN * self._late:
+            return None
+        return knowledge.jumps_late(
+            stage=plan.name,
+            epoch=self._at,
+            ratio=self._largest,
+            key=f"train.{plan.index}.optimizer.{key}",
+            rate=f"{SHARE * self._rate:.1g}",
+            schedule=None if plan.schedule is not None else f"train.{plan.index}.schedule",
+            span=plan.span,
+        )
+
+
+def _key(plan: StagePlan) -> str | None:
+    """Where the rate stands; None where steps have their own lengths."""
+    match plan.optimizer:
+        case Adam():
+            return "adam.lr"
+        case AdamW():
+            return "adamw.lr"
+        case Sgd():
+            return "sgd.lr"
+        case TorchOptimizer():
+            return "torch.options.lr"
+        case Lbfgs() | LevenbergMarquardt():
+            return None

@@ -1,0 +1,81 @@
+"""Runs a stage as often as `starts:` says, from other initial values each time; the best counts.
+
+One after the other: the batches of a single attempt fill the lanes of a kernel and its threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from msnn.training.engines.engine import NonFiniteLossError
+from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.plans.stage_result import StageResult, Weights
+from msnn.training.records.checkpoint import Checkpoint
+from msnn.training.stages.stage_run import StageRun
+
+
+@dataclass(slots=True)
+class StageAttempts:
+    """The attempts at one stage; `current` is the one that runs or ran last."""
+
+    plan: StagePlan
+    opened: Callable[[int], StageRun]
+    """The attempt of that number, ready to run."""
+    diverged: Callable[[StageRun, NonFiniteLossError], None]
+    """Hears of attempts that are left out."""
+    current: StageRun = field(init=False)
+    leader: StageResult | None = None
+
+    def __post_init__(self) -> None:
+        self.current = self.opened(0)
+
+    @property
+    def best(self) -> Weights | None:
+        """The best weights so far."""
+        ended, now = self.leader, self.current
+        if ended is None or (now.best is not None and now.best_value < ended.best_value):
+            return now.best
+        return ended.best
+
+    def resume(self, checkpoint: Checkpoint) -> None:
+        """Goes on where a checkpoint of this stage was made, its begin included."""
+        self.leader = checkpoint.leader
+        if checkpoint.attempt:
+            self.current = self.opened(checkpoint.attempt)
+        if checkpoint.place is not None:
+            self.current.resume(checkpoint.place)
+
+    def checkpoint(self, before: Checkpoint) -> Checkpoint:
+        """Where a run stands now that began this stage at `before`."""
+        now = self.current
+        return Checkpoint(
+            ended=before.ended,
+            begin=before.begin,
+            attempt=now.attempt,
+            leader=self.leader,
+            place=now.place(),
+        )
+
+    def run(self) -> StageResult:
+        """The best attempt. Raises Interrupted, and NonFiniteLossError where all diverge.
+
+        A checkpoint made at the end of an attempt goes on from its last epoch, and ends it again.
+        """
+        while True:
+            last = self.current.attempt + 1 == self.plan.attempts
+            try:
+                self._compare(self.current.run())
+            except NonFiniteLossError as fault:
+                if last and self.leader is None:
+                    raise
+                self.diverged(self.current, fault)
+            if last:
+                break
+            self.current = self.opened(self.current.attempt + 1)
+        assert self.leader is not None
+        return self.leader
+
+    def _compare(self, result: StageResult) -> None:
+        if self.leader is None or result.best_value < self.leader.best_value:
+            self.leader = result

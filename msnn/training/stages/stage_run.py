@@ -1,0 +1,260 @@
+"""Runs one stage: epochs of shuffled batches, the monitor, the best weights, early stopping."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
+from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError
+from msnn.training.plans.epoch_order import order_key
+from msnn.training.plans.known_terms_of_stage import has_priors, residuals_of
+from msnn.training.plans.learning_rate import NO_REDUCTIONS, Reductions, after_epoch, rate_factor
+from msnn.training.plans.stage_data import StageData
+from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.plans.stage_result import StageResult, Weights
+from msnn.training.ranks.training_ranks import TrainingRanks
+from msnn.training.records.checkpoint import TrainingPosition
+from msnn.training.records.progress import EpochEnd
+from msnn.training.stages.monitor import loss_values, monitor, weighted_total
+from msnn.training.stages.pace import Pace
+from msnn.training.stages.rate_search import searched_rate
+from msnn.training.stages.stage_starts import StageStarts
+
+
+class Interrupted(Exception):  # noqa: N818  (an event, no error)
+    """The user asked for an end; the run stands between two batches."""
+
+
+@dataclass(slots=True, kw_only=True)
+class StageRun:
+    """One attempt at a stage with its engine and data; `run` goes through its epochs."""
+
+    plan: StagePlan
+    engine: Engine
+    data: StageData
+    stop_asked: Callable[[], bool]
+    epoch_ended: Callable[[EpochEnd], None]
+    between: Callable[[float], None] = lambda seconds: None
+    """Called wherever the run could go on from; so many seconds of work come before the next."""
+    starts: StageStarts | None = None
+    """Finds where runs start; None where the states say it."""
+    attempt: int = 0
+    epoch: int = 0
+    batch: int = 0
+    best_value: float = float("inf")
+    best_epoch: int = 0
+    best: Weights | None = None
+    sums: LossSums | None = None
+    left_out: int = 0
+    """Batches of the present epoch without a step."""
+    found_rate: float = 1.0
+    """The learning rate where it is searched, else 1."""
+    rate_found: Callable[[float], None] = lambda rate: None
+    """Hears of a rate that was searched."""
+    spread: float = 0.0
+    """ŝ²/n of the present epoch."""
+    ranks: TrainingRanks | None = None
+    """The processes that train with this one."""
+    reductions: Reductions = NO_REDUCTIONS
+    _began: float = field(init=False, default_factory=time.monotonic)
+    _watching: float = field(init=False, default=0.0)
+    """Seconds that the monitor took."""
+    _started: Runs | None = field(init=False, default=None)
+    """The rollouts to train on whose starts were found last."""
+    _kept_starts: Weights = field(init=False, default_factory=dict[str, FloatArray])
+    """Starts of the epoch in which the training was interrupted."""
+
+    def resume(self, place: TrainingPosition) -> None:
+        """Goes on at a place of this attempt."""
+        self.engine.restore(place.engine)
+        self.epoch, self.batch = place.epoch, place.batch
+        self.best_value, self.best_epoch = place.best_value, place.best_epoch
+        self.best, self.sums, self.left_out = place.best, place.sums, place.left_out
+        self.engine.has_left_out = place.left_out > 0  # is said when the epoch ends
+        self.reductions, self.spread = place.reductions, place.spread
+        self.found_rate = place.found_rate
+        self._kept_starts = place.starts
+        self._began = time.monotonic() - place.seconds
+
+    def run(self) -> StageResult:
+        """Trains to the last epoch, the early stop or the optimiser's own end.
+
+        Raises NonFiniteLossError, Interrupted.
+        """
+        if self.best is None:
+            self._began = time.monotonic()
+            self._keep_if_best(self._monitor())
+            self._search_rate()
+        pace = Pace(self.engine.batches_a_call)
+        while (reason := self._reason_to_end()) is None:
+            runs, rate = self.data.in_epoch(self.epoch), self._rate()
+            sums = self._run_epoch(runs, rate, pace)
+            self.epoch, self.batch, self.sums, self.left_out = self.epoch + 1, 0, None, 0
+            value = self._monitor()
+            self._keep_if_best(value)
+            self.reductions = after_epoch(
+                self.plan.schedule, self.epoch, self._better, self.reductions
+            )
+            self._report(sums, value, runs, rate)
+            self.between(pace.seconds)
+        assert self.best is not None
+        if self.starts is not None:
+            self.starts.report()
+        return StageResult(
+            best=self.best,
+            best_value=self.best_value,
+            best_epoch=self.best_epoch,
+            epochs=self.epoch,
+            reason=reason,
+            seconds=self._seconds,
+            attempt=self.attempt,
+        )
+
+    def place(self) -> TrainingPosition | None:
+        """Where the attempt stands now; None before it has begun."""
+        if self.best is None:
+            return None
+        return TrainingPosition(
+            epoch=self.epoch,
+            batch=self.batch,
+            sums=self.sums or {},
+            left_out=self.left_out,
+            best_value=self.best_value,
+            best_epoch=self.best_epoch,
+            best=self.best,
+            engine=self.engine.state(),
+            reductions=self.reductions,
+            spread=self.spread,
+            found_rate=self.found_rate,
+            seconds=self._seconds,
+            starts={} if self.starts is None or not self.batch else self.starts.values(),
+        )
+
+    @property
+    def _seconds(self) -> float:
+        return time.monotonic() - self._began
+
+    @property
+    def _better(self) -> int:
+        """The epoch from which on one waits for a better one."""
+        return max(self.best_epoch, self.plan.whole_from)
+
+    def _reason_to_end(self) -> str | None:
+        """Why no epoch follows; it depends on the place alone, so that a resumed run ends too."""
+        if self.engine.finished is not None and self.epoch > self.plan.whole_from:
+            return self.engine.finished
+        waited = self.epoch - self._better
+        if self.plan.patience is not None and waited >= self.plan.patience:
+            return f"no better for {waited} epochs"
+        return "done" if self.epoch >= self.plan.epochs else None
+
+    def _rate(self) -> float:
+        """What learning rates are multiplied by in the next epoch."""
+        plan = self.plan
+        factor = rate_factor(plan.schedule, self.epoch, plan.epochs, self.reductions)
+        return self.found_rate * factor
+
+    def _search_rate(self) -> None:
+        if self.plan.searches_rate:
+            runs = self.data.in_epoch(0)
+            spread = self._spread(runs)
+            self.found_rate = searched_rate(self.plan, self.engine, runs, self.attempt, spread)
+            self.rate_found(self.found_rate)
+
+    def _monitor(self) -> float:
+        began = time.monotonic()
+        if self.starts is not None:
+            self._find_watched_starts(self.starts)
+        value = monitor(self.plan, self.engine.evaluate, self.data, self.engine.weights)
+        self._watching = time.monotonic() - began
+        return value
+
+    def _run_epoch(self, runs: Runs, rate: float, pace: Pace) -> LossSums:
+        key = order_key(self.plan.seed, self.plan.index, self.epoch, self.attempt)
+        order = self.engine.order(len(runs), key)
+        if self.starts is not None:
+            self._find_starts(self.starts, runs)
+        if self.batch == 0:
+            self.spread = self._spread(runs)
+        self.engine.begin_epoch(self.epoch, rate, self.attempt, self.spread)
+        size = self.plan.batch or max(len(order), 1)
+        sums = self.sums or {}
+        # a last batch that is smaller is the same as one filled up with members of weight 0
+        count = -(-len(order) // size)
+        while self.batch < count:
+            several = min(pace.batches, count - self.batch)
+            members = order[self.batch * size : (self.batch + several) * size]
+            began = time.monotonic()
+            sums = self.engine.train_batches(runs, size, members, sums)
+            seconds, stops = self._agreed(time.monotonic() - began, self.stop_asked())
+            pace.called(several, seconds)
+            self.batch, self.sums = self.batch + several, sums
+            self.left_out += self.engine.left_out
+            if stops:
+                raise Interrupted
+            self.between(pace.seconds if self.batch < count else self._watching)
+        if count and self.left_out == count:  # it would do the same for ever
+            raise NonFiniteLossError(runs)
+        return sums
+
+    def _agreed(self, seconds: float, stops: bool) -> tuple[float, bool]:
+        """The same on all processes of the training, which must end after the same batch."""
+        if self.ranks is None:
+            return seconds, stops
+        longest, any_stops = self.ranks.most((seconds, float(stops)))
+        return longest, bool(any_stops)
+
+    def _find_starts(self, starts: StageStarts, runs: Runs) -> None:
+        """Those of an epoch; where they are unknowns of training, those with which it begins."""
+        if self.batch and self._kept_starts:
+            found = starts.kept(runs, self._kept_starts)
+        elif self.plan.estimates_starts and runs is self._started:
+            return
+        else:
+            found = starts.for_training(runs, self.engine.weights())
+        self._started, self._kept_starts = runs, {}
+        self.engine.write(found, watched=False)
+
+    def _find_watched_starts(self, starts: StageStarts) -> None:
+        """Those of the rollouts that are watched, unless training itself estimates them."""
+        if self.plan.estimates_starts and self.data.watches_training:
+            self._find_starts(starts, self.data.in_epoch(self.epoch))
+        else:
+            found = starts.for_watching(self.data.watched, self.engine.weights())
+            self.engine.write(found, watched=True)
+
+    def _spread(self, runs: Runs) -> float:
+        """ŝ²/n as the epoch before has left it, by which priors count."""
+        if not has_priors(self.plan):
+            return 0.0
+        return residuals_of(self.plan, self.engine.measure(runs), runs).spread
+
+    def _keep_if_best(self, value: float) -> None:
+        first_finite = np.isfinite(value) and not np.isfinite(self.best_value)
+        if self.best is None or value < self.best_value or first_finite:
+            self.best, self.best_value, self.best_epoch = self.engine.weights(), value, self.epoch
+
+    def _report(self, sums: LossSums, watched: float, runs: Runs, rate: float) -> None:
+        losses = loss_values(self.plan, sums)
+        self.epoch_ended(
+            EpochEnd(
+                stage=self.plan.name,
+                attempt=self.attempt + 1,
+                attempts=self.plan.attempts,
+                epoch=self.epoch,
+                epochs=self.plan.epochs,
+                total=weighted_total(self.plan, losses),
+                losses=losses,
+                monitor=watched,
+                best=self.best_value,
+                best_epoch=self.best_epoch,
+                lr=None if self.plan.lr is None else self.plan.lr * rate,
+                horizon=int(runs.steps.max()),
+                seconds=self._seconds,
+            )
+        )

@@ -1,0 +1,212 @@
+"""Prints the metrics of a validation: as a table, as JSON values, as JUnit XML for a pipeline."""
+
+from __future__ import annotations
+
+from typing import Any
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+
+from msnn.errors.results.validation import broken_limit
+from msnn.tables import Table, table_text
+from msnn.validation.measurement import METRICS, ErrorCurve, Measurement
+from msnn.validation.reports.errors_report import coverage_record, judged_record
+from msnn.validation.reports.words import rollout_text, unit_text
+from msnn.validation.validate import MetricRow, ValidationReport
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+_METRICS_HEADER = ("of", "metric", "value", "unit", "limit", "", "rollout", "data", "scored")
+
+
+def metrics_table(report: ValidationReport) -> str:
+    """What `metrics_cells` has, as text."""
+    return metrics_cells(report).text
+
+
+def metrics_cells(report: ValidationReport) -> Table:
+    """One row a metric: value and limits in its unit, how it was simulated, which rows count."""
+    return Table(_METRICS_HEADER, _metric_rows(report), numbers=[2])
+
+
+def metrics_markdown(name: str, report: ValidationReport) -> str:
+    """The same under a heading, for a page that shows Markdown."""
+    verdict = "every limit is kept" if report.passed else "a limit is broken"
+    return f"## {name}: {verdict}\n\n{metrics_cells(report).markdown}\n"
+
+
+def broken_limits(report: ValidationReport) -> tuple[Diagnostic, ...]:
+    """What is said of each metric that does not keep its limits."""
+    return tuple(
+        broken_limit(
+            of=row.of,
+            metric=row.metric,
+            value=f"{row.value:.6g} {unit_text(row.unit)}".strip(),
+            limit=f"{limits(row)} {unit_text(row.unit)}".strip(),
+            simulated=f"{rollout_text(row)}, {row.rows}",
+            data=row.data,
+            span=row.span,
+        )
+        for row in report.rows
+        if row.passed is False
+    )
+
+
+def _metric_rows(report: ValidationReport) -> list[tuple[str, ...]]:
+    return [
+        (
+            row.of,
+            row.metric,
+            f"{row.value:.6g}",
+            unit_text(row.unit),
+            limits(row),
+            _verdict(row),
+            rollout_text(row),
+            row.data,
+            row.rows,
+        )
+        for row in report.rows
+    ]
+
+
+def measurements_table(report: ValidationReport) -> str:
+    """What `measurements_cells` has, as text."""
+    return measurements_cells(report).text
+
+
+def measurements_cells(report: ValidationReport) -> Table:
+    """One row an output and way to simulate it: every metric of the same scored values."""
+    rows = [
+        (
+            found.of,
+            *(f"{found.metrics[metric].value:.5g}" for metric in METRICS[:3]),
+            unit_text(found.unit),
+            *(f"{found.metrics[metric].value:.5g}" for metric in METRICS[3:]),
+            str(found.scored),
+            rollout_text(found),
+            found.data,
+        )
+        for found in report.measurements
+    ]
+    names = [{"fit": "fit %"}.get(metric, metric) for metric in METRICS]
+    header = ("of", *names[:3], "unit", *names[3:], "n", "rollout", "data")
+    return Table(header, rows, numbers=[1, 2, 3, 5, 6, 7, 8, 9])
+
+
+def curves_table(report: ValidationReport) -> str:
+    """One row an error curve, read at some steps; empty where every rollout is one step."""
+    curves = [(found, found.curve) for found in report.measurements if found.curve is not None]
+    if not curves:
+        return ""
+    readings = [_readings(curve) for _, curve in curves]
+    shown = sorted({step for reading in readings for step in reading})
+    rows = [
+        (
+            found.of,
+            *(f"{reading[step]:.3g}" if step in reading else "" for step in shown),
+            unit_text(found.unit),
+            rollout_text(found),
+            found.data,
+        )
+        for (found, _), reading in zip(curves, readings, strict=True)
+    ]
+    header = ("rmse at step", *map(str, shown), "unit", "rollout", "data")
+    return table_text(header, rows, numbers=range(1, len(shown) + 1))
+
+
+def metrics_record(report: ValidationReport) -> dict[str, Any]:
+    """The same as JSON values."""
+    return {
+        "passed": report.passed,
+        "metrics": [
+            {
+                "of": row.of,
+                "metric": row.metric,
+                "value": row.value,
+                "unit": row.unit and row.unit.text,
+                "elements": row.elements.tolist(),
+                "min": row.minimum,
+                "max": row.maximum,
+                "passed": row.passed,
+                "horizon": row.horizon,
+                "closed": list(row.closed),
+                "data": row.data,
+                "rows": row.rows,
+                "scored": row.scored,
+            }
+            for row in report.rows
+        ],
+        "outputs": [_measurement_record(found) for found in report.measurements],
+    }
+
+
+def junit_text(name: str, report: ValidationReport) -> str:
+    """JUnit XML in which every metric with a limit is a test case."""
+    limited = [row for row in report.rows if row.passed is not None]
+    broken = sum(1 for row in limited if not row.passed)
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<testsuite name={quoteattr(name)} tests="{len(limited)}" failures="{broken}">',
+    ]
+    for row in limited:
+        title = quoteattr(f"{row.of} {row.metric} {limits(row)} ({rollout_text(row)}, {row.data})")
+        found = f"{row.value:.9g} {unit_text(row.unit)}".strip()
+        lines.append(f"  <testcase classname={quoteattr(name)} name={title}>")
+        if row.passed:
+            lines.append(f"    <system-out>{escape(f'{found}, {row.rows}')}</system-out>")
+        else:
+            lines.append(f"    <failure message={quoteattr(f'{found} is not {limits(row)}')}/>")
+        lines.append("  </testcase>")
+    return "\n".join([*lines, "</testsuite>", ""])
+
+
+def limits(row: MetricRow) -> str:
+    """The limits of a metric as a reader writes them: `≤ 0.002`, `0.9 … 1`."""
+    match row.minimum, row.maximum:
+        case None, None:
+            return ""
+        case None, float(high):
+            return f"≤ {high:g}"
+        case float(low), None:
+            return f"≥ {low:g}"
+        case low, high:
+            return f"{low:g} … {high:g}"
+
+
+def _verdict(row: MetricRow) -> str:
+    return {None: "", True: "kept", False: "BROKEN"}[row.passed]
+
+
+def _measurement_record(found: Measurement) -> dict[str, Any]:
+    curve = found.curve
+    return {
+        "of": found.of,
+        "unit": found.unit and found.unit.text,
+        "horizon": found.horizon,
+        "closed": list(found.closed),
+        "data": found.data,
+        "rows": found.rows,
+        "scored": found.scored,
+        "metrics": {metric: scores.value for metric, scores in found.metrics.items()},
+        **judged_record(found.judged),
+        **coverage_record(found.coverage),
+        "curve": curve
+        and {
+            "first": curve.first.tolist(),
+            "last": curve.last.tolist(),
+            "rmse": curve.rmse.tolist(),
+            "scored": curve.scored.tolist(),
+        },
+    }
+
+
+def _readings(curve: ErrorCurve) -> dict[int, float]:
+    """The errors where the curve begins, at 1, 2, 5, 10, … and at its end; each point once."""
+    end = int(curve.last[-1])
+    decades = [digit * 10**power for power in range(len(str(end))) for digit in (1, 2, 5)]
+    step_of: dict[int, int] = {}
+    begin = int(curve.first[0])
+    for step in (begin, *(k for k in decades if begin < k < end), end):
+        (points,) = np.nonzero((curve.first <= step) & (step <= curve.last))
+        for point in points.tolist():
+            step_of.setdefault(point, step)
+    return {step: float(curve.rmse[point]) for point, step in step_of.items()}

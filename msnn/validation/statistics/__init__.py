@@ -1,0 +1,1 @@
+"""Computes what errors say, from arrays alone."""

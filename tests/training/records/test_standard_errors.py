@@ -1,0 +1,270 @@
+"""Standard errors: linear regression by the book, coverage, what the data do not determine."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from msnn.data.dataset import FloatArray
+from msnn.model.weights.weights_file import initial_weights
+from msnn.reports.training_summary import errors_note, parameters_table
+from msnn.training.black_boxes import black_boxes
+from msnn.training.parameter_warnings import parameter_warnings
+from msnn.training.plans.stage_plan import StagePlan, plan_stages
+from msnn.training.records.learned import standard_errors as module
+from msnn.training.records.learned.parameters_record import parameters_record
+from msnn.training.records.learned.standard_errors import StandardErrors, standard_errors
+from msnn.training.train import TrainingOptions, train
+from spec_schema.diagnostics.diagnostic import Findings
+from tests.training.cases import compiled, dataset, gain, gain_series
+
+LINE = """
+msnn: 1
+name: line
+inputs: {u: 1}
+targets: {y: 1}
+parameters: {a: {init: 1, unit: 1/s}, b: {init: 0.5, min: 0, max: 9}}
+outputs: {z: {expr: a * u + b}}
+losses: {fit: LOSS}
+train: [{engine: torch, optimizer: levenberg_marquardt}]
+"""
+MSE = "'mse(z, y)'"
+
+
+@cache
+def planned(text: str) -> StagePlan:
+    program, spec = compiled(text)
+    findings = Findings()
+    (plan,) = plan_stages(program, spec.train, findings)
+    findings.raise_errors()
+    return plan
+
+
+def line(noise: float, seed: int, rows: int = 60) -> dict[str, FloatArray]:
+    random = np.random.default_rng(seed)
+    u = random.uniform(-2, 3, rows)
+    return {"u": u, "y": 0.7 * u + 2.0 + random.normal(0, noise, rows)}
+
+
+def by_the_book(series: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Estimates and standard errors of y = a u + b by ordinary least squares."""
+    columns = np.stack([series["u"], np.ones_like(series["u"])], axis=1)
+    estimate, (squares,), *_ = np.linalg.lstsq(columns, series["y"])
+    variance = squares / (len(columns) - 2)
+    covariance: FloatArray = variance * np.linalg.inv(columns.T @ columns)
+    return np.asarray(estimate, float), np.sqrt(np.diagonal(covariance))
+
+
+def found_at(
+    series: dict[str, FloatArray], estimate: FloatArray, loss: str = MSE
+) -> StandardErrors:
+    plan = planned(LINE.replace("LOSS", loss))
+    data = dataset(series, train=[len(series["u"])])
+    weights = {"a": np.array(estimate[0]), "b": np.array(estimate[1])}
+    return standard_errors(plan, data, weights)
+
+
+@pytest.mark.parametrize("loss", [MSE, "{expr: 'mse(z, y)', weight: 30}", "'rmse(z, y)'"])
+def test_linear_regression(loss: str) -> None:
+    series = line(0.3, seed=1)
+    estimate, expected = by_the_book(series)
+    text = LINE.replace("LOSS", loss).replace("optimizer: levenberg_marquardt", "epochs: 1")
+    data = dataset(series, train=[60])
+    weights = {"a": np.array(estimate[0]), "b": np.array(estimate[1])}
+    found = standard_errors(planned(text), data, weights)
+    assert found.errors["a"] == pytest.approx(expected[0], rel=1e-9)
+    assert found.errors["b"] == pytest.approx(expected[1], rel=1e-9)
+    assert found.residuals == 60
+    assert found.unidentified == ()
+
+
+def test_more_slopes_than_can_be_computed_in_time_have_a_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The slopes of an arm's step take a minute, and their kernel more stack than there is."""
+    series = line(0.3, seed=1)
+    operations = len(planned(LINE.replace("LOSS", MSE)).rollout.program.step)
+    monkeypatch.setattr(module, "MOST_SLOPES", 2 * operations)
+    assert found_at(series, np.array([0.7, 2.0])).reason is None
+    monkeypatch.setattr(module, "MOST_SLOPES", 2 * operations - 1)
+    found = found_at(series, np.array([0.7, 2.0]))
+    assert found.errors == {}
+    assert found.reason is not None
+    assert found.reason.startswith(f"slopes of {operations} operations in 2 numbers are more than")
+
+
+def test_the_95_percent_interval_covers_the_truth_95_percent_of_the_time() -> None:
+    inside = 0
+    for seed in range(120):
+        series = line(0.3, seed)
+        estimate, _ = by_the_book(series)
+        found = found_at(series, estimate)
+        inside += abs(estimate[0] - 0.7) < 1.96 * found.errors["a"]
+    # 120 draws at 95 %: three standard deviations of their number are 7.2
+    assert abs(inside - 114) <= 7
+
+
+def test_two_losses_with_noise_of_their_own() -> None:
+    """Each loss has its σ; what a badly weighted sum loses shows in the error."""
+    text = (
+        "msnn: 1\nname: two\ninputs: {u: 1}\ntargets: {y: 1, z: 1}\nparameters: {a: 1}\n"
+        "outputs: {p: {expr: a * u}}\n"
+        "losses: {fine: 'mse(p, y)', coarse: {expr: 'mse(p, z)', weight: WEIGHT}}\n"
+        "train: [{engine: torch, epochs: 1}]\n"
+    )
+    random = np.random.default_rng(4)
+    u = np.ones(4000)
+    series = {"u": u, "y": random.normal(1, 0.1, 4000), "z": random.normal(1, 2.0, 4000)}
+    for weight in (0.0001, 1.0, 5.0):
+        found = standard_errors(
+            planned(text.replace("WEIGHT", str(weight))),
+            dataset(series, train=[4000]),
+            {"a": np.array(1.0)},
+        )
+        # a is the weighted mean of both: the spread of that mean is known
+        expected = np.sqrt(0.1**2 + weight**2 * 2.0**2) / (1 + weight) / np.sqrt(4000)
+        assert found.errors["a"] == pytest.approx(expected, rel=0.05)
+
+
+def test_a_number_at_its_bound_has_no_error_and_takes_no_freedom() -> None:
+    series = line(0.3, seed=1)
+    found = found_at(series, np.array([0.7, 8.9999]))
+    assert np.isnan(found.errors["b"])
+    assert np.isfinite(found.errors["a"])
+
+
+def test_what_the_data_do_not_determine_is_named() -> None:
+    text = (
+        "msnn: 1\nname: twins\ninputs: {u: 1}\ntargets: {y: 1}\n"
+        "parameters: {a: 0.5, b: 0.1, c: 7, d: 1}\n"
+        "outputs: {z: {expr: (a + 2 * b) * u + 0 * c + d}}\nlosses: {fit: 'mse(z, y)'}\n"
+        "train: [{engine: torch, epochs: 1}]\n"
+    )
+    series = {"u": np.linspace(-1, 1, 30), "y": np.linspace(-2, 2.1, 30) ** 2}
+    plan = planned(text)
+    program = plan.rollout.program
+    weights = {p.name: np.array(p.initial[0]) for p in program.parameters}
+    found = standard_errors(plan, dataset(series, train=[30]), weights)
+    together = next(change for change in found.unidentified if len(change) == 2)
+    assert together["a"] == pytest.approx(1.0)
+    assert together["b"] == pytest.approx(-0.5)
+    assert {"c": 1.0} in found.unidentified
+    assert np.isfinite(found.errors["d"])
+    assert all(np.isnan(found.errors[name]) for name in "abc")
+    warnings = parameter_warnings(program, weights, found)
+    assert [w.code for w in warnings] == ["W0930", "W0930"]
+    assert any("a +1, b -0.5" in w.notes[0] for w in warnings)
+    assert {w.message for w in warnings} == {
+        "`a` and `b` show only in combination in the training data",
+        "`c` does not show in the training data",
+    }
+    assert (
+        parameters_table(parameters_record(program, weights, found)).count("not identifiable") == 3
+    )
+
+
+def test_what_a_long_window_cannot_tell_apart_is_one_warning() -> None:
+    text = (
+        "msnn: 1\nname: long\nsample_time: 1 s\ninputs: {u: 1}\ntargets: {y: 1}\n"
+        "layers: {h: {fir: {window: 20}}}\noutputs: {z: {expr: h(u)}}\nlosses: {fit: 'mse(z, y)'}\n"
+        "train: [{engine: torch, epochs: 1}]\n"
+    )
+    u = np.sin(0.7 * np.arange(80)) + np.sin(0.2 * np.arange(80))  # four numbers describe it
+    plan = planned(text)
+    program = plan.rollout.program
+    weights = {p.name: np.full(20, 0.1) for p in program.parameters}
+    found = standard_errors(plan, dataset({"u": u, "y": u}, train=[80]), weights)
+    (warning,) = parameter_warnings(program, weights, found)
+    assert warning.message.startswith("20 of the 20 numbers of `h.weight` show only in combination")
+    assert warning.notes[0].startswith("16 changes leave every residual as it is, one of them: h.w")
+    assert warning.notes[0].count("h.weight[") == 6
+
+
+def test_overlapping_rollouts_count_a_row_once() -> None:
+    """A stride of 1 trains on each row many times, which adds no information."""
+    stage = "  - {{rollout: {{horizon: 5, stride: {stride}}}, engine: torch}}\n"
+    found: list[StandardErrors] = []
+    for stride in (1, 5):
+        program, spec = gain(stage.format(stride=stride))
+        series = gain_series(61)
+        series["x"] += np.random.default_rng(3).normal(0, 0.1, 61)
+        (plan,) = plan_stages(program, spec.train, Findings())
+        weights = {"a": np.array(0.8), "b": np.array(0.3)}
+        found.append(standard_errors(plan, dataset(series, train=[61]), weights))
+    assert found[0].residuals == found[1].residuals == 60
+    assert found[0].errors == found[1].errors
+
+
+def test_too_many_numbers_and_losses_without_squares_say_so() -> None:
+    assert found_at(line(0.3, 1), np.array([0.7, 2.0]), "'mse(z, y)'").reason is None
+    text = LINE.replace("LOSS", "'mae(z, y)'").replace("levenberg_marquardt", "adam")
+    data = dataset(line(0.3, 1), train=[60])
+    weights = {"a": np.array(0.7), "b": np.array(2.0)}
+    none = standard_errors(planned(text), data, weights)
+    assert none.errors == {}
+    program, _ = compiled(text)
+    assert "no loss is a sum of squares" in str(
+        errors_note(parameters_record(program, weights, none))
+    )
+
+
+def test_a_run_keeps_values_with_errors(tmp_path: Path) -> None:
+    program, spec = compiled(LINE.replace("LOSS", MSE))
+    series = line(0.3, seed=1)
+    options = TrainingOptions(runs=tmp_path)
+    result = train(program, dataset(series, train=[60]), spec.train, options)
+    estimate, expected = by_the_book(series)
+    assert result.folder is not None
+    kept = json.loads((result.folder / "parameters.json").read_text())
+    a, b = kept["parameters"]
+    assert (a["name"], a["unit"]) == ("a", "1/s")
+    assert a["values"] == pytest.approx([estimate[0]], rel=1e-6)
+    assert a["standard_errors"] == pytest.approx([expected[0]], rel=1e-6)
+    assert b["standard_errors"] == pytest.approx([expected[1]], rel=1e-6)
+    assert kept["standard_errors"]["noise"]["fit"] == pytest.approx(0.3, rel=0.3)
+
+
+NETWORK = """
+msnn: 1
+name: network
+sample_time: 1 s
+inputs: {u: 1}
+targets: {y: 1}
+parameters: {a: 0.5, b: 0.1}
+layers: {net: LAYER, phi: {fuzzify: {centers: [-1, 1]}}}
+outputs: {z: {expr: VALUE}}
+losses: {fit: 'mse(z, y)'}
+train: [{engine: torch, epochs: 1}]
+"""
+
+
+@pytest.mark.parametrize(
+    ("layer", "value", "said"),
+    [
+        ("{mlp: {hidden: [6, 6]}}", "net(u)", None),
+        ("{state_space: {order: 3}}", "net(u)", None),
+        ("{local_model: {by: phi(u), cell: {mlp: {hidden: [4]}}}}", "net(u)", None),
+        ("{mlp: {hidden: [6, 6]}}", "net(u) + (a + 2 * b) * u ** 9", "`a` and `b` show only"),
+        ("{mlp: {hidden: [6, 6], bias: true}}", "net(u) + 0 * a", "`a` does not"),
+        ("{mlp: {hidden: [6, 6]}}", "net(u) + a", "`a` shows only in combination with `net` in"),
+    ],
+)
+def test_only_what_somebody_reads_is_worth_a_warning(
+    layer: str, value: str, said: str | None
+) -> None:
+    """Every network has numbers that can change together; that alone says nothing."""
+    text = NETWORK.replace("LAYER", layer).replace("VALUE", value)
+    plan = planned(text)
+    _, spec = compiled(text)
+    program = plan.rollout.program
+    weights = initial_weights(program)
+    u = np.linspace(-1, 1, 40)
+    found = standard_errors(plan, dataset({"u": u, "y": u}, train=[40]), weights)
+    assert found.unidentified
+    warnings = parameter_warnings(program, weights, found, black_boxes(spec))
+    assert [w.code for w in warnings] == ([] if said is None else ["W0930"])
+    assert said is None or said in warnings[0].message
