@@ -40,3 +40,14 @@ def test_a_plant_that_runs_away_at_rest_is_solved(structure: str, x: float, tmp_
     assert found.status == 0
     assert found.cost == pytest.approx(other.cost, rel=1e-6)
     np.testing.assert_allclose(found.control["u"], other.control["u"], rtol=1e-4)
+
+
+@pytest.mark.parametrize("x", [-0.5, 0.7, 1.0])
+def test_the_plan_of_a_plant_that_nothing_brings_back_is_not_begun_at(
+    x: float, tmp_path: Path
+) -> None:
+    """The plan was cut, so that its numbers are finite, however far it jumps."""
+    require_tool("gcc", install="apt install gcc")
+    found = controller(tmp_path, RUN_AWAY.replace("STRUCTURE", "staged"), "c")
+    assert found.solve({"x": 10.0}).status == 2
+    assert found.solve({"x": x}).status == 0
