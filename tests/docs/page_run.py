@@ -110,8 +110,9 @@ class PageRun:
 
     def _left(self, block: Block, by: str) -> None:
         test = ROOT / by
-        named = {self.page.name, self.page.parent.name}
-        if not test.is_file() or not any(n in test.read_text(encoding="utf-8") for n in named):
+        is_of_example = self.page.name == "README.md" and self.page.parent != ROOT
+        named = self.page.parent.name if is_of_example else self.page.name
+        if not test.is_file() or named not in test.read_text(encoding="utf-8"):
             self._fault(block, f"{by} is no test of this page")
 
     def _read(self, block: Block, why: str) -> None:

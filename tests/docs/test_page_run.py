@@ -92,3 +92,10 @@ def test_code_without_a_fence_is_found_outside_of_lists(tmp_path: Path):
     page = tmp_path / "page.md"
     page.write_text("Run\n\n    msnn check\n\n- an item\n\n    goes on\n", encoding="utf-8")
     assert indented_code(page) == [3]
+
+
+def test_a_test_of_another_page_of_the_folder_is_no_test_of_this_one(tmp_path: Path):
+    folder = tmp_path / "docs"
+    folder.mkdir()
+    (fault,) = _faults(folder, "<!-- run by: tests/docs/test_mpc_page.py -->\n~~~sh\necho\n~~~\n")
+    assert "is no test of this page" in fault
