@@ -19,8 +19,10 @@ def wrong_in_shell(commands: str) -> str:
     if read.returncode:
         return read.stderr
     verbs = typer.main.get_command(application()).commands  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType, reportUnknownVariableType]
-    for line in re.split(r"&&|\||\n", commands):
+    for line in re.split(r"&&|\||\n", commands.replace("\\\n", "")):
         words = shlex.split(line, comments=True)
+        if "-m" in words and words[words.index("-m") + 1 :][:1] == ["msnn"]:  # python, torchrun
+            words = words[words.index("-m") + 1 :]
         if len(words) < 2 or words[0] != "msnn":
             continue
         if words[1] not in verbs:

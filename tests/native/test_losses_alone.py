@@ -53,10 +53,10 @@ def test_standard_errors_build_no_kernel_of_losses(
     built: list[str] = []
     right = kernel_module.compiled_kernel
 
-    def noted(source: str) -> Built:
+    def noted(source: str, *, on_lanes: bool = False) -> Built:
         kinds = {"msnn_train(": "training", "msnn_products(": "slopes"}
         built.append(next((kind for name, kind in kinds.items() if name in source), "losses"))
-        return right(source)
+        return right(source, on_lanes=on_lanes)
 
     monkeypatch.setattr(kernel_module, "compiled_kernel", noted)
     monkeypatch.setattr(sensitivity_module, "compiled_kernel", noted)

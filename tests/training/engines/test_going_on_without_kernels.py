@@ -168,7 +168,7 @@ def test_slopes_too_large_for_a_kernel_are_a_limit_and_no_mistake(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     expected = second_order("engine: torch")
-    monkeypatch.setattr(sensitivity_module, "STACK", -1)  # a step of the model needs none
+    monkeypatch.setattr(sensitivity_module, "LARGEST_STACK", -1)  # a step of the model needs none
     heard = Heard()
     assert_same(second_order("engine: auto", heard), expected)
     (said,) = heard.warnings
