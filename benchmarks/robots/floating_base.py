@@ -1,0 +1,77 @@
+"""Translates between the speeds of a floating base here and the twists of other programs.
+
+Here a base has the coordinates x, y, z, roll φ, pitch θ, yaw ψ with R = Rz(ψ) Ry(θ) Rx(φ), and its
+speeds are their derivatives. Others have ω, the angular velocity, in place of the last three:
+
+    ω = E(φ, θ, ψ) (φ̇, θ̇, ψ̇),  v = T ẋ with T = diag(1, E, 1)
+
+so that v̇ = T ẍ + Ṫ ẋ, and generalised forces are τ_ẋ = Tᵀ τ_v.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ANGLES = slice(3, 6)
+
+
+@dataclass(frozen=True)
+class Twist:
+    """The base at one state: E and its derivative Ė, with ω in the axes that were asked for."""
+
+    rotation: Array
+    E: Array
+    slope: Array
+
+    def speeds(self, dx: Array) -> Array:
+        """v of ẋ."""
+        return self._turned(self.E, dx)
+
+    def forces(self, torques: Array) -> Array:
+        """τ_v of τ_ẋ."""
+        return self._turned(np.linalg.inv(self.E).T, torques)
+
+    def accelerations(self, dv: Array, dx: Array) -> Array:
+        """ẍ of v̇."""
+        left = dv.copy()
+        left[ANGLES] -= self.slope @ dx[ANGLES]
+        return self._turned(np.linalg.inv(self.E), left)
+
+    def _turned(self, matrix: Array, values: Array) -> Array:
+        found = values.copy()
+        found[ANGLES] = matrix @ values[ANGLES]
+        return found
+
+
+def twist(x: Array, dx: Array, *, of_body: bool) -> Twist:
+    """The base at coordinates and speeds; ω along the axes of the body, or of the world."""
+    (sf, st, sp), (cf, ct, cp) = np.sin(x[ANGLES]), np.cos(x[ANGLES])
+    df, dt, dp = dx[ANGLES]
+    yaw = np.array([[cp, -sp, 0], [sp, cp, 0], [0, 0, 1]])
+    pitch = np.array([[ct, 0, st], [0, 1, 0], [-st, 0, ct]])
+    roll = np.array([[1, 0, 0], [0, cf, -sf], [0, sf, cf]])
+    rotation = yaw @ pitch @ roll
+    if of_body:
+        E = np.array([[1, 0, -st], [0, cf, sf * ct], [0, -sf, cf * ct]])
+        slope = np.array(
+            [
+                [0, 0, -ct * dt],
+                [0, -sf * df, cf * ct * df - sf * st * dt],
+                [0, -cf * df, -sf * ct * df - cf * st * dt],
+            ]
+        )
+    else:
+        E = np.array([[cp * ct, -sp, 0], [sp * ct, cp, 0], [-st, 0, 1]])
+        slope = np.array(
+            [
+                [-sp * ct * dp - cp * st * dt, -cp * dp, 0],
+                [cp * ct * dp - sp * st * dt, -sp * dp, 0],
+                [-ct * dt, 0, 0],
+            ]
+        )
+    return Twist(rotation, E, slope)
