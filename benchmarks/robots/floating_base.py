@@ -57,21 +57,17 @@ def twist(x: Array, dx: Array, *, of_body: bool) -> Twist:
     roll = np.array([[1, 0, 0], [0, cf, -sf], [0, sf, cf]])
     rotation = yaw @ pitch @ roll
     if of_body:
-        E = np.array([[1, 0, -st], [0, cf, sf * ct], [0, -sf, cf * ct]])
-        slope = np.array(
-            [
-                [0, 0, -ct * dt],
-                [0, -sf * df, cf * ct * df - sf * st * dt],
-                [0, -cf * df, -sf * ct * df - cf * st * dt],
-            ]
+        columns = ((1, 0, 0), (0, cf, -sf), (-st, sf * ct, cf * ct))
+        slopes = (
+            (0, 0, 0),
+            (0, -sf * df, -cf * df),
+            (-ct * dt, cf * ct * df - sf * st * dt, -sf * ct * df - cf * st * dt),
         )
     else:
-        E = np.array([[cp * ct, -sp, 0], [sp * ct, cp, 0], [-st, 0, 1]])
-        slope = np.array(
-            [
-                [-sp * ct * dp - cp * st * dt, -cp * dp, 0],
-                [cp * ct * dp - sp * st * dt, -sp * dp, 0],
-                [-ct * dt, 0, 0],
-            ]
+        columns = ((cp * ct, sp * ct, -st), (-sp, cp, 0), (0, 0, 1))
+        slopes = (
+            (-sp * ct * dp - cp * st * dt, cp * ct * dp - sp * st * dt, -ct * dt),
+            (-cp * dp, -sp * dp, 0),
+            (0, 0, 0),
         )
-    return Twist(rotation, E, slope)
+    return Twist(rotation, np.transpose(np.array(columns)), np.transpose(np.array(slopes)))
