@@ -156,6 +156,28 @@ def test_mathematics_is_translated_to_c_or_refused(example: Any, tmp_path: Path)
         python_to_c.translate(unknown, frozenset())
 
 
+def test_two_processes_may_compile_the_car_at_once(
+    example: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    require_tool("gcc", install="apt-get install gcc")
+    multi_body, python_to_c = example("multi_body"), example("python_to_c")
+    shutil.copy(EXAMPLE / "car.c", tmp_path)
+    monkeypatch.setattr(multi_body, "HERE", tmp_path)
+    head = "static void vehicle_dynamics_mb(double *x, double *u, double *f, const double *p)"
+    car = python_to_c.Translation(frozenset(), {"vehicle_dynamics_mb": head + "\n{ f[0] = p[0]; }"})
+    compiles = subprocess.run
+
+    def while_another_does(*command: Any, **options: Any) -> None:
+        compiles(*command, **options)
+        monkeypatch.setattr(subprocess, "run", compiles)
+        multi_body._compiled(car)
+
+    monkeypatch.setattr(subprocess, "run", while_another_does)
+    assert multi_body._compiled(car).drive
+    (library,) = (tmp_path / "build" / "car").iterdir()
+    assert library.suffix == ".so"
+
+
 def test_a_car_is_recorded_learned_steered_and_judged(
     example: Any,
     tmp_path: Path,
