@@ -241,3 +241,16 @@ def test_the_page_says_what_the_results_say(example: Any) -> None:
     results = example("results")
     found = json.loads((EXAMPLE / "results.json").read_text(encoding="utf-8"))
     assert results.tables(found) in (EXAMPLE / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_kept_figures_reach_what_was_aimed_at() -> None:
+    found = json.loads((EXAMPLE / "results.json").read_text(encoding="utf-8"))
+    errors = {name: row["mse"] for name, row in found["open_loop"].items()}
+    assert max(errors["vehicle"], errors["controller"]) <= 4.2e-7  # (1/m)², of the paper
+    assert errors["vehicle"] <= errors["wheels"] / 10
+    assert errors["controller"] <= errors["kinematic"] / 10
+    for variation, rows in found["closed_loop"].items():
+        assert rows["controller"]["arrived"], variation
+        assert rows["controller"]["max"] <= 0.5, variation
+    assert found["export"]["bits"] == 0
+    assert max(found["export"]["board"]["instructions"]) <= 1500
