@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msnn.comparison.draws import Draws, draw_axes
@@ -15,6 +15,7 @@ def drawn(count: int, seed: int = 0, **laws: str) -> list[tuple[float, ...]]:
     return [tuple(map(float, row)) for row in found.rows]
 
 
+@settings(deadline=None)
 @given(low=st.floats(1e-6, 1e6), width=st.floats(1e-7, 10), law=st.sampled_from(("uniform", "log")))
 def test_rounded_numbers_lie_within_bounds(low: float, width: float, law: str) -> None:
     high = low * (1 + width)
