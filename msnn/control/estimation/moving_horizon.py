@@ -93,6 +93,7 @@ class MovingHorizon:
         filtered = self.filter.correct(measured, inputs)
         self.found = None
         if filtered.status in _REFUSED:
+            self.vector = self.filter.vector.copy()
             return self._told(filtered, filtered.status)
         self._data.measure({name: np.asarray(v, float) for name, v in measured.items()})
         self._data.give({name: np.asarray(v, float) for name, v in (inputs or {}).items()})
