@@ -21,6 +21,7 @@ from backends.predictive_control.inputs import InputField, input_fields
 from backends.predictive_control.library import struct_type
 from backends.predictive_control.moving_horizon.recorded_windows import recorded_windows
 from backends.predictive_control.write_controller import solver_texts
+from compiler.moving_horizon.trained_window import trained_window
 from compiler.moving_horizon.window_problem import (
     RUNS,
     SPREAD,
@@ -29,7 +30,6 @@ from compiler.moving_horizon.window_problem import (
     window_problem,
 )
 from compiler.optimal_control.problem import ControlProblem
-from compiler.optimal_control.trained import trained
 from compiler.state_estimation.problem import EstimationProblem
 
 
@@ -65,13 +65,14 @@ def horizon_texts(
     name = f"{prefix}_mhe"
     known = filter_sources(problem, weights, f"{name}_filter", dtype, around=True)
     window = window_problem(problem)
-    own = {p.name for p in window.control.program.parameters}
-    control = trained(window.control, {n: w for n, w in weights.items() if n in own})
+    control = trained_window(window, weights)
     about = "Finds the noise of a window of samples that explains best what was measured in them."
     solver = f"{name}_window"
     texts = solver_texts(control, solver, dtype, "Window", about, is_window=True)
-    parts = {key: json.loads(texts.pop(f"{solver}.json")) for key in ("window",)}
-    parts["filter"] = json.loads(known.texts.pop(f"{known.name}.json"))
+    parts = {
+        "window": json.loads(texts.pop(f"{solver}.json")),
+        "filter": json.loads(known.texts.pop(f"{known.name}.json")),
+    }
     texts |= known.texts
     facts = _facts(problem, window, control, known, name)
     own_part = FilterSources(name=name, texts={}, facts=known.facts | facts, struct=[])

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 
 from compiler.jacobian.matrices import by_name
 from compiler.moving_horizon.spread import spread_of
+from compiler.moving_horizon.trained_window import trained_window
 from compiler.moving_horizon.window_problem import window_problem
 from compiler.optimal_control.horizon import Array, Given
 from compiler.optimal_control.kkt import Judge, Residuals
 from compiler.optimal_control.problem import ControlProblem
-from compiler.optimal_control.trained import trained
 from compiler.state_estimation.estimate import Estimate, FilterStatus, WindowEstimate
 from compiler.state_estimation.kalman_filter import KalmanFilter
 from compiler.state_estimation.problem import EstimationProblem
@@ -53,9 +53,7 @@ class MovingHorizon:
         """It runs along."""
         self._arrival = KalmanFilter(problem, weights)
         self._window = window_problem(problem)
-        known = {p.name for p in self._window.control.program.parameters}
-        given = {name: value for name, value in weights.items() if name in known}
-        self.control = trained(self._window.control, given)
+        self.control = trained_window(self._window, weights)
         """The problem of the window, as an optimal control problem whose controls are noise."""
         self._functions = HorizonFunctions(self.control)
         self._method = method(self.control, self._functions)
