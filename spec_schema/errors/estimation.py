@@ -1,4 +1,4 @@
-"""E1120-E1125: estimators of states and parameters."""
+"""E1120-E1127: estimators of states and parameters."""
 
 from collections.abc import Iterable
 
@@ -65,3 +65,11 @@ def condensed_window(span: Span) -> Diagnostic:
         "each sample has its own noise, as many numbers as are uncertain",
         help="leave `structure` out: it is solved stage by stage",
     )
+
+
+def window_of_memory(horizon: int, memory: str, products: int, span: Span) -> Diagnostic:
+    """E1127: a window whose estimator fits into no computer that it is meant for."""
+    message = f"a window of {horizon:,} samples makes an estimator of {memory}"
+    label = f"about {products:,} products in each of its iterations"
+    repair = "look back less far: what lies before is known by the arrival cost"
+    return error("E1127", span, message, label, help=repair)

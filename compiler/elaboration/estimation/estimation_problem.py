@@ -39,6 +39,11 @@ def estimation_problem(spec: Spec, section: Estimator, program: Program) -> Esti
     problem = _problem(spec, section.choice, section.place.key, program, findings)
     findings.raise_errors()
     assert problem is not None
+    if section.mhe is not None:
+        from compiler.elaboration.estimation.moving_window import check_size
+
+        check_size(problem, section.mhe, findings)
+        findings.raise_errors()
     return problem
 
 
