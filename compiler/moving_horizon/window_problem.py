@@ -10,6 +10,9 @@ The controls are w, and v those of one stage more, before the window: its step g
 and measures nothing. What is known for sure needs no inverse of its variance, which is 0. A window
 that is not full yet has stages before that one which keep x̄. Two references, `STARTS` and `RUNS`,
 say which stage is which: both 0 where x̄ is kept.
+
+Curvature is that of Gauss and Newton: errors and F count as linear. It is positive whatever is
+measured, where the curvature of h can turn a step away from the nearest minimum.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from compiler.hessian.step_derivatives import next_value
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, with_step
 from compiler.ir.ops import ReadSignal, Relation
@@ -92,6 +96,12 @@ def window_problem(problem: EstimationProblem) -> WindowProblem:
         mode="fixed" if window.is_fixed else "converged",
         iterations=window.iterations,
         tolerance=window.tolerance,
+        flat=frozenset(
+            [
+                *(next_value(member.name) for member in numbers.members),
+                *(f"error of {measurement.signal}" for measurement in problem.measured),
+            ]
+        ),
     )
     return WindowProblem(control, numbers, uncertain, inputs)
 
@@ -185,7 +195,7 @@ class _Draft:
             replace(state, next=self._next(state, starts, runs), origin=Declared())
             for state in program.states
         )
-        rest, measured = self._residuals()
+        rest, errors, measured = self._residuals()
         noise = b.contract_over(self._noise, self._noise, _UNCERTAIN)
         return replace(
             program,
@@ -198,7 +208,7 @@ class _Draft:
                 self.spread,
             ),
             states=states,
-            outputs=(Output(_STAGE, b.add(rest, noise)), Output(_TERMINAL, rest)),
+            outputs=(Output(_STAGE, b.add(rest, noise)), Output(_TERMINAL, rest), *errors),
             step=b.graph(),
         )
 
@@ -232,11 +242,13 @@ class _Draft:
             newest = b.concat([zeros, newest], WINDOW)
         return b.add(state.next, newest)
 
-    def _residuals(self) -> tuple[NodeId, list[Signal]]:
-        """The sum of the squares of all that was measured, by their standard deviations."""
+    def _residuals(self) -> tuple[NodeId, list[Output], list[Signal]]:
+        """The sum of the squares of all that was measured, by their standard deviations; these
+        errors themselves, and the references that they read."""
         b, program = self._builder, self._program
         total = b.constant(0.0, unit=None)
         signals: list[Signal] = []
+        errors: list[Output] = []
         for measurement in self._problem.measured:
             expected = program.output(measurement.value).node
             axes = b.type(expected).axes
@@ -244,11 +256,13 @@ class _Draft:
             value, seen = (b.signal(name, 0, 0, Type(axes)) for name in names)
             signals += [Signal(name, Role.INPUT, axes) for name in names]
             std = b.constant(measurement.std, unit=None)
-            square = b.power(b.divide(b.subtract(value, expected), std), 2)
+            error = b.divide(b.subtract(value, expected), std)
+            errors.append(Output(f"error of {measurement.signal}", error))
+            square = b.power(error, 2)
             # what is not seen may be anything, not finite too
             is_seen = b.compare(Relation.GREATER, seen, b.constant(0.5, unit=None))
             found = b.select(is_seen, square, b.constant(0.0, unit=None))
             for axis in axes:
                 found = b.sum(found, axis.name)
             total = b.add(total, found)
-        return total, signals
+        return total, errors, signals
