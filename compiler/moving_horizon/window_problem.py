@@ -24,7 +24,17 @@ from compiler.hessian.step_derivatives import next_value
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, with_step
 from compiler.ir.ops import ReadSignal, Relation
-from compiler.ir.program import Declared, History, NodeId, Output, Program, Role, Signal, State, Tape
+from compiler.ir.program import (
+    Declared,
+    History,
+    NodeId,
+    Output,
+    Program,
+    Role,
+    Signal,
+    State,
+    Tape,
+)
 from compiler.ir.types import WINDOW, Axis, Type
 from compiler.jacobian.matrices import Vector, vector_of
 from compiler.moving_horizon.window_limits import with_limits
@@ -85,7 +95,9 @@ def window_problem(problem: EstimationProblem) -> WindowProblem:
         stage=_STAGE,
         terminal=_TERMINAL,
         control_limits=(
-            ControlLimits(name=NOISE, limits=Limits(minimum=None, maximum=None), rate=None, scale=1),
+            ControlLimits(
+                name=NOISE, limits=Limits(minimum=None, maximum=None), rate=None, scale=1
+            ),
         ),
         path_limits=limits,
         horizon=window.horizon + 1,
@@ -149,9 +161,7 @@ def _flat(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
     return tuple(Axis("ahead", axis.size) if axis.name == WINDOW else axis for axis in axes)
 
 
-def _scales(
-    problem: EstimationProblem, window: MovingWindow, program: Program
-) -> dict[str, float]:
+def _scales(problem: EstimationProblem, window: MovingWindow, program: Program) -> dict[str, float]:
     """Half of a state's range, else how far noise takes it over the window, else 1."""
     found: dict[str, float] = {}
     known = {**problem.deviations, **problem.parameters}
@@ -252,7 +262,10 @@ class _Draft:
         for measurement in self._problem.measured:
             expected = program.output(measurement.value).node
             axes = b.type(expected).axes
-            names = WindowProblem.measured(measurement.signal), WindowProblem.seen(measurement.signal)
+            names = (
+                WindowProblem.measured(measurement.signal),
+                WindowProblem.seen(measurement.signal),
+            )
             value, seen = (b.signal(name, 0, 0, Type(axes)) for name in names)
             signals += [Signal(name, Role.INPUT, axes) for name in names]
             std = b.constant(measurement.std, unit=None)

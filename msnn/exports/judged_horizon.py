@@ -102,9 +102,7 @@ def _numbers(
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Numbers one after the other as arrays by name."""
     graph, program = problem.program.step, problem.program
-    shapes = [
-        (m.signal, graph[program.output(m.value).node].type.shape) for m in problem.measured
-    ]
+    shapes = [(m.signal, graph[program.output(m.value).node].type.shape) for m in problem.measured]
     inputs = [(m.name, tuple(axis.size for axis in m.axes)) for m in problem.inputs.members]
     return _split(measured, shapes), _split(given, inputs)
 

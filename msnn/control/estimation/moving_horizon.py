@@ -172,7 +172,9 @@ class MovingHorizon:
 
     def _learn_pasts(self) -> None:
         """Registers of past samples that the first inputs have filled."""
-        if self._data.count == 0 and not np.array_equal(self._arrival.is_known, self.filter.is_known):
+        if self._data.count == 0 and not np.array_equal(
+            self._arrival.is_known, self.filter.is_known
+        ):
             registers = [name for name in self.problem.registers if name not in self._x]
             values = by_name(self.numbers, self.filter.vector[None])
             known = by_name(self.numbers, self.filter.is_known[None])
@@ -181,7 +183,9 @@ class MovingHorizon:
 
     def _told(self, filtered: Estimate, status: FilterStatus) -> WindowEstimate:
         found = self.found
-        values = {name: value[0] for name, value in by_name(self.numbers, self.vector[None]).items()}
+        values = {
+            name: value[0] for name, value in by_name(self.numbers, self.vector[None]).items()
+        }
         own = self.problem.parameters
         cost = np.nan
         if found is not None and self.given is not None:

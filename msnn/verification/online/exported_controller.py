@@ -47,6 +47,8 @@ class FilterPart:
     """Whether it is that of a window, which solves."""
     iterations: int
     """Most of a correction; 0 where none is needed."""
+    tolerance: float
+    """Of a window; 0 of a filter."""
     inputs: int
     """Numbers in the struct of inputs; there is none where it is 0."""
     measured: int
@@ -135,6 +137,7 @@ def _filter(about: dict[str, Any]) -> FilterPart:
         prefix=_identifier(about["prefix"]),
         is_window="horizon" in about,
         iterations=int(about.get("iterations", 0)),
+        tolerance=float(about.get("tolerance", 0)),
         inputs=_numbers(about["in"]),
         measured=_numbers(about["measured"]),
         estimated=sum(int(part["size"]) for part in about["estimated"]),
