@@ -9,7 +9,7 @@ Numbers that a penalty holds at 0 have no errors, nor have those at bounds. The 
 as white: rows that are correlated say less than they seem to, and the errors come out too small.
 Where a row has a factor w, r and J are √w times what they are, as if its noise were σ/√w; n counts
 every row with w > 0 once. Starts that were estimated with the parameters are eliminated from H and
-JₗᵀJₗ first, and count among the pₗ.
+JₗᵀJₗ first, and count among the pₗ; what starts add that were found apart, `held_starts` says.
 """
 
 from __future__ import annotations
@@ -34,15 +34,17 @@ from msnn.training.engines.native.native_slopes import NativeSlopes
 from msnn.training.engines.second_order.joint_starts import JointStarts, without_starts
 from msnn.training.engines.second_order.squares import Slopes
 from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
-from msnn.training.plans.squared_losses import NUMBER_OF, squared
+from msnn.training.plans.squared_losses import squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.records.learned.held_starts import HeldStarts
 from msnn.training.records.learned.identified import (
     combinations,
     inverted,
     is_part_of,
     number_names,
 )
+from msnn.training.records.learned.information import Information, SymmetricInformation, numbers
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
 MOST_NUMBERS = 300
@@ -88,15 +90,15 @@ def standard_errors(
     """
     program = squared(plan.rollout.program, plan.loss_weights)
     parameters = [program.parameter(name) for name in plan.trained]
-    numbers = sum(weights[p.name].size for p in parameters)
+    learned = sum(weights[p.name].size for p in parameters)
     if not any(loss.target is not None for loss in program.losses):
         return without_errors("no loss is a sum of squares")
-    if numbers > MOST_NUMBERS:
+    if learned > MOST_NUMBERS:
         return without_errors(f"more than {MOST_NUMBERS} numbers are learned")
     operations = len(program.step)
-    if numbers * operations > MOST_SLOPES:
+    if learned * operations > MOST_SLOPES:
         return without_errors(
-            f"slopes of {operations} operations in {numbers} numbers are more than {MOST_SLOPES}"
+            f"slopes of {operations} operations in {learned} numbers are more than {MOST_SLOPES}"
         )
     starts = plan.rollout.starts
     if starts is not None:
@@ -107,8 +109,8 @@ def standard_errors(
         return without_errors("no rollout fits the data")
     rows = counted_rows(rollout, data, TRAIN)
     plan = replace(plan, rollout=rollout)
-    products, notes = _products(plan, data, rows, runs, weights)
-    return replace(_estimated(plan, parameters, weights, *products), notes=notes)
+    said, products, notes = _information(plan, data, rows, runs, weights)
+    return replace(_estimated(plan, parameters, weights, said, products), notes=notes)
 
 
 def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
@@ -128,42 +130,54 @@ def without_errors(reason: str) -> StandardErrors:
     return StandardErrors(errors={}, unidentified=(), noise={}, residuals=0, reason=reason)
 
 
-def _numbers(products: Mapping[str, Products], name: str) -> float:
-    """Residuals of a loss that have a share in its products."""
-    one = products[name]
-    counted = products.get(f"{NUMBER_OF}{name}")
-    number = one.count if counted is None else counted.cost
-    return number * (1.0 - one.left_out / one.count)
-
-
-def _products(
+def _information(
     plan: StagePlan,
     data: Dataset,
     rows: Mapping[str, np.ndarray] | None,
     runs: Runs,
     weights: Mapping[str, FloatArray],
-) -> tuple[tuple[Mapping[str, Products], Mapping[str, float]], tuple[Diagnostic, ...]]:
-    """The products of every loss, and how many of its residuals starts have used up.
+) -> tuple[Information, Mapping[str, Products], tuple[Diagnostic, ...]]:
+    """What residuals say of the numbers, and their products.
 
-    Starts that were found before the training are given; those estimated with it are found again at
-    its end, from all that is scored, where the total is lowest in them too.
+    Starts that were estimated with the numbers are found again at the end, from all that is scored,
+    where the total is lowest in them too; those found apart, from the first evaluations alone.
     """
     starts = plan.rollout.starts
     if starts is None:
         squares, notes = _squares(plan, data, rows, runs, weights)
-        return (squares.products(runs, weights), {}), notes
+        products = squares.products(runs, weights)
+        return _symmetric(plan, products, {}), products, notes
     joint = plan.estimates_starts
     fit = StartFit(starts.program, None if joint else starts.over, starts.skip if joint else 0)
     found = fit.find(data.series, runs, weights, plan.loss_weights, rows if joint else None)
+    series = found.series(data.rows)
     unknown = JointStarts(plan, data.series)
-    as_squares = unknown.plan if joint else plan
-    moved = unknown.moved(weights) if joint else weights
-    squares, notes = _squares(as_squares, data, rows, runs, moved)
-    squares.write(found.series(data.rows), watched=False)
-    if not joint:
-        return (squares.products(runs, weights), {}), notes
+    moved = unknown.moved(weights)
+    squares, notes = _squares(unknown.plan, data, rows, runs, moved)
+    squares.write(series, watched=False)
     products = unknown.products(squares, runs, weights)
-    return without_starts(products, _shares(plan, products)), notes
+    shares = _shares(plan, products)
+    if joint:
+        left, used = without_starts(products, shares)
+        return _symmetric(plan, left, used), left, notes
+    whole = replace(unknown.plan, rollout=replace(unknown.plan.rollout, skip=0))
+    deciding = replace(runs, steps=np.minimum(runs.steps, starts.over))
+    squares, _ = _squares(whole, data, None, deciding, moved)
+    squares.write(series, watched=False)
+    first = unknown.of_each(squares, deciding, weights)
+    return HeldStarts.of_runs(products, shares, first, plan.loss_weights), products, notes
+
+
+def _symmetric(
+    plan: StagePlan, products: Mapping[str, Products], used_up: Mapping[str, float]
+) -> Information:
+    shares = _shares(plan, products)
+    return SymmetricInformation(
+        products=products,
+        curvatures={name: share * products[name].curvature for name, share in shares.items()},
+        shares=shares,
+        used_up=used_up,
+    )
 
 
 def _squares(
@@ -200,35 +214,29 @@ def _estimated(
     plan: StagePlan,
     parameters: list[Parameter],
     weights: Mapping[str, FloatArray],
+    said: Information,
     products: Mapping[str, Products],
-    used_up: Mapping[str, float],
 ) -> StandardErrors:
     known = known_of(plan, parameters)
     held = np.concatenate([at_bound(p, weights[p.name]).ravel() for p in parameters])
     held |= in_corners(known, np.concatenate([weights[p.name].ravel() for p in parameters]))
     free = np.flatnonzero(~held)
     names = [n for p in parameters for n in number_names(p.name, weights[p.name].shape)]
-    shares = _shares(plan, products)
-    curvatures = {
-        name: share * products[name].curvature[np.ix_(free, free)] for name, share in shares.items()
-    }
+    said = said.of(free)
     prior = _prior_curvature(plan, known, products)[free]
-    total = sum(curvatures.values(), np.diag(prior[:, 0]))
-    inverse, nothing = inverted(total)
+    total, equations = said.curvature() + np.diag(prior[:, 0]), said.equations()
+    if equations is not None:
+        equations = equations + np.diag(prior[:, 0])
+    inverse, nothing = inverted(total, equations)
     # the residuals of a penalty such as l2(w) are no measurements: it has no noise
-    measured = {loss.name for loss in plan.rollout.program.losses if loss.target is not None}
-    noise: dict[str, float] = {}
+    targets = (loss.name for loss in plan.rollout.program.losses if loss.target is not None)
+    noise = said.variances(inverse, frozenset(targets))
     # the deviation from a prior is one more residual, whose variance is known: 1
     spread = np.diag(prior[:, 1])
-    for name in measured & curvatures.keys():
-        one, curvature = products[name], curvatures[name]
-        freedom = _numbers(products, name) - float(np.sum(inverse * curvature))
-        freedom -= used_up.get(name, 0.0)
-        variance = one.squares / freedom if freedom > 0 else np.nan
-        noise[name] = float(np.sqrt(variance))
-        spread += shares[name] * variance * curvature
+    for name, one in said.spreads().items():
+        spread += noise.get(name, 0.0) * one
     variances = np.full(len(held), np.nan)
-    covariance = inverse @ spread @ inverse
+    covariance = inverse @ spread @ inverse.T
     variances[free] = np.diagonal(covariance)
     variances[free[is_part_of(nothing)]] = np.nan
     sizes = np.cumsum([weights[p.name].size for p in parameters])[:-1]
@@ -239,8 +247,8 @@ def _estimated(
             for p, e in zip(parameters, errors, strict=True)
         },
         unidentified=combinations(total, nothing, [names[i] for i in free]),
-        noise=noise,
-        residuals=round(sum(_numbers(products, name) for name in noise)),
+        noise={name: float(np.sqrt(variance)) for name, variance in noise.items()},
+        residuals=round(sum(numbers(products, name) for name in noise)),
         covariance=_kept(parameters, weights, free, covariance),
     )
 
