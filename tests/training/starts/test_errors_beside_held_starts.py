@@ -99,7 +99,9 @@ def test_errors_count_the_noise_that_starts_carry(stage: str) -> None:
     numbers, found = learned(series, stage)
     u, q = series["u"].reshape(-1, ROWS), series["q"].reshape(-1, ROWS)
     of_numbers, of_residuals = influence(numbers, u, q, 1e-4)
-    begins = [best_start(*map(float, numbers), a[:OVER], b[:OVER]) for a, b in zip(u, q)]
+    begins = [
+        best_start(*map(float, numbers), a[:OVER], b[:OVER]) for a, b in zip(u, q, strict=True)
+    ]
     left = np.concatenate(
         [residuals(numbers, a, b, x) for a, b, x in zip(u, q, begins, strict=True)]
     )
