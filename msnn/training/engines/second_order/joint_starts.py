@@ -92,13 +92,17 @@ def _apart(run: Products, numbers: int) -> Products:
 
 def _joined(runs: Sequence[Products]) -> Products:
     """The products of all runs, each with its start."""
+    return replace(sum(runs[1:], runs[0]), starts=joined_blocks(runs))
+
+
+def joined_blocks(runs: Sequence[Products]) -> StartBlocks:
+    """What the starts of runs have, one run after the other."""
     blocks = [one.starts for one in runs if one.starts is not None]
-    starts = StartBlocks(
+    return StartBlocks(
         np.concatenate([one.cross for one in blocks]),
         np.concatenate([one.curvature for one in blocks]),
         np.concatenate([one.slope for one in blocks]),
     )
-    return replace(sum(runs[1:], runs[0]), starts=starts)
 
 
 _NOTHING = 1e-10

@@ -22,7 +22,7 @@ import numpy as np
 
 from backends.gauss_newton_products import Products, StartBlocks
 from msnn.data.dataset import FloatArray, IntArray
-from msnn.training.engines.second_order.joint_starts import inverted_blocks
+from msnn.training.engines.second_order.joint_starts import inverted_blocks, joined_blocks
 from msnn.training.records.learned.information import Information, numbers
 
 _ROUNDS = 50
@@ -43,6 +43,29 @@ class HeldStarts:
     """L of each run, (runs, learned, numbers of a start)."""
     spread: Mapping[str, FloatArray]
     """c̃ₗ² K̃ₗᵀK̃ₗ of each run."""
+    slopes: Mapping[str, FloatArray] | None = None
+    """Covariances of the slope where runs overlap; else runs have no noise in common."""
+
+    @classmethod
+    def of_blocks(
+        cls,
+        products: Mapping[str, Products],
+        shares: Mapping[str, float],
+        first: Mapping[str, StartBlocks],
+        decided: Mapping[str, FloatArray],
+    ) -> HeldStarts:
+        """From products of what is scored, those of the first evaluations of runs, and their c̃."""
+        factors = {name: decided[name][:, None, None] for name in shares}
+        both = sum(factors[name] * first[name].curvature for name in shares)
+        mixed = sum(factors[name] * first[name].cross for name in shares)
+        inverse = inverted_blocks(np.asarray(both))
+        return cls(
+            products=products,
+            shares=shares,
+            inverse=inverse,
+            follows=np.asarray(mixed) @ inverse,
+            spread={name: factors[name] ** 2 * first[name].curvature for name in shares},
+        )
 
     @classmethod
     def of_runs(
@@ -53,23 +76,10 @@ class HeldStarts:
         weights: Mapping[str, float],
     ) -> HeldStarts:
         """From products of what is scored, and those of the first evaluations of each run."""
-        share = {
-            name: np.array([weights[name] / max(run[name].count, 1.0) for run in first])
-            for name in shares
-        }
-        blocks = {name: [_blocks(run[name]) for run in first] for name in shares}
-        own = {name: np.concatenate([b.curvature for b in blocks[name]]) for name in shares}
-        cross = {name: np.concatenate([b.cross for b in blocks[name]]) for name in shares}
-        both = sum(share[name][:, None, None] * own[name] for name in shares)
-        mixed = sum(share[name][:, None, None] * cross[name] for name in shares)
-        inverse = inverted_blocks(np.asarray(both))
-        return cls(
-            products=products,
-            shares=shares,
-            inverse=inverse,
-            follows=np.asarray(mixed) @ inverse,
-            spread={name: share[name][:, None, None] ** 2 * own[name] for name in shares},
-        )
+        counts = {name: np.array([run[name].count for run in first]) for name in shares}
+        decided = {name: weights[name] / np.maximum(counts[name], 1.0) for name in shares}
+        blocks = {name: joined_blocks([run[name] for run in first]) for name in shares}
+        return cls.of_blocks(products, shares, blocks, decided)
 
     def of(self, free: IntArray) -> Information:
         """The same of some of the numbers."""
@@ -78,7 +88,10 @@ class HeldStarts:
             blocks = _blocks(one)
             starts = replace(blocks, cross=blocks.cross[:, free])
             some[name] = replace(one, curvature=one.curvature[np.ix_(free, free)], starts=starts)
-        return replace(self, products=some, follows=self.follows[:, free])
+        slopes = self.slopes
+        if slopes is not None:
+            slopes = {name: one[np.ix_(free, free)] for name, one in slopes.items()}
+        return replace(self, products=some, follows=self.follows[:, free], slopes=slopes)
 
     def curvature(self) -> FloatArray:
         """Σ cₗ DₗᵀDₗ."""
@@ -89,10 +102,12 @@ class HeldStarts:
         return np.asarray(sum(c * self._crossing(name) for name, c in self.shares.items()))
 
     def spreads(self) -> Mapping[str, FloatArray]:
-        """cₗ² JₗᵀJₗ + Σ G c̃ₗ² K̃ₗᵀK̃ₗ Gᵀ over the runs."""
+        """cₗ² JₗᵀJₗ + Σ G c̃ₗ² K̃ₗᵀK̃ₗ Gᵀ over runs that do not overlap."""
+        if self.slopes is not None:
+            return self.slopes
         return {
             name: c**2 * self.products[name].curvature
-            + np.einsum("rpn,rnm,rqm->pq", self._carried, self.spread[name], self._carried)
+            + np.einsum("rpn,rnm,rqm->pq", self.carried, self.spread[name], self.carried)
             for name, c in self.shares.items()
         }
 
@@ -115,14 +130,14 @@ class HeldStarts:
         both = (starts.cross - self.follows @ starts.curvature) @ self.inverse @ spread
         found = float(np.sum(self._moving(name) * moved))
         found += float(np.sum(starts.curvature * forecast))
-        found -= 2.0 * float(np.einsum("rpn,rqn,qp->", both, self._carried, inverse.T))
+        found -= 2.0 * float(np.einsum("rpn,rqn,qp->", both, self.carried, inverse.T))
         if name == noise:
             own = np.sum(inverse.T * self._crossing(name))
             found += numbers(self.products, name) - 2.0 * self.shares[name] * float(own)
         return found
 
     @cached_property
-    def _carried(self) -> FloatArray:
+    def carried(self) -> FloatArray:
         """G of each run."""
         cross = sum(c * _blocks(self.products[name]).cross for name, c in self.shares.items())
         return np.asarray(cross) @ self.inverse

@@ -9,8 +9,10 @@ from typing import Protocol
 import numpy as np
 
 from backends.gauss_newton_products import Products
+from compiler.ir.program import Measure
 from msnn.data.dataset import FloatArray, IntArray
 from msnn.training.plans.squared_losses import NUMBER_OF
+from msnn.training.plans.stage_plan import StagePlan
 
 
 class Information(Protocol):
@@ -46,6 +48,12 @@ def numbers(products: Mapping[str, Products], name: str) -> float:
     counted = products.get(f"{NUMBER_OF}{name}")
     number = one.count if counted is None else counted.cost
     return number * (1.0 - one.left_out / one.count)
+
+
+def shares_of(plan: StagePlan, products: Mapping[str, Products]) -> dict[str, float]:
+    """cₗ of the losses that score something: what a squared residual adds to the total."""
+    names = [name for name in plan.loss_weights if name in products and products[name].count]
+    return {name: _share(plan, name, products[name]) for name in names}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,3 +95,12 @@ class SymmetricInformation:
             freedom -= float(np.sum(inverse * self.curvatures[name]))
             found[name] = self.products[name].squares / freedom if freedom > 0 else np.nan
         return found
+
+
+def _share(plan: StagePlan, name: str, found: Products) -> float:
+    """How much a squared residual adds to the total; near the minimum for a root."""
+    loss = next(loss for loss in plan.rollout.program.losses if loss.name == name)
+    share = plan.loss_weights[loss.name] / found.count
+    if loss.measure is Measure.RMSE and found.cost > 0:
+        return share / (2.0 * float(np.sqrt(found.cost / found.count)))
+    return share

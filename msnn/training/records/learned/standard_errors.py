@@ -19,32 +19,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from backends.files.c_compiler import CompilerMissingError
 from backends.gauss_newton_products import Products
 from backends.known_terms import KnownTerms, in_corners
-from compiler.ir.program import Measure, Parameter
+from compiler.ir.program import Parameter
 from msnn.data.dataset import Dataset, FloatArray, IntArray
-from msnn.data.starts import Runs
 from msnn.model.weights.covariance_file import Covariance
 from msnn.simulation.rollout import LossSum
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
-from msnn.simulation.start_fit import StartFit
-from msnn.training.engines.native.kernel_or_not import try_natively
-from msnn.training.engines.native.native_slopes import NativeSlopes
-from msnn.training.engines.second_order.joint_starts import JointStarts, without_starts
-from msnn.training.engines.second_order.squares import Slopes
 from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
 from msnn.training.plans.squared_losses import squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
-from msnn.training.records.learned.held_starts import HeldStarts
 from msnn.training.records.learned.identified import (
     combinations,
     inverted,
     is_part_of,
     number_names,
 )
-from msnn.training.records.learned.information import Information, SymmetricInformation, numbers
+from msnn.training.records.learned.information import Information, numbers
+from msnn.training.records.learned.information_of_stage import information_of
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
 MOST_NUMBERS = 300
@@ -109,7 +102,7 @@ def standard_errors(
         return without_errors("no rollout fits the data")
     rows = counted_rows(rollout, data, TRAIN)
     plan = replace(plan, rollout=rollout)
-    said, products, notes = _information(plan, data, rows, runs, weights)
+    said, products, notes = information_of(plan, data, rows, runs, weights)
     return replace(_estimated(plan, parameters, weights, said, products), notes=notes)
 
 
@@ -128,86 +121,6 @@ def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
 def without_errors(reason: str) -> StandardErrors:
     """None, and why."""
     return StandardErrors(errors={}, unidentified=(), noise={}, residuals=0, reason=reason)
-
-
-def _information(
-    plan: StagePlan,
-    data: Dataset,
-    rows: Mapping[str, np.ndarray] | None,
-    runs: Runs,
-    weights: Mapping[str, FloatArray],
-) -> tuple[Information, Mapping[str, Products], tuple[Diagnostic, ...]]:
-    """What residuals say of the numbers, and their products.
-
-    Starts that were estimated with the numbers are found again at the end, from all that is scored,
-    where the total is lowest in them too; those found apart, from the first evaluations alone.
-    """
-    starts = plan.rollout.starts
-    if starts is None:
-        squares, notes = _squares(plan, data, rows, runs, weights)
-        products = squares.products(runs, weights)
-        return _symmetric(plan, products, {}), products, notes
-    joint = plan.estimates_starts
-    fit = StartFit(starts.program, None if joint else starts.over, starts.skip if joint else 0)
-    found = fit.find(data.series, runs, weights, plan.loss_weights, rows if joint else None)
-    series = found.series(data.rows)
-    unknown = JointStarts(plan, data.series)
-    moved = unknown.moved(weights)
-    squares, notes = _squares(unknown.plan, data, rows, runs, moved)
-    squares.write(series, watched=False)
-    products = unknown.products(squares, runs, weights)
-    shares = _shares(plan, products)
-    if joint:
-        left, used = without_starts(products, shares)
-        return _symmetric(plan, left, used), left, notes
-    whole = replace(unknown.plan, rollout=replace(unknown.plan.rollout, skip=0))
-    deciding = replace(runs, steps=np.minimum(runs.steps, starts.over))
-    squares, _ = _squares(whole, data, None, deciding, moved)
-    squares.write(series, watched=False)
-    first = unknown.of_each(squares, deciding, weights)
-    return HeldStarts.of_runs(products, shares, first, plan.loss_weights), products, notes
-
-
-def _symmetric(
-    plan: StagePlan, products: Mapping[str, Products], used_up: Mapping[str, float]
-) -> Information:
-    shares = _shares(plan, products)
-    return SymmetricInformation(
-        products=products,
-        curvatures={name: share * products[name].curvature for name, share in shares.items()},
-        shares=shares,
-        used_up=used_up,
-    )
-
-
-def _squares(
-    plan: StagePlan,
-    data: Dataset,
-    rows: Mapping[str, np.ndarray] | None,
-    runs: Runs,
-    weights: Mapping[str, FloatArray],
-) -> tuple[Slopes, tuple[Diagnostic, ...]]:
-    """By kernels where there can be any, else by torch with what the user should know."""
-
-    def native(_: StagePlan) -> NativeSlopes:
-        squares = NativeSlopes(plan, data.series, rows)
-        squares.check(runs, weights)
-        return squares
-
-    notes: tuple[Diagnostic, ...] = ()
-    if plan.engine != "torch":
-        try:
-            # what is trained is not refused now, even where kernels were asked for
-            tried = try_natively(replace(plan, engine="auto"), native, in_double=False)
-            if tried.made is not None:
-                return tried.made, tried.notes
-            notes = tried.notes
-        except CompilerMissingError:
-            pass
-    # torch takes seconds to import: only where it computes
-    from msnn.training.engines.torch.torch_squares import TorchSquares
-
-    return TorchSquares(plan, data.series, rows, rows), notes
 
 
 def _estimated(
@@ -268,12 +181,6 @@ def _kept(
     return Covariance.sorted_by_name(names, weights, whole)
 
 
-def _shares(plan: StagePlan, products: Mapping[str, Products]) -> dict[str, float]:
-    """Of the losses that score something."""
-    names = [name for name in plan.loss_weights if name in products and products[name].count]
-    return {name: _share(plan, name, products[name]) for name in names}
-
-
 def _prior_curvature(
     plan: StagePlan, known: KnownTerms, products: Mapping[str, Products]
 ) -> FloatArray:
@@ -283,12 +190,3 @@ def _prior_curvature(
     weight = square_by_count(plan, sums) if residuals else 0.0
     slope = np.where(known.std > 0, 1.0 / np.where(known.std > 0, known.std, 1.0), 0.0)
     return np.stack([weight * slope**2, (weight * slope) ** 2], axis=1)
-
-
-def _share(plan: StagePlan, name: str, found: Products) -> float:
-    """How much a squared residual adds to the total; near the minimum for a root."""
-    loss = next(loss for loss in plan.rollout.program.losses if loss.name == name)
-    share = plan.loss_weights[loss.name] / found.count
-    if loss.measure is Measure.RMSE and found.cost > 0:
-        return share / (2.0 * float(np.sqrt(found.cost / found.count)))
-    return share
