@@ -93,8 +93,8 @@ SYSTEMS = {
         settings=(
             "states.x.init={fit: {over: 15}}",
             "states.v.init={fit: {over: 15}}",
-            "train.0.rollout={horizon: 50}",
-            "train.0.epochs=60",
+            "train.0.rollout={horizon: 50, stride: 50}",
+            "train.0.epochs=20",
         ),
         rate=50.0,
         band=(0.05, 5.0),
