@@ -7,9 +7,9 @@ Runge-Kutta method with 16 steps a sample and the force between samples as the m
 repetition has a force of its own (a random-phase multisine), noise of its own on the travel, 1 % of
 the rms of all records, and a second record to measure on. Parameters are learned from the same
 wrong guesses by levenberg_marquardt over the whole record; "started" is the oscillator in rollouts
-of 50 rows, 15 of which decide where each starts. Right is: the true value lies within two
-standard errors of the learned one in 95.4 % of the repetitions, give or take 1.5 % by chance over
-200; a share p of new values lies in the interval of p; the spread of what is learned is its
+of 50 rows, 15 of which decide where each starts. Right is: the true value lies within two standard
+errors of the learned one in 95.4 % of the repetitions, give or take 1.5 % by chance over 200; a
+share p of new values lies in the interval of p; the spread of what is learned is its
 standard error. `--write` puts the table into coverage.md.
 """
 
