@@ -9,7 +9,15 @@ import numpy as np
 from backends.c_language.literals import Dtype
 from backends.fmu.names import Names
 from backends.fmu.online_unit import OnlineUnit, valid_numbers
-from backends.fmu.variable import Kind, Range, Variable, Variables, one_line, placed
+from backends.fmu.variable import (
+    Kind,
+    Range,
+    Variable,
+    Variables,
+    member_variable,
+    one_line,
+    placed,
+)
 from backends.fmu.variables import rounded_range
 from backends.predictive_control.inputs import InputField, input_fields
 from backends.predictive_control.structure.rows import Row, resting_controls, rows_of
@@ -73,13 +81,11 @@ def _states(problem: ControlProblem, names: Names) -> Iterator[Variable]:
         origin = registers.get(member.name)
         length = member.axes[-1].size if origin is not None else 1
         ahead = getattr(origin, "ahead", 0)
-        yield Variable(
+        yield member_variable(
+            member,
             name=names.add(member.name),
             kind=Kind.INPUT,
-            place=f"u.x[{member.first}]",
-            axes=member.axes,
-            unit=member.unit,
-            range=None,
+            array="u.x",
             doc=one_line(docs[member.name], "as measured or estimated"),
             start=np.zeros(member.size),
             first_sample=ahead - length,
@@ -118,12 +124,11 @@ def _controls(
     moves = rows_of(problem).move
     for member in problem.controls.members:
         own = rows[member.first : member.first + member.size]
-        yield Variable(
+        yield member_variable(
+            member,
             name=names.add(member.name),
             kind=Kind.OUTPUT,
-            place=f"y.u[{member.first}]",
-            axes=member.axes,
-            unit=member.unit,
+            array="y.u",
             range=None if moves else rounded_range(_limits(own), dtype),
             doc=one_line(_doc(signals.get(member.name)), "of this sample, inside its limits"),
             start=np.zeros(member.size),
@@ -141,13 +146,11 @@ def _first(
 ) -> Iterator[Variable]:
     for member in problem.controls.members:
         values = resting[member.first : member.first + member.size]
-        yield Variable(
+        yield member_variable(
+            member,
             name=names.add(f"start.{member.name}"),
             kind=Kind.FIRST,
-            place=f"first[{member.first}]",
-            axes=member.axes,
-            unit=member.unit,
-            range=None,
+            array="first",
             doc="the control that is applied before the first step",
             start=np.array(values, dtype),
         )

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from backends.c_language.literals import Dtype
 from backends.fmu.names import Names
 from backends.fmu.online_unit import Fill, OnlineUnit, valid_numbers
-from backends.fmu.variable import Kind, Variable, Variables, one_line, placed
+from backends.fmu.variable import Kind, Variable, Variables, member_variable, one_line, placed
 from backends.fmu.variables import rounded_range
 from backends.predictive_control.estimation.filter_fields import input_fields
 from compiler.ir.types import Type
@@ -127,25 +127,21 @@ def _estimated(problem: EstimationProblem, judge: KalmanFilter, names: Names) ->
     docs = {p.name: p.doc for p in problem.program.parameters}
     docs |= {s.name: s.doc for s in problem.program.states}
     for member in judge.numbers.members:
-        yield Variable(
+        yield member_variable(
+            member,
             name=names.add(member.name),
             kind=Kind.OUTPUT,
-            place=f"y.x[{member.first}]",
-            axes=member.axes,
-            unit=member.unit,
-            range=None,
+            array="y.x",
             doc=one_line(docs[member.name], "as estimated"),
             start=np.zeros(member.size),
             first_sample=_first_sample(problem, member.name),
         )
     for member in judge.numbers.members:
-        yield Variable(
+        yield member_variable(
+            member,
             name=names.add(f"std.{member.name}"),
             kind=Kind.OUTPUT,
-            place=f"y.std[{member.first}]",
-            axes=member.axes,
-            unit=member.unit,
-            range=None,
+            array="y.std",
             doc=one_line(f"standard deviation of {member.name}"),
             start=np.zeros(member.size),
             first_sample=_first_sample(problem, member.name),
@@ -172,13 +168,11 @@ def _first(
     """What the filter begins with, where the importer sets it."""
     for member in problem.states.members:
         values = judge.vector[member.first : member.first + member.size]
-        yield Variable(
+        yield member_variable(
+            member,
             name=names.add(f"start.{member.name}"),
             kind=Kind.FIRST,
-            place=f"first[{member.first}]",
-            axes=member.axes,
-            unit=member.unit,
-            range=None,
+            array="first",
             doc=one_line(f"{member.name} before the first step; as the spec says where not set"),
             start=np.where(np.isfinite(values), values, 0.0).astype(dtype),
             first_sample=_first_sample(problem, member.name),

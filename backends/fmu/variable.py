@@ -11,6 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from compiler.ir.types import Axis
+from compiler.jacobian.matrices import Member
 from spec_schema.units.unit import Unit
 
 Range = tuple[float, float] | None
@@ -91,6 +92,31 @@ class Variables:
 
     def of(self, *kinds: Kind) -> tuple[Variable, ...]:
         return tuple(variable for variable in self.all if variable.kind in kinds)
+
+
+def member_variable(
+    member: Member,
+    *,
+    name: str,
+    kind: Kind,
+    array: str,
+    doc: str,
+    start: NDArray[Any],
+    range: Range = None,
+    first_sample: int = 0,
+) -> Variable:
+    """A member of a vector that the C keeps as one `array`."""
+    return Variable(
+        name=name,
+        kind=kind,
+        place=f"{array}[{member.first}]",
+        axes=member.axes,
+        unit=member.unit,
+        range=range,
+        doc=doc,
+        start=start,
+        first_sample=first_sample,
+    )
 
 
 def placed(variables: Iterable[Variable]) -> tuple[Variable, ...]:
