@@ -15,7 +15,7 @@ from msnn.data.dataset import BoolArray, Dataset, IntArray
 from msnn.data.reads import reads
 from msnn.data.scored import scored_rows
 from msnn.data.starts import Horizon, Runs, reach, rollouts
-from msnn.errors.data import files as data_files
+from msnn.errors.data import rows as data_rows
 from msnn.errors.learning import training as errors
 from msnn.simulation.durations import samples
 from spec_schema.diagnostics.diagnostic import Findings
@@ -183,7 +183,7 @@ def set_rollouts(
     """
     if not data.has(name):
         known = [known for known in data.sets if data.has(known)]
-        findings.report(data_files.no_rows_in_set(name, known, span))
+        findings.report(data_rows.no_rows_in_set(name, known, span))
         return None
     far = reach(plan.reading, also)
     episodes = data.stretches() if plan.horizon == "record" else data.episodes(name)
@@ -193,15 +193,15 @@ def set_rollouts(
     needed = far.rows(plan.horizon if isinstance(plan.horizon, int) and not once else 1)
     if runs.skipped and len(runs):
         total, files = len(episodes), files_skipped(data, episodes, runs)
-        findings.report(data_files.episodes_skipped(runs.skipped, total, needed, wanted_by, files))
+        findings.report(data_rows.episodes_skipped(runs.skipped, total, needed, wanted_by, files))
     runs = _with_known_starts(plan.reading, data, runs)
     if not len(runs):
-        findings.report(data_files.episodes_too_short(name, runs.longest, needed, wanted_by, span))
+        findings.report(data_rows.episodes_too_short(name, runs.longest, needed, wanted_by, span))
         return None
     scored = _with_scored_rows(plan, data, runs, far.ahead)
     if not len(scored):
         longest = max(record.stop - record.start for record in data.records)
-        findings.report(data_files.rows_all_skipped(plan.skip_rows, longest, wanted_by, span))
+        findings.report(data_rows.rows_all_skipped(plan.skip_rows, longest, wanted_by, span))
         return None
     most = int(scored.steps.max())
     if plan.skip >= most:

@@ -13,8 +13,8 @@ from msnn.data.reading.files import DataFile
 from msnn.data.reading.resample import Method, resample
 from msnn.data.reading.rows import RowRange, TimeFault, continuity, picked_rows
 from msnn.data.reading.time_bounds import time_bound
-from msnn.errors.data import files as errors
 from msnn.errors.data import formats as data_formats
+from msnn.errors.data import rows as errors
 from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span

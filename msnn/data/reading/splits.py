@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from msnn.data.dataset import UNASSIGNED, FloatArray
 from msnn.data.reading.time_bounds import time_bound
-from msnn.errors.data import files as errors
+from msnn.errors.data import rows as errors
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.splits import SETS, Blocks, DateRange, Fraction, Split, TimeRange

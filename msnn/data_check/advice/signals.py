@@ -13,7 +13,7 @@ from msnn.data_check.found import CheckedChannel, DatasetCheck
 from msnn.data_check.signals.plausible_units import doubt
 from msnn.data_check.signals.quantisation import FEW_LEVELS
 from msnn.errors.data import checks as errors
-from msnn.errors.data.files import other_sample_time
+from msnn.errors.data.rows import other_sample_time
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic
 

@@ -14,12 +14,9 @@ import torch
 
 from msnn.training.engines.torch.torch_optimizers import torch_optimizer_names
 from msnn.training.plans.torch_optimizer_options import TORCH_OPTIMIZERS, Number, fits
-from msnn.training.train import (
-    TrainingInterruptedError,
-    TrainingOptions,
-    TrainingResult,
-    train,
-)
+from msnn.training.records.training_options import TrainingOptions
+from msnn.training.train import train
+from msnn.training.training_result import TrainingInterruptedError, TrainingResult
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
 from tests.training.cases import dataset, gain, gain_series

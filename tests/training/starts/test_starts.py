@@ -20,12 +20,12 @@ from msnn.training.engines.open_engine import OpenedEngine
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.progress import EpochEnd, Silent, StageEnd
-from msnn.training.train import (
+from msnn.training.records.training_options import TrainingOptions
+from msnn.training.train import train
+from msnn.training.training_result import (
     TrainingDivergedError,
     TrainingInterruptedError,
-    TrainingOptions,
     TrainingResult,
-    train,
 )
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.sections.spec import Spec
