@@ -58,6 +58,7 @@ def kernel_source(step: TrainingStep, dtype: Dtype, *, reproducible: bool = Fals
 
     A `reproducible` one fuses by many instructions where a processor has none for it.
     """
+    # optimisers move raw variables, which bounds map to physical values, in double precision always
     bounds = c_definitions(("sigmoid", "softplus"), "double", "double")
     files = ("variables.c", "known.c", "optimizers.c", "training.c")
     found = _source(step, dtype, (bounds, *map(_text, files)))
@@ -113,6 +114,7 @@ def whole_source(
         f"#define PARAMETERS {memory.parameter_count}",
         f"#define LOSSES {len(losses)}",
         _text("prelude.c"),
+        # after the model's functions are lowered: only then it is known which kernels they call
         lane_kernels(functions.kernels, DOUBLE if dtype == "float64" else FLOAT, PREFIX),
         *tables,
         *(printer.function(with_fused_products(one.function)) for one in made.values()),
