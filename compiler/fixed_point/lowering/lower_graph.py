@@ -133,6 +133,7 @@ class Lowering(Elementwise):
             case ops.Maximum():
                 return _each(self.greater, *values)
             case ops.Clamp():
+                # min after max, as C does: where the limits cross, the upper one wins
                 return _each(self.lesser, _each(self.greater, *values[:2]), values[2])
             case ops.Compare(relation):
                 found = _each(partial(self.condition, relation), *values)

@@ -179,6 +179,7 @@ def _resampled(
         findings.report(data_formats.no_time_to_resample(file.shown, file.layout.place.key))
         return None
     moments = time[picked.rows]
+    # not `diff <= 0`: of a NaN neither holds, and it is out of order too
     backward = ~(np.diff(moments) > 0)
     if backward.any():
         row = picked.first + (int(np.argmax(backward)) + 1) * picked.every
