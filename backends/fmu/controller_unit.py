@@ -7,13 +7,13 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from backends.c_language.literals import Dtype
-from backends.fmu.names import Names
+from backends.fmu.names import VariableNames
 from backends.fmu.online_unit import OnlineUnit, valid_numbers
 from backends.fmu.variable import (
-    Kind,
     Range,
+    UnitVariables,
     Variable,
-    Variables,
+    VariableKind,
     member_variable,
     one_line,
     placed,
@@ -42,7 +42,7 @@ _TOLD = {
 
 def controller_unit(problem: ControlProblem, prefix: str, dtype: Dtype) -> OnlineUnit:
     """The unit of a trained problem's controller; `prefix` is that of its C."""
-    names = Names()
+    names = VariableNames()
     rows = rows_of(problem)
     controls = list(_controls(problem, rows.rows, names, dtype))
     found = [
@@ -51,7 +51,7 @@ def controller_unit(problem: ControlProblem, prefix: str, dtype: Dtype) -> Onlin
         *controls,
         Variable(
             name=names.add("residual"),
-            kind=Kind.OUTPUT,
+            kind=VariableKind.OUTPUT,
             place="y.residual",
             axes=(),
             unit=None,
@@ -66,7 +66,7 @@ def controller_unit(problem: ControlProblem, prefix: str, dtype: Dtype) -> Onlin
         prefix=prefix,
         dtype=dtype,
         members=(f"{prefix}_in_t u;",),
-        variables=Variables(
+        variables=UnitVariables(
             placed(found), names.add("status"), names.add("time"), names.add("iterations")
         ),
         meanings=_MEANINGS,
@@ -74,7 +74,7 @@ def controller_unit(problem: ControlProblem, prefix: str, dtype: Dtype) -> Onlin
     )
 
 
-def _states(problem: ControlProblem, names: Names) -> Iterator[Variable]:
+def _states(problem: ControlProblem, names: VariableNames) -> Iterator[Variable]:
     docs = {state.name: state.doc for state in problem.program.states}
     registers = problem.registers
     for member in problem.states.members:
@@ -84,7 +84,7 @@ def _states(problem: ControlProblem, names: Names) -> Iterator[Variable]:
         yield member_variable(
             member,
             name=names.add(member.name),
-            kind=Kind.INPUT,
+            kind=VariableKind.INPUT,
             array="u.x",
             doc=one_line(docs[member.name], "as measured or estimated"),
             start=np.zeros(member.size),
@@ -92,7 +92,7 @@ def _states(problem: ControlProblem, names: Names) -> Iterator[Variable]:
         )
 
 
-def _known(problem: ControlProblem, names: Names, dtype: Dtype) -> Iterator[Variable]:
+def _known(problem: ControlProblem, names: VariableNames, dtype: Dtype) -> Iterator[Variable]:
     """Disturbances and references along the horizon."""
     members = (*problem.disturbances.members, *problem.references.members)
     signals = {signal.name: signal for signal in problem.program.signals}
@@ -101,7 +101,7 @@ def _known(problem: ControlProblem, names: Names, dtype: Dtype) -> Iterator[Vari
         limits = None if signal is None else rounded_range(signal.range, dtype)
         yield Variable(
             name=names.add(field.name),
-            kind=Kind.INPUT,
+            kind=VariableKind.INPUT,
             place=f"u.{field.identifier}{'[0]' if field.shape else ''}",
             axes=_axes(field, member),
             unit=member.unit,
@@ -118,7 +118,7 @@ def _axes(field: InputField, member: Member) -> tuple[Axis, ...]:
 
 
 def _controls(
-    problem: ControlProblem, rows: tuple[Row, ...], names: Names, dtype: Dtype
+    problem: ControlProblem, rows: tuple[Row, ...], names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
     signals = _signals(problem)
     moves = rows_of(problem).move
@@ -127,7 +127,7 @@ def _controls(
         yield member_variable(
             member,
             name=names.add(member.name),
-            kind=Kind.OUTPUT,
+            kind=VariableKind.OUTPUT,
             array="y.u",
             range=None if moves else rounded_range(_limits(own), dtype),
             doc=one_line(_doc(signals.get(member.name)), "of this sample, inside its limits"),
@@ -142,14 +142,14 @@ def _limits(rows: tuple[Row, ...]) -> Range:
 
 
 def _first(
-    problem: ControlProblem, resting: list[float], names: Names, dtype: Dtype
+    problem: ControlProblem, resting: list[float], names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
     for member in problem.controls.members:
         values = resting[member.first : member.first + member.size]
         yield member_variable(
             member,
             name=names.add(f"start.{member.name}"),
-            kind=Kind.FIRST,
+            kind=VariableKind.FIRST,
             array="first",
             doc="the control that is applied before the first step",
             start=np.array(values, dtype),

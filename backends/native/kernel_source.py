@@ -92,7 +92,7 @@ def _source(step: TrainingStep, dtype: Dtype, training: Sequence[str]) -> Kernel
         f"static const double ELEMENTS[] = {{{numbers}}};",
         f"static const int IS_ROOT[] = {{{roots}}};",
     ]
-    echoes = [Rows(tape.name, tape.elements, tape.last) for tape in memory.echoes.values()]
+    echoes = [ArrayRows(tape.name, tape.elements, tape.last) for tape in memory.echoes.values()]
     group = rendered("group.c.j2", made, **forward_arrays(memory), echoes=echoes)
     batches = map(_text, ("threads.c", "batches.c", "epochs.c"))
     return whole_source(memory, dtype, functions, made, tables, (group, *batches, *training))
@@ -139,7 +139,7 @@ def _text(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class ArrayRows:
     """One array over the time of a group."""
 
     name: str
@@ -150,18 +150,18 @@ class Rows:
     """The sample of its first row, counted from the first step."""
 
 
-def forward_arrays(memory: LaneMemory) -> dict[str, list[Rows]]:
+def forward_arrays(memory: LaneMemory) -> dict[str, list[ArrayRows]]:
     """The arrays over time that the functions of the step forward work on."""
     return {
         "logs": [
-            Rows(tape.name, tape.elements, tape.last - tape.first, tape.first)
+            ArrayRows(tape.name, tape.elements, tape.last - tape.first, tape.first)
             for tape in memory.signals.values()
         ],
         "states": [
-            *(Rows(tape.name, tape.elements, tape.last) for tape in memory.buffers.values()),
-            *(Rows(name, size_of(state.axes), 1) for name, state in memory.plain.values()),
+            *(ArrayRows(tape.name, tape.elements, tape.last) for tape in memory.buffers.values()),
+            *(ArrayRows(name, size_of(state.axes), 1) for name, state in memory.plain.values()),
         ],
-        "rows": [Rows(tape.name, tape.elements, 0) for tape in memory.rows.values()],
+        "rows": [ArrayRows(tape.name, tape.elements, 0) for tape in memory.rows.values()],
     }
 
 

@@ -28,7 +28,7 @@ from compiler.passes.expand_functions import expand_functions
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
+class GivenNode:
     """A value that another lowered graph computed before: the node of the same IR graph."""
 
     node: NodeId
@@ -38,7 +38,7 @@ class Given:
 class TorchLeaf:
     """One argument of a lowered graph: where it comes from, and whether it has a window axis."""
 
-    source: ops.AnyRead | Given
+    source: ops.AnyRead | GivenNode
     windowed: bool
 
 
@@ -146,7 +146,7 @@ class _Lowering:
     def _leaf(self, index: NodeId) -> TorchLeaf | None:
         node = self._graph[index]
         if index in self._given:
-            return TorchLeaf(Given(index), False)
+            return TorchLeaf(GivenNode(index), False)
         match node.op:
             case ops.ReadParameter() | ops.ReadState():
                 return TorchLeaf(node.op, False)

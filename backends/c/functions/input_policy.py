@@ -11,7 +11,7 @@ from backends.c.functions.constant_time_checks import constant_time_check
 from backends.c.functions.valid_range import within
 from backends.c.interface.interface import Field, InputField, Interface
 from backends.c.interface.state_checks import largest
-from backends.c.interface.status import Status, status_macro
+from backends.c.interface.status import StatusBit, status_macro
 from backends.c_language.functions import FunctionTable
 from backends.c_language.literals import Dtype
 from backends.c_language.places import ArrayView
@@ -218,26 +218,26 @@ _OUTSIDE = Binary("||", _BELOW, _ABOVE)
 """False for NaN, as every comparison with it is."""
 
 
-def _bit(prefix: str, bit: Status) -> Statement:
+def _bit(prefix: str, bit: StatusBit) -> Statement:
     return SetBits(Unary("*", Name("status")), Name(status_macro(prefix, bit)))
 
 
 def _flagged(prefix: str) -> tuple[Statement, ...]:
-    outside = _bit(prefix, Status.OUT_OF_RANGE)
-    return (If(_OUTSIDE, (outside,), (_bit(prefix, Status.NOT_A_NUMBER),)),)
+    outside = _bit(prefix, StatusBit.OUT_OF_RANGE)
+    return (If(_OUTSIDE, (outside,), (_bit(prefix, StatusBit.NOT_A_NUMBER),)),)
 
 
 def _clamped(prefix: str) -> tuple[Statement, ...]:
     to_low, to_high = Assign(_RESULT, _LOW), Assign(_RESULT, _HIGH)
-    unordered = (_bit(prefix, Status.NOT_A_NUMBER),)
+    unordered = (_bit(prefix, StatusBit.NOT_A_NUMBER),)
     nearest = If(_ABOVE, (to_high,), (If(_BELOW, (to_low,), unordered),))
     given = Declare(CType.REAL, _RESULT.text, _INSTEAD)
-    return (given, _bit(prefix, Status.CLAMPED), nearest, Return(_RESULT))
+    return (given, _bit(prefix, StatusBit.CLAMPED), nearest, Return(_RESULT))
 
 
 def _held(prefix: str) -> tuple[Statement, ...]:
-    unordered = If(Unary("!", _OUTSIDE), (_bit(prefix, Status.NOT_A_NUMBER),))
-    return (_bit(prefix, Status.HELD), unordered, Return(_INSTEAD))
+    unordered = If(Unary("!", _OUTSIDE), (_bit(prefix, StatusBit.NOT_A_NUMBER),))
+    return (_bit(prefix, StatusBit.HELD), unordered, Return(_INSTEAD))
 
 
 def _check(prefix: str, policy: InvalidPolicy, body: tuple[Statement, ...]) -> Function:

@@ -28,7 +28,7 @@ class KeptKernel:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class CacheLimits:
     """What may stay; None for no limit. `Limits(days=0)` keeps nothing."""
 
     days: float | None = None
@@ -45,7 +45,7 @@ def kept_kernels(folder: Path) -> list[KeptKernel]:
     return sorted((_kernel(folder, key) for key in keys), key=lambda kernel: -kernel.used)
 
 
-def clean(folder: Path, limits: Limits) -> Sequence[KeptKernel]:
+def clean(folder: Path, limits: CacheLimits) -> Sequence[KeptKernel]:
     """Removes kernels beyond the limits and what killed processes left; the kernels removed.
 
     A kernel that another process has loaded stays in its memory.

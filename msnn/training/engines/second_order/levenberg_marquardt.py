@@ -24,7 +24,7 @@ from msnn.training.engines.second_order.counted_products import (
     counted_products,
 )
 from msnn.training.engines.second_order.joint_starts import JointStarts
-from msnn.training.engines.second_order.normal_equations import Model, in_raw_variables
+from msnn.training.engines.second_order.normal_equations import QuadraticModel, in_raw_variables
 from msnn.training.engines.second_order.quadratic_terms import QuadraticTerms, quadratic_terms
 from msnn.training.engines.second_order.squares import Squares, loss_sums_of
 from msnn.training.plans.known_terms_of_stage import known_of
@@ -209,7 +209,7 @@ class LevenbergMarquardtEngine:
     def _counted(self, products: Mapping[str, Products]) -> CountedProducts:
         return counted_products(self._plan, products)
 
-    def _model(self, products: Mapping[str, Products]) -> Model:
+    def _model(self, products: Mapping[str, Products]) -> QuadraticModel:
         shares = {
             name: self._plan.loss_weights[name] / found.count
             for name, found in self._counted(products).by_loss.items()
@@ -225,7 +225,7 @@ class LevenbergMarquardtEngine:
     def _quadratic_terms(self, raw: FloatArray) -> QuadraticTerms:
         return quadratic_terms(self._known, raw, self._plan.weight_decay, self._spread)
 
-    def _descend(self, runs: Runs, model: Model) -> None:
+    def _descend(self, runs: Runs, model: QuadraticModel) -> None:
         """Takes the first step that lowers the total, shorter ones until one does."""
         while self._damping < _MOST_DAMPING:
             step, fall = model.step(self._damping)

@@ -15,7 +15,7 @@ from msnn.training.engines.second_order.damped_steps import DampedModel
 from msnn.training.engines.second_order.quadratic_terms import QuadraticTerms
 
 
-class Model(Protocol):
+class QuadraticModel(Protocol):
     """The total near the variables."""
 
     @property
@@ -55,7 +55,7 @@ class NormalEquations:
             curvature=self.curvature + np.diag(known.curvature),
         )
 
-    def model(self, scale: FloatArray, raw: FloatArray, known: KnownTerms) -> Model:
+    def model(self, scale: FloatArray, raw: FloatArray, known: KnownTerms) -> QuadraticModel:
         """In variables times 1/scale, at these raw variables of the parameters."""
         n = len(self.curvature)
         top = scale[:n]
