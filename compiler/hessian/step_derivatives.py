@@ -93,6 +93,7 @@ def step_derivatives(
 
     None stands for all of them; for all inputs that a result reads. Their order is the program's.
     """
+    # losses and ranges would keep nodes that no result needs
     program = guard_untaken(replace(program, losses=(), expected=()))
     named = {next_value(s.name): s.next for s in program.states if _has(next_states, s.name)}
     named |= {o.name: o.node for o in program.outputs if _has(outputs, o.name)}
@@ -205,6 +206,7 @@ def _adjoints(
     seeds: dict[NodeId, NodeId] = {}
     for name, root in roots.items():
         weight = builder.state(multiplier(name), Type(builder.type(root).axes))
+        # two results can be one node: an output that shows a next state
         seeds[root] = builder.add(seeds[root], weight) if root in seeds else weight
     found = gradients(builder, seeds, wanted)
     return {
@@ -226,6 +228,7 @@ def _finished(
             copies[index] = args[0] if is_held(node) else copy_node(draft, node, tuple(args))
             if index < count:
                 exact = max(exact, copies[index] + 1)
+    # the model itself keeps its bits; only what is derived may be regrouped by folding
     known, moved = folded(draft.graph(), exact=exact, largest=LARGEST_FOLDED)
     picked, places = with_picked_rows(known, exact=exact)
     at = {node: places[moved[copies[node]]] for node in wanted}

@@ -52,6 +52,7 @@ def _finite(limits: tuple[float, float] | None, dtype: Dtype) -> tuple[float, fl
     if limits is None:
         return -most, most
     low, high = limits
+    # a limit of ±∞ still refuses ±∞: infinite inputs are never valid
     return max(low, -most), min(high, most)
 
 
@@ -102,6 +103,7 @@ def checked_window(
         return _filled(check, field.identifier, scope, unroll)
     valid = ArrayView.array(scope.array(field.identifier, field.size), field.shape)
     axis, samples = len(field.shape) - 1, field.shape[-1]
+    # sample by sample along time, as each falls back to the corrected one before it
     first = replace(check, given=check.given.sliced(axis, 0, 1))
     _fill(first, valid.sliced(axis, 0, 1), scope, unroll)
     later = replace(
@@ -161,8 +163,10 @@ class _InputCheck:
     def where_invalid(self, at: Indices, statement: Statement, scope: Scope) -> None:
         """Writes the statement with the call, under the test whether there is need of it."""
         if self.functions.constant_time:
+            # always called: a branch would let the time tell valid from invalid
             scope.add(statement)
             return
+        # a comparison inline and a call for what is wrong: valid values, nearly all, take no call
         valid = within(self.given.element(at), *self._limits, self.functions)
         scope.add(If(Unary("!", valid), (statement,)))
 
@@ -229,6 +233,7 @@ def _flagged(prefix: str) -> tuple[Statement, ...]:
 
 def _clamped(prefix: str) -> tuple[Statement, ...]:
     to_low, to_high = Assign(_RESULT, _LOW), Assign(_RESULT, _HIGH)
+    # neither above nor below: NaN, which has no nearest limit
     unordered = (_bit(prefix, StatusBit.NOT_A_NUMBER),)
     nearest = If(_ABOVE, (to_high,), (If(_BELOW, (to_low,), unordered),))
     given = Declare(CType.REAL, _RESULT.text, _INSTEAD)

@@ -121,6 +121,8 @@ def equations_of(
             if free is None:
                 triangle.add(table)
             else:
+                # the free responses stand first: the triangle's first rows are what they explain,
+                # the rest is left
                 head.add(np.concatenate((free, table), axis=1))
         heads.append(head.above(structure.depth))
         triangle.add(head.below(structure.depth))
