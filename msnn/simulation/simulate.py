@@ -197,6 +197,8 @@ def _started(
     if not estimated:
         return program, data.series, ()
     far = reach(program)
+    # the end of the stretch that each run is in: it may be shorter than what its start is fitted
+    # over
     stops = stretches[np.searchsorted(stretches[:, 0], runs.t0, side="right") - 1, 1]
     room = np.maximum(stops - far.ahead - runs.t0, 0)
     over = max(state.fit_over or 0 for state in estimated)
@@ -236,6 +238,8 @@ def _simulation(
             series = data.series[out.predicts.signal]
             values = np.full((steps, *series.shape[1:]), np.nan)
             first = t0 + out.predicts.ahead
+            # a prediction k samples ahead of the last rows has nothing to be compared with: NaN
+            # there
             last = max(min(first + steps, unbroken), first)
             values[: last - first] = series[first:last]
             logged[out.name] = values
