@@ -57,6 +57,7 @@ def train(
     from msnn.training import train as engine
     from msnn.training.engines.what_trains import require_what_trains
     from msnn.training.run_line import begun, diverged, ended, log
+    from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
 
     require_what_trains(model.spec.train)
     if ranks is not None and not ranks.is_first:
@@ -69,17 +70,17 @@ def train(
     with sources_of(model):
         try:
             found = engine.train(model.program, dataset, model.spec.train, options, heard, first)
-        except engine.TrainingDivergedError as error:
+        except TrainingDivergedError as error:
             log(options.runs, diverged(line, error))
-            raise engine.TrainingDivergedError(
+            raise TrainingDivergedError(
                 error.diagnostic,
                 shown_training(error.result, model, heard),
                 is_latest=error.is_latest,
                 sources=model.sources,
             ) from None
-        except engine.TrainingInterruptedError as error:
+        except TrainingInterruptedError as error:
             shown = shown_training(error.result, model, heard)
-            raise engine.TrainingInterruptedError(shown) from None
+            raise TrainingInterruptedError(shown) from None
     log(options.runs, ended(line, found, options.runs))
     return shown_training(found, model, heard)
 
