@@ -128,7 +128,7 @@ class ModelFunctions:
         for node, index, name in terms:
             lowered.store(node, array(name, (), Index(index)))
         for index, term in enumerate(step.losses):
-            # all elements are scored: the compiler sees the number, and the loop adds no counts
+            # all elements are scored: a number for the compiler, no counting
             if term.count is None:
                 target = array("count", (), Index(index)).element(())
                 writer.scope.assign(target, Real(float(term.elements)))
@@ -256,8 +256,7 @@ class ModelFunctions:
             size = size_of(state.axes)
             following = f"d_{name} + {after} * {size}" if after else f"d_{name}"
             found.append(Passed(Argument("lanes *restrict", f"d_next_{name}"), following))
-            # at t0 nothing is further back: the start has adjoints of what it gave, and no row to
-            # write them to
+            # nothing is further back than t0: the start has no row of adjoints to write
             if after:
                 row = f"d_{name} + {at} * {size}"
                 found.append(Passed(Argument("lanes *restrict", f"d_{name}"), row))
