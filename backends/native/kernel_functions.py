@@ -57,8 +57,7 @@ class ModelFunctions:
         self._functions = functions
         self._stored = stored or Stored()
         phases = memory.phases
-        # the same step three times, each with more of it read from rows: what ran before has made
-        # these
+        # the same step three times, each with more of it read from rows that are there by then
         self._forward = read_from_rows(memory.program.step, phases.ahead)
         kept = (*phases.ahead, *phases.kept)
         self._reverse = read_from_rows(memory.step.reverse_step.graph, kept)
