@@ -96,6 +96,7 @@ def step_derivatives(
     Next values and outputs that are `flat`, and what they are made of, count as if they were linear
     in the Hessian: of a sum of squares of such outputs it is that of Gauss and Newton.
     """
+    # losses and ranges would keep nodes that no result needs
     program = guard_untaken(replace(program, losses=(), expected=()))
     named = {next_value(s.name): s.next for s in program.states if _has(next_states, s.name)}
     named |= {o.name: o.node for o in program.outputs if _has(outputs, o.name)}
@@ -213,6 +214,7 @@ def _adjoints(
     seeds: dict[NodeId, NodeId] = {}
     for name, root in roots.items():
         weight = builder.state(multiplier(name), Type(builder.type(root).axes))
+        # two results can be one node: an output that shows a next state
         seeds[root] = builder.add(seeds[root], weight) if root in seeds else weight
     found = gradients(builder, seeds, wanted)
     return {
@@ -234,6 +236,7 @@ def _finished(
             copies[index] = args[0] if is_held(node) else copy_node(draft, node, tuple(args))
             if index < count:
                 exact = max(exact, copies[index] + 1)
+    # the model itself keeps its bits; only what is derived may be regrouped by folding
     known, moved = folded(draft.graph(), exact=exact, largest=LARGEST_FOLDED)
     picked, places = with_picked_rows(known, exact=exact)
     at = {node: places[moved[copies[node]]] for node in wanted}

@@ -114,6 +114,8 @@ def compare(
     heard = listener or Unheard()
     _refuse_twice(grid, options.draws, options.settings)
     compared = variants(specs, grid, options.settings, options.draws.drawn)
+    # every choice once before the first training: a mistake in the last of 500 is no news after
+    # hours
     for variant in _one_of_each_choice(compared, options.draws.numbers):
         if run_of(variant.spec) is not None or variant.spec.name.endswith(PROGRAM_SUFFIX):
             stages = load_model(variant.spec, variant.settings).spec.train
@@ -148,8 +150,11 @@ def compare(
     with closing(running) as ended:
         for trial, outcome in ended:
             line = outcome.line
+            # a refused spec can be mended: next time it is tried again
             if log is not None and line.state != "refused" and line != known.get(line.key):
                 append(log, line)
+                # after the line: killed between the two, the training is in the log and its
+                # checkpoint harmless
                 _forget_checkpoint(log, line)
             lines[trial.variant].append(line)
             heard.ended(trial, outcome)
@@ -207,6 +212,7 @@ def _trials(compared: Sequence[Variant], options: ComparisonOptions) -> list[Tri
     def folds(variant: Variant) -> Sequence[int | None]:
         if not options.folds:
             return (None,)
+        # how many folds there are follows from the data alone: read once, not once a variant
         of_data = (setting for setting in variant.settings if setting.startswith("data"))
         key = (variant.spec, *of_data)
         if key not in counts:
@@ -215,6 +221,7 @@ def _trials(compared: Sequence[Variant], options: ComparisonOptions) -> list[Tri
 
     return [
         Trial(variant, seed, fold, is_costed=seed == 0 and fold in (None, 1))
+        # the seed outermost: an interrupted comparison has every model once before one twice
         for seed in range(options.seeds)
         for variant in compared
         for fold in folds(variant)

@@ -85,6 +85,7 @@ class _Cluster:
     def __enter__(self) -> _Cluster:
         RAY.require("trains on a cluster")
         ray = self._ray = import_module("ray")
+        # a connection that the caller opened is the caller's to close
         self._is_ours = not ray.is_initialized()
         if self._is_ours:
             try:
@@ -114,6 +115,8 @@ class _Cluster:
 
     def start(self, ready: ReadyTrial) -> None:
         """Sends what a node cannot read: the model, which rows are whose, where series are."""
+        # paths of this machine mean nothing on a node; weights of sub-models are in the program
+        # already
         parts = tuple(replace(part, file=None) for part in ready.model.parts)
         model = replace(ready.model, parts=parts)
         sent = replace(ready, model=model, data=replace(ready.data, series={}))
@@ -136,6 +139,7 @@ class _Cluster:
             exceptions.LocalRayletDiedError,
         ):
             return ready.trial, killed(ready.trial, _TIMES)
+        # other versions may train otherwise, and the log would hold both under one key
         if outcome.line.version not in ("", __version__):
             why = f"a node has msnn {outcome.line.version}, and this is {__version__}"
             return ready.trial, refused(
@@ -162,10 +166,14 @@ class _Cluster:
     def _stored(self, data: Dataset) -> Any:
         """The reference to the series of a dataset, which folds share."""
         for series, reference in self._series:
+            # by identity: folds share the arrays, and comparing hundreds of megabytes would take as
+            # long as sending
             if series is data.series:
                 return reference
         reference = self._ray.put(data.series)
         self._series.append((data.series, reference))
+        # Ray keeps an object as long as a reference does: the last few, or a sweep over data fills
+        # its store
         del self._series[:-_SERIES_KEPT]
         return reference
 
@@ -184,6 +192,7 @@ def _in_task(sent: ReadyTrial, series: Any, setup: Setup) -> tuple[Outcome, File
             files = {
                 path.relative_to(folder).as_posix(): path.read_bytes()
                 for path in folder.rglob("*")
+                # the training is over: nobody goes on from there
                 if path.is_file() and path.name != CHECKPOINT
             }
     return outcome, files

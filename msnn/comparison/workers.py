@@ -43,6 +43,8 @@ def outcomes(
         batch = [suspects.pop()] if alone else waiting
         with _Workers(setup, known, 1 if alone else jobs) as workers:
             while workers.busy or (batch and not workers.broken):
+                # handed out one by one: what stands in the queue of a pool that breaks would count
+                # as killed too
                 while batch and workers.has_room and workers.start(batch[-1]):
                     batch.pop()
                 for trial, outcome in workers.ended() if workers.busy else ():
@@ -53,6 +55,8 @@ def outcomes(
                     else:  # which of those that ran together was killed, nobody knows
                         suspects.append(trial)
         if alone:
+            # what ran alone and did not begin, as another was killed meanwhile, is tried alone
+            # again
             suspects += batch
 
 
@@ -73,6 +77,7 @@ class _Workers:
     """So many processes, started afresh: nothing of this one is in them but what they are given."""
 
     def __init__(self, setup: Setup, known: Mapping[str, RunLine], jobs: int) -> None:
+        # forked processes would share threads' locks of numpy and torch in the state of the moment
         context = get_context("spawn")
         self._began: Any = context.SimpleQueue()
         self._is_over: Any = context.Event()
@@ -113,6 +118,8 @@ class _Workers:
         done, _ = wait(self._running, return_when=FIRST_COMPLETED)
         if any(isinstance(future.exception(), BrokenProcessPool) for future in done):
             self.broken = True
+            # one killed process breaks the whole pool: the other futures fail within moments, and
+            # are collected here
             done, _ = wait(self._running)
         return [(self._running.pop(future), _outcome(future)) for future in done]
 
@@ -135,6 +142,7 @@ def _begin(began: Any, is_over: Any, setup: Setup, known: Mapping[str, RunLine])
     _SHARED.setup, _SHARED.known, _SHARED.is_over = setup, known, is_over
     _SHARED.readings = Readings(setup.data, setup.data_root)
     for number in (signal.SIGINT, signal.SIGTERM):
+        # between trainings; a training puts its own handler in place while it runs
         signal.signal(number, _end)
     began.put(os.getpid())
 

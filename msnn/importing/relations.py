@@ -82,6 +82,7 @@ class Relations:
 
     def of(self, name: str) -> Value:
         """The value of a relation, after all that it needs."""
+        # a stack of our own: chains of relations are longer than Python lets functions nest
         stack: list[tuple[str, bool]] = [(name, False)]
         open_names: dict[str, None] = {}
         while stack:
@@ -93,6 +94,8 @@ class Relations:
                 try:
                     self._known[current] = self._followed(current)
                 except NotRecognisedError:
+                    # what looked like one thing of many relations is none: they are followed one by
+                    # one
                     del self.recognised[current]
                     stack.append((current, False))
                 continue

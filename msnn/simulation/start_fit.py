@@ -20,7 +20,8 @@ from compiler.differentiation.estimated_starts import (
     start_signal,
     with_moved_starts,
 )
-from compiler.differentiation.sensitivities import Residuals, sensitivities
+from compiler.differentiation.residuals import Residuals
+from compiler.differentiation.sensitivities import sensitivities
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Output, Program
 from compiler.ir.types import Type

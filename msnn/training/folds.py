@@ -99,6 +99,8 @@ def train_folds(
         line = begun(one, data, fold=number, held_out=HELD_OUT)
         line = replace(ended(line, found, options.runs), held_out=measured_in(report))
         log(options.runs, line)
+        # all but the last: with every fold in it the record says that there is nothing to resume,
+        # which is true only when `latest` leads to the best one
         if number < count:
             _write_record(FoldsResult(tuple(folds), folder, count))
     result = FoldsResult(tuple(folds), folder, count)

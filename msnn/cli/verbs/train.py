@@ -12,6 +12,7 @@ from msnn.cli.arguments import (
     RUNS,
     DataRoot,
     EngineName,
+    Folds,
     OutputFormat,
     ResultFormat,
     Settings,
@@ -40,9 +41,7 @@ def train(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the newest training that has not ended.")
     ] = False,
-    folds: Annotated[
-        bool, typer.Option("--folds", help="Train every fold of `split: {by: kfold, k}`.")
-    ] = False,
+    folds: Folds = False,
     tensorboard: Annotated[
         bool, typer.Option("--tensorboard", help="Write curves for TensorBoard beside the weights.")
     ] = False,

@@ -48,6 +48,8 @@ def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> C
 
     header = read_header(lines, shown, dialect, wanted.users)
     places = header.places(wanted)
+    # numpy first, as it is far faster; it explains nothing, so what it refuses is read cell by
+    # cell
     columns = _numbers(path, header, tuple(places.values()))
     if columns is None or not _complete(columns, tuple(places), wanted.optional):
         return text_table(lines, header, places, wanted)
@@ -112,6 +114,7 @@ def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatAr
                 ndmin=2,
             )
         except UnicodeDecodeError:
+            # a ValueError too, yet the file is wrong and not its numbers
             raise
         except ValueError:
             return None
@@ -120,6 +123,7 @@ def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatAr
     if blanks:  # all columns were read, so that rows of another width are seen
         whole = table.shape[1] == header.width
         return [np.ascontiguousarray(table[:, i]) for i in indices] if whole else None
+    # a row with a cell too many or too few shifts the columns, and numpy sees only those it reads
     if _delimiters(path, header) != len(table) * (header.width - 1):
         return None
     return [np.ascontiguousarray(column) for column in table.T]

@@ -16,6 +16,7 @@ from msnn.data.formats.table_of_formats import (
 )
 from msnn.data.reading.splits import split_source
 from msnn.errors.data import files as errors
+from msnn.errors.data import rows as row_errors
 from msnn.errors.workflow import unknown_set
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.suggest import nearest
@@ -124,7 +125,7 @@ def _layout(data: Data, data_set: str | None) -> Source:
         return plain[divided or data_set]
     texts = {json.dumps(entry_data(layout), sort_keys=True) for layout in plain.values()}
     if len(texts) > 1:
-        raise SpecError([errors.sets_differ(tuple(plain), data.place.key)])
+        raise SpecError([row_errors.sets_differ(tuple(plain), data.place.key)])
     return next(iter(plain.values()))
 
 

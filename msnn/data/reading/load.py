@@ -17,7 +17,7 @@ from msnn.data.reading.part import FilePart, read_part
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data.reading.splits import RecordTimes, SetCodes, split_rows, split_source
-from msnn.errors.data import files as errors
+from msnn.errors.data import rows as errors
 from msnn.errors.disk_data import not_on_disk
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText

@@ -92,6 +92,7 @@ class RunFolder:
         for left in self.path.glob(".*.part"):
             left.unlink()
         if self.metrics.is_file():
+            # epochs after the checkpoint are trained again and would stand there twice
             os.truncate(self.metrics, metrics)
 
     def write_parameters(self, record: Mapping[str, Any]) -> None:
@@ -144,6 +145,7 @@ def new_run_folder(program: Program, runs: Path) -> RunFolder:
     for number in range(1, 1000):
         path = parent / (stamp if number == 1 else f"{stamp}_{number}")
         try:
+            # making the folder is the test: two processes that look first would both find it free
             path.mkdir(parents=True)
         except FileExistsError:
             continue
@@ -176,6 +178,8 @@ def _point(link: Path, target: Path) -> None:
 
     Where links are refused, as Windows does to most users, it is a text file with the target.
     """
+    # a link cannot be changed, only replaced: between removing and making it `latest` would be
+    # missing
     temporary = link.with_name(f".{link.name}.{os.getpid()}")
     temporary.unlink(missing_ok=True)
     try:

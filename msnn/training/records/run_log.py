@@ -104,6 +104,7 @@ def append(log: Path, line: RunLine) -> None:
     text = json.dumps(finite(asdict(line)), ensure_ascii=False)
     with naming(log):
         log.parent.mkdir(parents=True, exist_ok=True)
+        # a killed process left half a line: it must not swallow the next one
         begin = "\n" if _is_torn(log) else ""
         with log.open("ab", buffering=0) as file:
             # one write at the end of the file: lines of two processes do not mix

@@ -65,6 +65,7 @@ class JointStarts:
         found: dict[str, FloatArray] = {}
         for state, part in zip(self._states, parts, strict=True):
             shape = Type(state.axes).shape
+            # runs read their start at row t0 of a series; the other rows are never read
             whole = np.zeros((self._rows, *shape))
             whole[t0] = part.reshape(len(t0), *shape)
             found[start_signal(state)] = whole
@@ -78,6 +79,8 @@ class JointStarts:
     def of_each(self, squares: Slopes, runs: Runs, weights: Weights) -> list[dict[str, Products]]:
         """The products of every loss and run by itself."""
         moved = self.moved(weights)
+        # run by run: in a sum over runs the slopes in the one added parameter would be those of all
+        # starts
         alone = (squares.products(runs.take(np.array([i])), moved) for i in range(len(runs)))
         return [{name: _apart(one, self.numbers) for name, one in run.items()} for run in alone]
 
@@ -128,6 +131,7 @@ def without_starts(
         block = blocks[name]
         mixed = np.einsum("rpn,rqn->pq", follows, block.cross)
         within = np.einsum("rpn,rnm,rqm->pq", follows, block.curvature, follows)
+        # (J − KC⁺Bᵀ)ᵀ(J − KC⁺Bᵀ) multiplied out, of which only products are known
         curvature = one.curvature - mixed - mixed.T + within
         left[name] = replace(one, curvature=curvature, starts=None)
         used[name] = shares.get(name, 0.0) * float(np.sum(inverse * block.curvature))
@@ -137,6 +141,7 @@ def without_starts(
 def inverted_blocks(blocks: FloatArray) -> FloatArray:
     """The inverse of each block in the directions that change something."""
     diagonal = np.diagonal(blocks, axis1=1, axis2=2)
+    # before small values are told from nothing: starts have units too
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(blocks * scale[:, :, None] * scale[:, None, :])
     seen = values > _NOTHING

@@ -109,6 +109,7 @@ def standard_errors(
 def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
     """Which elements of a value are at a bound of the parameter."""
     low, high = parameter.minimum, parameter.maximum
+    # with one bound there is no range: the parameter's scale is what a change is measured by
     span = high - low if low is not None and high is not None else abs(parameter.scale)
     found = np.zeros(value.shape, dtype=np.bool_)
     if low is not None:
@@ -133,6 +134,7 @@ def _estimated(
     known = known_of(plan, parameters)
     held = np.concatenate([at_bound(p, weights[p.name]).ravel() for p in parameters])
     held |= in_corners(known, np.concatenate([weights[p.name].ravel() for p in parameters]))
+    # a number at its bound cannot move both ways: it counts as known, and has no error
     free = np.flatnonzero(~held)
     names = [n for p in parameters for n in number_names(p.name, weights[p.name].shape)]
     said = said.of(free)
@@ -149,8 +151,10 @@ def _estimated(
     for name, one in said.spreads().items():
         spread += noise.get(name, 0.0) * one
     variances = np.full(len(held), np.nan)
+    # the sandwich H⁻¹ S H⁻ᵀ: losses with other noise than their weights say are told right too
     covariance = inverse @ spread @ inverse.T
     variances[free] = np.diagonal(covariance)
+    # the inverse leaves unidentified directions out, which would make them look certain
     variances[free[is_part_of(nothing)]] = np.nan
     sizes = np.cumsum([weights[p.name].size for p in parameters])[:-1]
     errors = np.split(np.sqrt(variances), sizes)

@@ -1,4 +1,4 @@
-"""Sweeps over values of one spec: grids and random draws, by seeds and folds."""
+"""Compares trainings: of several specs, or of one with many values, by seeds and folds."""
 
 from __future__ import annotations
 
@@ -10,12 +10,59 @@ from spec_schema.reading.python_values import Settings, setting_texts
 
 if TYPE_CHECKING:
     from msnn.api.results.comparisons import ShownComparison
-    from msnn.comparison.compare import Listener
+    from msnn.comparison.compare import ComparisonOptions, Listener
     from msnn.comparison.draws import Draws
     from msnn.comparison.variants import Grid
     from msnn.data.reading.frames import Frames
 
 _USUAL_DRAWS = 20
+
+
+def compare(
+    specs: str | Path | Sequence[str | Path],
+    *,
+    grid: Grid = (),
+    settings: Settings = (),
+    data: Frames | None = None,
+    data_root: str | Path | None = None,
+    on: str = "val",
+    seeds: int = 1,
+    folds: bool = False,
+    runs: str | Path | None = "runs",
+    jobs: int = 1,
+    by: str | None = None,
+    cost: bool = True,
+    listener: Listener | None = None,
+) -> ShownComparison:
+    """Trains specs, or one with every choice of a grid, and ranks them on rows held out.
+
+        found = msnn.compare("plant.msnn.yaml", grid={"layers.h.fir.window": [5, 10, 20]}, seeds=3)
+        print(found.best.variant.settings, found.best.score)
+        found.to_frame()  # found.plot(); a notebook shows the table
+
+    `grid` and `settings` are mappings, or texts as `--grid` and `--set` take them. `on` is the set
+    that they are compared on; with `folds` each fold of `split: {by: kfold, k}` is
+    held out in turn. `by` ranks them: `fit`, `x_next.fit` or `x_next.rmse:record`; None takes what
+    the first entry of `validate` asks for. `jobs` trainings run at once, each in a process: a
+    script then needs `if __name__ == "__main__"`. `cost` counts instructions and bytes of the C on
+    a Cortex-M4F, where the tools are installed. `runs/runs.jsonl` has every training; one that is
+    there is not repeated. Raises SpecError and TrainingInterruptedError.
+    """
+    from msnn.comparison.compare import ComparisonOptions
+
+    options = ComparisonOptions(
+        settings=setting_texts(settings),
+        data=data,
+        data_root=_place(data_root),
+        held_out=on,
+        seeds=seeds,
+        folds=folds,
+        runs=_place(runs),
+        jobs=jobs,
+        criterion=by,
+        counts_cost=cost,
+    )
+    return _ranked([specs] if isinstance(specs, str | Path) else specs, grid, options, listener)
 
 
 def sweep(
@@ -57,25 +104,40 @@ def sweep(
     of `compare`, whose log it shares: what is there is not trained again. Raises SpecError,
     MissingExtraError and TrainingInterruptedError.
     """
-    from msnn.api.results.comparisons import shown_comparison
-    from msnn.comparison.compare import ComparisonOptions, compare
-    from msnn.comparison.variants import grid_axes
+    from msnn.comparison.compare import ComparisonOptions
 
     options = ComparisonOptions(
         settings=setting_texts(settings),
         draws=_draws(draw, draws, draw_seed),
         data=data,
-        data_root=None if data_root is None else Path(data_root),
+        data_root=_place(data_root),
         held_out=on,
         seeds=seeds,
         folds=folds,
-        runs=None if runs is None else Path(runs),
+        runs=_place(runs),
         jobs=jobs,
         ray=ray,
         criterion=by,
         counts_cost=cost,
     )
-    return shown_comparison(compare([Path(spec)], grid_axes(grid), options, listener))
+    return _ranked([spec], grid, options, listener)
+
+
+def _ranked(
+    specs: Sequence[str | Path],
+    grid: Grid,
+    options: ComparisonOptions,
+    listener: Listener | None,
+) -> ShownComparison:
+    from msnn.api.results.comparisons import shown_comparison
+    from msnn.comparison.compare import compare as run
+    from msnn.comparison.variants import grid_axes
+
+    return shown_comparison(run([Path(spec) for spec in specs], grid_axes(grid), options, listener))
+
+
+def _place(path: str | Path | None) -> Path | None:
+    return None if path is None else Path(path)
 
 
 def _draws(draw: Sequence[str] | Mapping[str, str], count: int | None, seed: int) -> Draws:
