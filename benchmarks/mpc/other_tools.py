@@ -111,11 +111,9 @@ def main() -> None:
             folder = Path(place) / name
             folder.mkdir()
             weights: dict[str, Vector] = (run if name == "mlp" else fir)._weights()
-            nlp = (
-                network_problem(network_step(weights)) if name == "mlp" else window_problem(weights)
-            )
+            nlps = _problems(name, weights)
             library = _library(name, weights, folder)
-            contenders = _contenders(nlp, library, folder)
+            contenders = _contenders(nlps, library, folder)
             for loop in _network_loops(library) if name == "mlp" else _window_loops(library):
                 rows += _compare(loop, contenders, library, samples, repetitions)
     header = ("loop", "tool", "median us", "by ours", "p99", "longest", "failed", "cost")
@@ -142,15 +140,27 @@ def _library(name: str, weights: dict[str, Vector], folder: Path) -> Any:
     return library
 
 
-def _contenders(nlp: Nlp, library: Any, folder: Path) -> list[Contender]:
+def _problems(name: str, weights: dict[str, Vector]) -> dict[str, Nlp]:
+    if name == "mlp":
+        return {"stages called": network_problem(network_step(weights))}
+    return {
+        "written out": window_problem(weights, is_called=False),
+        "stages called": window_problem(weights, is_called=True),
+    }
+
+
+def _contenders(nlps: dict[str, Nlp], library: Any, folder: Path) -> list[Contender]:
     def judge(p: Vector, plan: Vector, multipliers: Vector) -> float:
         return library.off_by(_address(p), _address(plan), _address(multipliers))
 
-    plugins = ("fatrop", "sqpmethod") if nlp.name == "mlp" else ("sqpmethod",)
-    names = {"fatrop": "fatrop, generated C", "sqpmethod": "sqpmethod + qrqp, generated C"}
+    nlp = next(iter(nlps.values()))
     contenders = [Contender("controller of the spec", Own(nlp, library))]
-    for plugin in plugins:
-        contenders.append(Contender(names[plugin], Generated(nlp, plugin, folder, library.timed)))
+    if nlp.name == "mlp":
+        solver = Generated(nlp, "fatrop", folder, library.timed)
+        contenders.append(Contender("fatrop in C", solver))
+    for form, own in nlps.items():
+        solver = Generated(own, "sqpmethod", folder / form.replace(" ", "_"), library.timed)
+        contenders.append(Contender(f"sqpmethod + qrqp in C, {form}", solver))
     contenders.append(Contender("ipopt", Interpreted(nlp, "ipopt", expand=True)))
     contenders.append(Contender("QPs of OSQP", Sequence(nlp, Osqp(), judge)))
     contenders.append(Contender("QPs of PIQP", Sequence(nlp, Piqp(), judge)))

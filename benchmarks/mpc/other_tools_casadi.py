@@ -13,7 +13,7 @@ from other_tools_problems import Nlp, Vector
 
 QUIET = {"print_time": False, "error_on_fail": False}
 QRQP = QUIET | {"print_iter": False, "print_header": False, "print_info": False}
-TOLERANCE = 1e-7  # of the solvers' own measures, so that plans pass the judge's 1e-6
+TOLERANCE = 1e-6
 OPTIONS: dict[str, dict[str, Any]] = {
     "ipopt": {"ipopt": {"print_level": 0, "sb": "yes", "tol": TOLERANCE}},
     "fatrop": {
@@ -124,8 +124,8 @@ def made(nlp: Nlp, plugin: str, **options: Any) -> ca.Function:
 def compiled(solver: ca.Function, plugin: str, folder: Path) -> Any:
     """Generates a solver to C and compiles it, with fatrop's own library where it is asked for."""
     casadi = Path(ca.__file__).parent
+    folder.mkdir(exist_ok=True)
     source = folder / f"{plugin}.c"
-    # CasADi writes beside the working folder only
     generator = ca.CodeGenerator(source.name)
     generator.add(solver)
     generator.generate(f"{folder}/")

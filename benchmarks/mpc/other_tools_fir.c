@@ -45,9 +45,15 @@ D own(const D *p, D *plan, D *multipliers, int *status)
     memcpy(in.x, p, sizeof in.x);
     in.v = p[WINDOW];
     memcpy(in.r, p + WINDOW + 1, sizeof in.r);
-    const D begun = now();
-    *status = plant_mpc_solve(&controller, &in, &out);
-    const D seconds = 1e-3 * (now() - begun);
+    static plant_mpc_t before;
+    D shortest = INFINITY;
+    before = controller;
+    for (int i = 0; i < TIMES; i++) {
+        controller = before;
+        const D begun = now();
+        *status = plant_mpc_solve(&controller, &in, &out);
+        shortest = fmin(shortest, now() - begun);
+    }
     for (int k = 0; k <= HORIZON; k++) {
         const D *m = controller.multiplier[k];
         plan[2 * k] = controller.z[PLAN_Y + k];
@@ -56,5 +62,5 @@ D own(const D *p, D *plan, D *multipliers, int *status)
         plan[2 * k + 1] = controller.z[PLAN_U + k];
         multipliers[2 * k + 1] = m[1] - m[0];
     }
-    return seconds;
+    return 1e-3 * shortest;
 }

@@ -1,7 +1,7 @@
 """States the two problems of `other_tools.py` as CasADi's nlp, from hand-written expressions.
 
 The stage of the network is a function of its own (`never_inline`): written out N times its code is
-nine times as long and takes twice as long. The filters of the FIR plant are blended once a solve.
+nine times as long and takes twice as long.
 """
 
 from __future__ import annotations
@@ -68,18 +68,18 @@ def network_problem(step: ca.Function) -> Nlp:
     return Nlp("mlp", expressions, -high, high, stage=3, rows=2)
 
 
-def window_problem(weights: dict[str, Vector]) -> Nlp:
-    """States the problem of the filter in window form: y and the control of each sample."""
-    p = ca.SX.sym("p", WINDOW + 1 + N + 1)
-    places = [ca.SX.sym(f"y{k}") for k in range(N + 1)]
-    controls = [ca.SX.sym(f"u{k}") for k in range(N)]
+def window_problem(weights: dict[str, Vector], *, is_called: bool) -> Nlp:
+    """States the problem of the filter in window form: y and the control of each sample.
+
+    Written out with filters that are blended once a solve, or as a stage that is called and blends.
+    """
+    kind: Any = ca.MX if is_called else ca.SX
+    p = kind.sym("p", WINDOW + 1 + N + 1)
+    places = [kind.sym(f"y{k}") for k in range(N + 1)]
+    controls = [kind.sym(f"u{k}") for k in range(N)]
     speed, wanted = p[WINDOW], p[WINDOW + 1 :]
-    inside = [ca.fmax(0, 1 - ca.fabs(speed - at) / 10) for at in (5, 15, 25)]
-    inside[0] = ca.if_else(speed < 5, 1, inside[0])
-    inside[2] = ca.if_else(speed > 25, 1, inside[2])
-    slope = sum(float(a) * m for a, m in zip(weights["a"], inside, strict=True))
-    rows = weights["local.weight"]
-    taps: Any = sum(ca.DM(row) * m for row, m in zip(rows, inside, strict=True))
+    slope, taps = _blended(weights, speed)
+    stage = _called_stage(weights)
     variables: list[Any] = []
     gaps: list[Any] = []
     cost: Any = 0
@@ -90,9 +90,27 @@ def window_problem(weights: dict[str, Vector]) -> Nlp:
             cost += 1e-3 * controls[k] ** 2
             variables.append(controls[k])
             seen = ca.vertcat(p[1:WINDOW], *controls[: k + 1])[-WINDOW:]
-            gaps.append(places[k + 1] - slope * y - 0.02 * ca.tanh(y) - ca.dot(taps, seen))
+            after = slope * y + 0.02 * ca.tanh(y) + ca.dot(taps, seen)
+            gaps.append(places[k + 1] - (stage(y, speed, seen) if is_called else after))
         if k == 0:
             gaps.append(y - p[0])
     high = np.array([9.0, 3.0] * N + [9.0])
     expressions = {"x": ca.vertcat(*variables), "f": cost, "g": ca.vertcat(*gaps), "p": p}
     return Nlp("fir", expressions, -high, high, stage=2, rows=1)
+
+
+def _blended(weights: dict[str, Vector], speed: Any) -> tuple[Any, Any]:
+    inside = [ca.fmax(0, 1 - ca.fabs(speed - at) / 10) for at in (5, 15, 25)]
+    inside[0] = ca.if_else(speed < 5, 1, inside[0])
+    inside[2] = ca.if_else(speed > 25, 1, inside[2])
+    slope: Any = sum(float(a) * m for a, m in zip(weights["a"], inside, strict=True))
+    rows = weights["local.weight"]
+    taps: Any = sum(ca.DM(row) * m for row, m in zip(rows, inside, strict=True))
+    return slope, taps
+
+
+def _called_stage(weights: dict[str, Vector]) -> ca.Function:
+    y, speed, seen = ca.SX.sym("y"), ca.SX.sym("v"), ca.SX.sym("u", WINDOW)
+    slope, taps = _blended(weights, speed)
+    after = slope * y + 0.02 * ca.tanh(y) + ca.dot(taps, seen)
+    return ca.Function("stage", [y, speed, seen], [after], {"never_inline": True})
