@@ -100,7 +100,7 @@ def window_problem(weights: dict[str, Vector], *, is_called: bool) -> Nlp:
 
 
 def _blended(weights: dict[str, Vector], speed: Any) -> tuple[Any, Any]:
-    inside = [ca.fmax(0, 1 - ca.fabs(speed - at) / 10) for at in (5, 15, 25)]
+    inside: list[Any] = [ca.fmax(0, 1 - ca.fabs(speed - at) / 10) for at in (5, 15, 25)]
     inside[0] = ca.if_else(speed < 5, 1, inside[0])
     inside[2] = ca.if_else(speed > 25, 1, inside[2])
     slope: Any = sum(float(a) * m for a, m in zip(weights["a"], inside, strict=True))

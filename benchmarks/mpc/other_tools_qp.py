@@ -33,12 +33,11 @@ class Sequence:
         self._tool = tool
         self._judge = judge
         parts = nlp.expressions
-        weights = ca.MX.sym("w", parts["g"].shape[0])
-        if isinstance(parts["x"], ca.SX):
-            weights = ca.SX.sym("w", parts["g"].shape[0])
+        kind: Any = type(parts["x"])
+        weights = kind.sym("w", parts["g"].shape[0])
         lagrangian = parts["f"] + ca.dot(weights, parts["g"])
         bend, _ = ca.hessian(lagrangian, parts["x"])
-        results = [ca.gradient(parts["f"], parts["x"]), parts["g"]]
+        results: list[Any] = [ca.gradient(parts["f"], parts["x"]), parts["g"]]
         results += [ca.jacobian(parts["g"], parts["x"]), bend]
         self._slopes = ca.Function("slopes", [parts["x"], parts["p"], weights], results)
         tool.expect(np.array(ca.DM(results[2].sparsity(), 1)) != 0)
@@ -171,7 +170,7 @@ def _near(size: int) -> NDArrayBool:
     return np.abs(at[:, None] - at[None, :]) < 3
 
 
-def _of_pattern(matrix: Vector, pattern: NDArrayBool) -> sparse.csc_matrix:
-    marked = sparse.csc_matrix(pattern.astype(float))
+def _of_pattern(matrix: Vector, pattern: NDArrayBool) -> Any:
+    marked: Any = sparse.csc_matrix(pattern.astype(float))
     marked.data = matrix.T[pattern.T]
     return marked

@@ -46,11 +46,10 @@ def test_what_a_new_controller_solves_is_solved_after_infeasible_samples(
     for _ in range(300):
         used.reset()
         fresh.reset()
-        for _ in range(int(random.integers(1, 6))):
-            before = used.solve(_drawn(random, 3, 3))
+        before = [used.solve(_drawn(random, 3, 3)) for _ in range(int(random.integers(1, 6)))]
         state = _drawn(random, 0.9, 1.2)
         wanted = fresh.solve(state)
-        if before.status is not Status.INFEASIBLE or wanted.status is not Status.SOLVED:
+        if before[-1].status is not Status.INFEASIBLE or wanted.status is not Status.SOLVED:
             continue
         first, second = used.solve(state), used.solve(state)
         assert second.status is Status.SOLVED, state
