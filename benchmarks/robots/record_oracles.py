@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import mujoco
 import numpy as np
@@ -21,6 +22,7 @@ from adam.numpy import KinDynComputations
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from benchmarks.robots.floating_base import twist
 from benchmarks.robots.states import (
     ROBOTS,
     ROOT,
@@ -30,6 +32,7 @@ from benchmarks.robots.states import (
     drawn,
     error_of,
     joints_of,
+    turning_tree,
 )
 
 STATES, RECORDED, IN_CASES = 500, 50, 3
@@ -88,40 +91,64 @@ def by_pinocchio(robot: Robot, labels: tuple[str, ...], log: dict[str, Array]) -
 
 
 def by_adam(robot: Robot, labels: tuple[str, ...], log: dict[str, Array]) -> Array:
-    """Accelerations; ADAM knows floating bases by their own velocities, so only for fixed ones."""
+    """Accelerations, by mass matrix and bias force."""
+    base_of = 6 if robot.floats else 0
     adam = KinDynComputations(
-        str(robot.file), list(labels), gravity=np.array([0, 0, -9.81, 0, 0, 0.0])
+        str(robot.file), list(labels[base_of:]), gravity=np.array([0, 0, -9.81, 0, 0, 0.0])
     )
-    adam.set_frame_velocity_representation(Representations.BODY_FIXED_REPRESENTATION)
-    base, still = np.eye(4), np.zeros(6)
+    adam.set_frame_velocity_representation(Representations.MIXED_REPRESENTATION)
+    rotors = np.diag(np.where(np.arange(len(labels)) < base_of, 0.0, robot.armature))
     found: list[Array] = []
     for q, dq, tau in zip(log["q"], log["dq"], log["tau"], strict=True):
-        mass = np.asarray(adam.mass_matrix(base, q))[6:, 6:] + robot.armature * np.eye(len(q))
-        bias = np.asarray(adam.bias_force(base, q, still, dq)).ravel()[6:]
-        found.append(np.linalg.solve(mass, tau - bias))
+        place, speed = np.eye(4), np.zeros(6)
+        if robot.floats:
+            base = twist(q, dq, of_body=False)
+            place[:3, :3], place[:3, 3] = base.rotation, q[:3]
+            dv, torque = base.speeds(dq), base.forces(tau)
+            mass = np.asarray(adam.mass_matrix(place, q[6:])) + rotors
+            bias = np.asarray(adam.bias_force(place, q[6:], dv[:6], dq[6:])).ravel()
+            found.append(base.accelerations(np.linalg.solve(mass, torque - bias), dq))
+        else:
+            mass = np.asarray(adam.mass_matrix(place, q))[6:, 6:] + rotors
+            bias = np.asarray(adam.bias_force(place, q, speed, dq)).ravel()[6:]
+            found.append(np.linalg.solve(mass, tau - bias))
     return np.array(found)
 
 
 def by_mujoco(robot: Robot, labels: tuple[str, ...], log: dict[str, Array]) -> Array:
-    """Accelerations, of bases that are fixed."""
+    """Accelerations."""
     text = robot.file.read_text(encoding="utf-8")
     text = re.sub(r"<limit[^>]*/>", "", text).replace('type="revolute"', 'type="continuous"')
-    text = re.sub(r'(<joint[^>]*type="continuous"[^>]*>)', r"\1", text)
-    head = '<mujoco><compiler balanceinertia="false" fusestatic="true"/></mujoco>'
+    fuse = "false" if robot.floats else "true"
+    head = f'<mujoco><compiler balanceinertia="false" fusestatic="{fuse}"/></mujoco>'
     text = re.sub(r"(<robot[^>]*>)", rf"\1{head}", text, count=1)
-    text = text.replace('type="prismatic">', 'type="prismatic">')
-    model = mujoco.MjModel.from_xml_string(text)
+    spec = mujoco.MjSpec.from_string(text)
+    if robot.floats:
+        spec.worldbody.first_body().add_freejoint()
+    model = spec.compile()
     model.opt.gravity[:] = [0, 0, -9.81]
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
-    model.dof_armature[:] = robot.armature
-    order = np.array([model.joint(name).dofadr[0] for name in labels])
+    base_of = 6 if robot.floats else 0
+    model.dof_armature[base_of:] = robot.armature
+    joints = [model.joint(name) for name in labels[base_of:]]
+    order = np.array([*range(base_of), *(joint.dofadr[0] for joint in joints)])
+    places = np.array([joint.qposadr[0] for joint in joints])
     data = mujoco.MjData(model)
     found: list[Array] = []
     for q, dq, tau in zip(log["q"], log["dq"], log["tau"], strict=True):
-        data.qpos[order], data.qvel[order], data.qfrc_applied[order] = q, dq, tau
-        mujoco.mj_forward(model, data)
-        found.append(data.qacc[order].copy())
+        data.qpos[places] = q[base_of:]
+        if robot.floats:
+            base = twist(q, dq, of_body=True)
+            data.qpos[:3] = q[:3]
+            mujoco.mju_mat2Quat(data.qpos[3:7], base.rotation.ravel())
+            data.qvel[order], data.qfrc_applied[order] = base.speeds(dq), base.forces(tau)
+            mujoco.mj_forward(model, data)
+            found.append(base.accelerations(data.qacc[order], dq))
+        else:
+            data.qvel[order], data.qfrc_applied[order] = dq, tau
+            mujoco.mj_forward(model, data)
+            found.append(data.qacc[order].copy())
     return np.array(found)
 
 
@@ -140,7 +167,8 @@ def record(
     lines += [
         f"use: {{arm: {{robot: {{urdf: {path}{base}{rotor}, frames: {{tip: {robot.tip}}}}}}}}}"
     ]
-    lines += ["inputs:", *(f"  {n}: {{dims: arm.joint}}" for n in log)]
+    inputs = ", ".join(f"{n}: {{dims: arm.joint}}" for n in log)
+    lines += [f"inputs: {{{inputs}}}"]
     lines += ["outputs:", "  forward: arm.forward_dynamics(q, dq, tau)"]
     lines += ["  inverse: arm.inverse_dynamics(q, dq, ddq)", "  mass: arm.mass_matrix(q)"]
     lines += ["  gravity: arm.gravity_torque(q)", "  coriolis: arm.coriolis(q, dq)"]
@@ -156,22 +184,28 @@ def record(
 
 
 def main() -> None:
-    for robot in ROBOTS:
-        program = robot.program()
-        labels = joints_of(program)
-        log = drawn(len(labels), STATES)
-        found, expected = computed(program, log), by_pinocchio(robot, labels, log)
-        errors = {name: error_of(found[name], values) for name, values in expected.items()}
-        print(f"{robot.name}: pinocchio", {n: f"{e:.1e}" for n, e in errors.items()})
-        assert max(errors.values()) <= 1e-10
-        if not robot.floats:
-            others = {"MuJoCo": by_mujoco}
-            if not robot.slides:  # ADAM 0.5 stops at a prismatic joint
-                others["ADAM"] = by_adam
-            for name, compute in others.items():
-                error = error_of(found["forward"], compute(robot, labels, log))
-                print(f"{robot.name}: {name} {error:.1e}")
-                assert error <= 1e-10
+    with TemporaryDirectory() as folder:
+        for robot in (*ROBOTS, turning_tree(Path(folder))):
+            compare(robot)
+
+
+def compare(robot: Robot) -> None:
+    """Prints how far every other program is, which is less than 1e-10, and records pinocchio."""
+    program = robot.program()
+    labels = joints_of(program)
+    log = drawn(len(labels), STATES)
+    found, expected = computed(program, log), by_pinocchio(robot, labels, log)
+    errors = {name: error_of(found[name], values) for name, values in expected.items()}
+    print(f"{robot.name}: pinocchio", {n: f"{e:.1e}" for n, e in errors.items()})
+    assert max(errors.values()) <= 1e-10
+    others = {"MuJoCo": by_mujoco}
+    if not robot.slides:  # ADAM 0.5 stops at a prismatic joint
+        others["ADAM"] = by_adam
+    for name, compute in others.items():
+        error = error_of(found["forward"], compute(robot, labels, log))
+        print(f"{robot.name}: {name} {error:.1e}")
+        assert error <= 1e-10
+    if robot.recorded:
         record(robot, labels, log, expected)
 
 

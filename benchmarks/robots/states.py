@@ -16,6 +16,7 @@ from msnn.model.load import load_model
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
 URDF = ROOT / "tests" / "robots" / "urdf"
+Z1 = ROOT / "examples" / "z1_friction" / "z1.urdf"
 
 SPEC = """
 msnn: 1
@@ -50,6 +51,7 @@ class Robot:
     floats: bool = False
     armature: float = 0.0
     slides: bool = False
+    recorded: bool = True
 
     def program(self) -> Program:
         """All that msnn computes of it."""
@@ -65,8 +67,21 @@ ROBOTS = (
     Robot("planar", URDF / "planar.urdf", "hand"),
     Robot("tree", URDF / "tree.urdf", "gripper", armature=0.03, slides=True),
     Robot("floating", URDF / "tree.urdf", "ram", floats=True, slides=True),
-    Robot("z1", ROOT / "examples" / "z1_friction" / "z1.urdf", "gripper_mover", armature=0.02),
+    Robot("z1", Z1, "gripper_mover", armature=0.02),
 )
+
+
+def turning_tree(folder: Path) -> Robot:
+    """The tree on a floating base with joints that turn in place of those that slide.
+
+    Its oblique axis has the length 1: ADAM 0.5 takes axes as they stand, others normalise them.
+    """
+    text = (URDF / "tree.urdf").read_text(encoding="utf-8")
+    text = text.replace('type="prismatic"', 'type="revolute"')
+    text = text.replace('xyz="1 2 -2"', f'xyz="{1 / 3} {2 / 3} {-2 / 3}"')
+    file = folder / "turning_tree.urdf"
+    file.write_text(text, encoding="utf-8")
+    return Robot("turning tree", file, "ram", floats=True, armature=0.03, recorded=False)
 
 
 def joints_of(program: Program) -> tuple[str, ...]:

@@ -35,6 +35,8 @@ PAIR = (PEER, NATIVE, KERNEL, TORCH)
 
 def main() -> int:
     options = _options()
+    if options.processor:
+        os.environ["MSNN_BENCHMARK_CLOCK"] = "processor"
     stay_on_one_core()
     peak = fma_peak()
     found = [_measured(case, options) for case in options.cases]
@@ -53,6 +55,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--windows", type=int, default=15_000)
     parser.add_argument("--rounds", type=int, default=5, help="timed rounds after the warm one")
     parser.add_argument("--tools", nargs="*", default=list(TOOLS))
+    parser.add_argument("--processor", action="store_true", help="seconds of processors, not wall")
     return parser.parse_args()
 
 
@@ -75,7 +78,9 @@ def _measured(case: str, options: argparse.Namespace) -> Measured:
         for worker in workers.values():
             worker.close()
     steps = workload.whole(options.windows, batch) * workload.horizon
-    return Measured(case, workload, batch, steps, times, builds, agreed, (before, after))
+    loads = (before, after)
+    processor = options.processor
+    return Measured(case, workload, batch, steps, times, builds, agreed, loads, processor)
 
 
 def _rounds(case: str, workers: dict[str, Worker], rounds: int) -> dict[str, list[float]]:

@@ -5,9 +5,15 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
+
+PROCESSOR_TIME = os.environ.get("MSNN_BENCHMARK_CLOCK") == "processor"
+"""Whether an epoch is timed in seconds of processors, which other work on the machine leaves be."""
+
+clock = time.process_time if PROCESSOR_TIME else time.perf_counter
 
 
 class Contender(ABC):

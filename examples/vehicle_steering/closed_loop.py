@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 from multi_body import Car, Motion
-from preview import Place, Preview, locate, plan
+from preview import Place, Planner, Preview, locate
 from roads import Road
 from setting import SAMPLE_TIME, Noise
 
@@ -86,11 +86,12 @@ def run(car: Car, controller: Controller, road: Road, seed: int) -> Run:
     random, pedals = np.random.default_rng(seed), Pedals()
     motion = car.start(road.x[0], road.y[0], road.heading[0], float(road.speed[0]))
     place = locate(road, motion, 0.0)
+    planner = Planner(road, car.wheelbase - car.to_front)
     rows: list[tuple[float, ...]] = []
     while place.way < road.way[-1] - END and abs(place.offset) < LOST:
         sensors = _measured(motion, random)
         place = locate(road, motion, place.way)
-        path = plan(road, place, sensors["speed"], car.wheelbase - car.to_front)
+        path = planner.plan(place, sensors["speed"])
         turned = place.turned + motion.heading - motion.course
         seen = Seen(
             sensors["speed"], sensors["acceleration"], sensors["yaw_rate"], place, turned, path

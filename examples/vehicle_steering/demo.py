@@ -6,6 +6,7 @@ to `results.json` and README, the figures to `figures/`.
 
 import argparse
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -39,7 +40,8 @@ def main() -> int:
     figures.write(judged, HERE)
     found = results.numbers(judged, {"bits": bits(exported), "board": on_board()})
     results.write(found, HERE)
-    print(f"\n{results.tables(found)}\n\n{time.perf_counter() - began:.0f} s in all")
+    took, used = time.perf_counter() - began, sum(os.times()[:4])
+    print(f"\n{results.tables(found)}\n\n{took:.0f} s in all, {used:.0f} s of processors")
     return 0
 
 

@@ -1,11 +1,13 @@
 """Drives CommonRoad's multi-body car: 29 states, tyres by Pacejka, translated to C once."""
 
 import ctypes
+import hashlib
 import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
 import numpy as np
@@ -151,16 +153,21 @@ def _package() -> _Package:
 
 
 def _compiled(translation: Translation) -> ctypes.CDLL:
-    """The translation with `car.c`, as a library in the folder `build`."""
+    """The translation with `car.c`, as a library in the folder `build`, named by its text.
+
+    Several processes may come here at once: each compiles in a folder of its own.
+    """
     folder = HERE / "build" / "car"
     folder.mkdir(parents=True, exist_ok=True)
     text = translation.text() + "\n" + (HERE / "car.c").read_text(encoding="utf-8")
-    source, library = folder / "car.c", folder / "car.so"
-    if not library.exists() or source.read_text(encoding="utf-8") != text:
-        source.write_text(text, encoding="utf-8")
-        command = ["gcc", "-O2", "-ffp-contract=off", "-shared", "-fPIC", str(source)]
-        subprocess.run([*command, "-o", f"{library}.unfinished", "-lm"], check=True)
-        Path(f"{library}.unfinished").replace(library)
+    library = folder / f"car_{hashlib.sha256(text.encode()).hexdigest()[:16]}.so"
+    if not library.exists():
+        with TemporaryDirectory(dir=folder) as own:
+            source, unfinished = Path(own, "car.c"), Path(own, "car.so")
+            source.write_text(text, encoding="utf-8")
+            command = ["gcc", "-O2", "-ffp-contract=off", "-shared", "-fPIC", str(source)]
+            subprocess.run([*command, "-o", str(unfinished), "-lm"], check=True)
+            unfinished.replace(library)
     return ctypes.CDLL(str(library))
 
 

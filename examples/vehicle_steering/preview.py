@@ -3,7 +3,8 @@
 The offset n from the middle is a polynomial of the fifth degree in time. It begins with the car's
 offset and the slope that its course gives it, and ends after 3 s with n, its slope and its second
 slope at 0 (Werling et al., Optimal Trajectory Generation for Dynamic Street Scenarios in a Frenét
-Frame, ICRA 2010). Its second slope begins at 0: a pose has none.
+Frame, ICRA 2010). A pose has no second slope: that begins as the plan of the sample before has it
+by now. Were it 0 each time, no plan would ever get beyond its first, straightest moments.
 
 What is handed on is the curvature that the car's yaw rate has to have. It differs from that of the
 path by the rate of the side slip, which in a steady bend is (distance to the rear axle · curvature
@@ -57,31 +58,40 @@ def locate(road: Road, motion: Motion, near: float) -> Place:
     return Place(way, left, turned, float(road.at(way, road.curvature)))
 
 
-def plan(road: Road, place: Place, speed: float, to_rear: float) -> Preview:
-    """The path from a place, with the measured speed, for a car of that shape."""
-    n, dn, ddn = _offsets(place.offset, speed * np.sin(place.turned))
-    way = np.interp(road.at(place.way, road.time) + _AHEAD, road.time, road.way)
-    v, k, dk = road.at(way, road.speed), road.at(way, road.curvature), road.at(way, road.slope)
-    dv = v * np.gradient(v, way)  # acceleration of the speed profile
-    # velocity and acceleration in the frame that goes along the middle of the road
-    forth, left = v * (1.0 - k * n), dn
-    forth_slope = dv * (1.0 - k * n) - v * (dk * v * n + k * dn) - left * k * v
-    left_slope = ddn + forth * k * v
-    curvature = (forth * left_slope - left * forth_slope) / (forth**2 + left**2) ** 1.5
-    slip = (to_rear - REAR_SLIP * v**2) * k
-    return Preview(curvature - np.gradient(slip, SAMPLE_TIME) / v, v)
+class Planner:
+    """Plans paths along a road, for a car whose centre is so far ahead of its rear axle."""
+
+    def __init__(self, road: Road, to_rear: float) -> None:
+        self._road, self._to_rear = road, to_rear
+        self._second_slope = 0.0  # m/s², of the offset, where the next plan begins
+
+    def plan(self, place: Place, speed: float) -> Preview:
+        """The path from a place, with the measured speed; the next one is asked a sample later."""
+        road = self._road
+        n, dn, ddn = _offsets(place.offset, speed * np.sin(place.turned), self._second_slope)
+        self._second_slope = float(ddn[1])
+        way = np.interp(road.at(place.way, road.time) + _AHEAD, road.time, road.way)
+        v, k, dk = road.at(way, road.speed), road.at(way, road.curvature), road.at(way, road.slope)
+        dv = v * np.gradient(v, way)  # acceleration of the speed profile
+        # velocity and acceleration in the frame that goes along the middle of the road
+        forth, left = v * (1.0 - k * n), dn
+        forth_slope = dv * (1.0 - k * n) - v * (dk * v * n + k * dn) - left * k * v
+        left_slope = ddn + forth * k * v
+        curvature = (forth * left_slope - left * forth_slope) / (forth**2 + left**2) ** 1.5
+        slip = (self._to_rear - REAR_SLIP * v**2) * k
+        return Preview(curvature - np.gradient(slip, SAMPLE_TIME) / v, v)
 
 
-def _offsets(n: float, dn: float) -> tuple[Array, Array, Array]:
+def _offsets(n: float, dn: float, ddn: float) -> tuple[Array, Array, Array]:
     """The polynomial with its first and second slope, over the samples that are seen."""
     T, s = RETURN, _AHEAD
-    c3 = -(10 * n + 6 * dn * T) / T**3
-    c4 = (15 * n + 8 * dn * T) / T**4
-    c5 = -(6 * n + 3 * dn * T) / T**5
+    c3 = -(10 * n + 6 * dn * T + 3 / 2 * ddn * T**2) / T**3
+    c4 = (15 * n + 8 * dn * T + 3 / 2 * ddn * T**2) / T**4
+    c5 = -(6 * n + 3 * dn * T + 1 / 2 * ddn * T**2) / T**5
     return (
-        n + dn * s + c3 * s**3 + c4 * s**4 + c5 * s**5,
-        dn + 3 * c3 * s**2 + 4 * c4 * s**3 + 5 * c5 * s**4,
-        6 * c3 * s + 12 * c4 * s**2 + 20 * c5 * s**3,
+        n + dn * s + ddn / 2 * s**2 + c3 * s**3 + c4 * s**4 + c5 * s**5,
+        dn + ddn * s + 3 * c3 * s**2 + 4 * c4 * s**3 + 5 * c5 * s**4,
+        ddn + 6 * c3 * s + 12 * c4 * s**2 + 20 * c5 * s**3,
     )
 
 

@@ -78,7 +78,7 @@ def curves(friction: Friction, path: Path) -> None:
         torques = {"true": truth.friction(q, speeds), "learned": friction(q, speeds)}
         for joint, axis in enumerate(axes.flat):
             axis.plot(SPEEDS, torques["true"][:, joint], "0.6", linewidth=2.5)
-            label = f"{place[joint]:.1f} rad"
+            label = f"{round(place[joint], 1) + 0.0:.1f} rad"  # no -0.0
             axis.plot(SPEEDS, torques["learned"][:, joint], f"C{number}", label=label)
             axis.set_title(f"joint {joint + 1}")
             axis.legend(fontsize=6)

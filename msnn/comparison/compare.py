@@ -25,7 +25,7 @@ from msnn.comparison.trial import Outcome, Setup, Trial, run_trial
 from msnn.comparison.variants import GridAxis, Variant, variants
 from msnn.comparison.workers import outcomes
 from msnn.data.reading.frames import Frames
-from msnn.errors.sweeps import swept_twice
+from msnn.errors.sweeps import set_and_swept, swept_twice
 from msnn.model.kept_run import CHECKPOINT, run_of
 from msnn.model.load import load_model
 from msnn.model.model import PROGRAM_SUFFIX
@@ -112,7 +112,7 @@ def compare(
     for a criterion that no spec measures, and after them where nothing alike was measured.
     """
     heard = listener or Unheard()
-    _refuse_twice(grid, options.draws)
+    _refuse_twice(grid, options.draws, options.settings)
     compared = variants(specs, grid, options.settings, options.draws.drawn)
     for variant in _one_of_each_choice(compared, options.draws.numbers):
         if run_of(variant.spec) is not None or variant.spec.name.endswith(PROGRAM_SUFFIX):
@@ -221,11 +221,23 @@ def _trials(compared: Sequence[Variant], options: ComparisonOptions) -> list[Tri
     ]
 
 
-def _refuse_twice(grid: Sequence[GridAxis], draws: Draws) -> None:
-    paths = [axis.path for axis in (*draws.axes, *grid)]
-    twice = next((path for path in paths if paths.count(path) > 1), None)
-    if twice is not None:
-        raise SpecError((swept_twice(twice),))
+def _refuse_twice(grid: Sequence[GridAxis], draws: Draws, settings: Sequence[str]) -> None:
+    """Refuses what would be replaced before it was ever used: by a later axis, or all of them.
+
+    A value inside of one that is given before is fine: `data.split={…}`, then `data.split.k`.
+    """
+    swept = [axis.path for axis in (*draws.axes, *grid)]
+    for number, path in enumerate(swept):
+        if any(_replaces(later, path) for later in swept[number + 1 :]):
+            raise SpecError((swept_twice(path),))
+    for path in (setting.partition("=")[0].strip() for setting in settings):
+        by = next((axis for axis in swept if _replaces(axis, path)), None)
+        if by is not None:
+            raise SpecError((set_and_swept(path, by),))
+
+
+def _replaces(later: str, path: str) -> bool:
+    return path == later or path.startswith(f"{later}.")
 
 
 def _one_of_each_choice(compared: Sequence[Variant], drawn: frozenset[str]) -> list[Variant]:

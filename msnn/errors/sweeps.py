@@ -1,4 +1,4 @@
-"""E0860-E0864: sweeps over values of a spec: draws, what is swept twice, clusters."""
+"""E0860-E0864, E1318: sweeps over values of a spec: draws, what is swept twice, clusters."""
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 
@@ -27,6 +27,13 @@ def swept_twice(path: str) -> Diagnostic:
     message = f"`{path}` is swept twice"
     repair = "leave it to one `--grid` or `--draw`"
     return error("E0862", None, message, help=repair)
+
+
+def set_and_swept(path: str, swept: str) -> Diagnostic:
+    """E1318: a value that is set for all models, and swept."""
+    message = f"`--set` gives `{path}` one value, and `{swept}` is swept"
+    repair = f"leave out `--set {path}=…`: every model would replace its value"
+    return error("E1318", None, message, help=repair)
 
 
 def nothing_drawn(count: int) -> Diagnostic:

@@ -55,7 +55,7 @@ def choose_weights(
     program = model.program
     needs_training = any(p.learn or p.statistic is not None for p in program.parameters)
     if file is None and (initial or not needs_training):
-        return ChosenWeights(known_weights(program, None), "the initial values of the spec")
+        return ChosenWeights(known_weights(program, None), _of_the_spec(model))
     warnings: tuple[Diagnostic, ...] = ()
     if file is None:
         link = runs / program.name / LATEST
@@ -69,6 +69,12 @@ def choose_weights(
             warnings = (unfinished_run(str(unfinished), str(latest.resolve().name)),)
     refuse_other_model(model, file)
     return ChosenWeights(read_weights(file, program), str(file), warnings, file)
+
+
+def _of_the_spec(model: Model) -> str:
+    """What is said of weights that no training of this model has made."""
+    given = [f"of `{part.name}` those in {part.file}" for part in model.parts if part.file]
+    return ", ".join(("the initial values of the spec", *given))
 
 
 def _whole_run(folder: Path) -> Path:

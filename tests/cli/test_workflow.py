@@ -205,6 +205,23 @@ def test_simulating_given_files(msnn: CommandLine, trained: Path):
     assert len(lines) == 51
 
 
+def test_an_export_of_what_another_model_learned_says_whose_weights_it_has(
+    msnn: CommandLine, trained: Path
+):
+    part = f"{{spec: {SPEC}, weights: {WEIGHTS}, freeze: all}}"
+    text = f"""
+msnn: 1
+name: watch
+sample_time: 50 ms
+use: {{plant: {part}}}
+inputs: {{x: 1}}
+outputs: {{x_now: x}}
+"""
+    (trained / "watch.msnn.yaml").write_text(text, encoding="utf-8")
+    said = msnn("export", "watch.msnn.yaml", "--to", "c")
+    assert f"weights: the initial values of the spec, of `plant` those in {WEIGHTS}\n" in said.err
+
+
 def test_a_given_file_that_is_not_there_is_named(msnn: CommandLine, project: Path):
     said = msnn("simulate", SPEC, "--initial", "--data", "nope.csv", "--data", "no/*.csv")
     assert said.code == 1

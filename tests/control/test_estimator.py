@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import msnn
-from compiler.state_estimation.kalman_filter import FilterStatus, KalmanFilter
+from compiler.state_estimation.estimate import FilterStatus
+from compiler.state_estimation.kalman_filter import KalmanFilter
 from tests.control.specs import DELAYED, load
 
 LINEAR = """

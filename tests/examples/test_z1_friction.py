@@ -46,6 +46,14 @@ def test_the_tables_of_the_page_are_those_of_the_results(
         assert figure.stat().st_size < (100_000 if figure.suffix == ".png" else 150_000)
 
 
+def test_the_kept_errors_are_those_that_were_asked_for() -> None:
+    found = json.loads((EXAMPLE / "results.json").read_text(encoding="utf-8"))
+    error = {name: np.mean(each) for name, each in found["errors"].items()}
+    assert error["learned"] <= error["least squares"] / 30
+    assert error["learned"] <= 1.5 * error["true"]
+    assert found["tracking"]["learned"] < found["tracking"]["none"]
+
+
 def _sensitivities() -> Sensitivities:
     model = load_model(EXAMPLE / "z1_friction.msnn.yaml")
     plan = plan_stages(model.program, model.spec.train, Findings())[-1]

@@ -19,6 +19,7 @@ from msnn.data.formats.csv_header import (
     read_header,
 )
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
+from msnn.data.formats.text_encoding import not_utf8
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import Span
@@ -36,8 +37,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     try:
         return _table(path, shown, wanted, dialect)
     except UnicodeDecodeError as error:
-        reason = f"it is not UTF-8 text (byte {error.start} is {error.object[error.start]:#04x})"
-        raise SpecError((errors.unreadable_file(shown, reason),)) from error
+        raise SpecError((not_utf8(path, shown, error),)) from error
     except OSError as error:
         raise SpecError((errors.unreadable_file(shown, error.strerror or str(error)),)) from error
 

@@ -1,4 +1,4 @@
-"""E0979, E0989 to E0991, E0997 to E0999: moments and units that a file of a logger states."""
+"""E0979, E0989-E0991, E0997-E0999, E1319: moments and units that a logger's file states."""
 
 from msnn.errors.data.files import _and_more
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
@@ -76,3 +76,11 @@ def misfitting_file_unit(
     key = f"time: {said}" if signal == "time" else f"columns: {{{signal}: {said}}}"
     repair = f"if that is no unit, say the true one: `{key}`"
     return error("E0999", span, message, f"`{signal}` is in {declared}", help=repair)
+
+
+def too_far_a_moment(file: str, row: int, column: str, text: str, more: int) -> Diagnostic:
+    """E1319: dates that are farther from 1970 than times are kept."""
+    message = f"`{text}` in column `{column}` is no date between 1823 and 2116"
+    notes = (f"row {row} of {file}", *_and_more(more, "cell"))
+    repair = "leave rows out whose clock was not set, or whose date stands for none"
+    return error("E1319", None, message, notes=notes, help=repair)
