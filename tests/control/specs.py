@@ -45,6 +45,13 @@ def load(folder: Path, text: str) -> Model:
     return msnn.load(path)
 
 
+def kalman_filter(model: Model, weights: Weights | None = None) -> KalmanFilter:
+    """The estimator of a model that has an `ekf`."""
+    found = msnn.estimator(model, weights)
+    assert isinstance(found, KalmanFilter)
+    return found
+
+
 def controller(folder: Path, text: str, solver: Solver | None = None) -> Controller:
     """Its controller, at the initial weights."""
     return msnn.mpc(load(folder, text), solver=solver)

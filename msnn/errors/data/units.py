@@ -81,6 +81,6 @@ def misfitting_file_unit(
 def too_far_a_moment(file: str, row: int, column: str, text: str, more: int) -> Diagnostic:
     """E1319: dates that are farther from 1970 than times are kept."""
     message = f"`{text}` in column `{column}` is no date between 1823 and 2116"
-    notes = (f"row {row} of {file}", *_and_more(more, "cell"))
+    notes = (f"row {row} of {file}", *and_more(more, "cell"))
     repair = "leave rows out whose clock was not set, or whose date stands for none"
     return error("E1319", None, message, notes=notes, help=repair)
