@@ -74,17 +74,23 @@ class Functions:
         default_factory=dict[tuple[Any, ...], "tuple[int, ...]"]
     )
 
-    def called(self, key: str, streams: Sequence[Value], relation: str) -> Value:
-        """What a function of the file makes of streams and of its own arrays."""
+    def called(self, key: str, operands: Sequence[Value | str], relation: str) -> Value:
+        """What a function of the file makes of streams, named matrices and its own arrays."""
         given = self.file.Functions.get(key)
         if given is None or given.code is None or given.name is None:
             raise ShapeError(f"`{key}` is no function of the file")
         place = (key, "code")
         function = self._parsed(place, given.code, given.name)
         batched = not isinstance(given.map_over_dim, list)
-        arrays_of = self._own_arrays(relation, given)
+        streams = [one for one in operands if isinstance(one, Value)]
+        matrices = [one for one in operands if isinstance(one, str)]
+        arrays_of = [*matrices, *self._own_arrays(relation, given)]
+        known: Any = key
         try:
-            return self._followed(function, key, streams, arrays_of, batched=batched)
+            if matrices:
+                function = _with_arrays_last(function, operands)
+                known = (key, tuple(isinstance(one, str) for one in operands))
+            return self._followed(function, known, streams, arrays_of, batched=batched)
         except FunctionError as fault:
             raise self._refused(f"Functions.{key}", place, given.code, fault) from None
 
@@ -273,6 +279,28 @@ class Functions:
         text = pieces[line - 1]
         indent = len(text) - len(text.lstrip())
         return self.text.source.span(begin + indent, begin + max(len(text), indent + 1))
+
+
+def _with_arrays_last(
+    function: ast.FunctionDef, operands: Sequence[Value | str]
+) -> ast.FunctionDef:
+    """The function with the arguments that take streams before those that take arrays."""
+    args = [*function.args.posonlyargs, *function.args.args]
+    if len(args) < len(operands):
+        wanted = f"it takes {len(args)} arguments and gets {len(operands)}"
+        raise FunctionError(function.lineno, wanted)
+    places = sorted(range(len(operands)), key=lambda i: isinstance(operands[i], str))
+    ordered = [*(args[i] for i in places), *args[len(operands) :]]
+    arguments = ast.arguments(
+        posonlyargs=[], args=ordered, kwonlyargs=[], kw_defaults=[], defaults=[]
+    )
+    return ast.FunctionDef(
+        name=function.name,
+        args=arguments,
+        body=function.body,
+        decorator_list=[],
+        lineno=function.lineno,
+    )
 
 
 def _size(term: Term) -> int:
