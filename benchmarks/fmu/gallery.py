@@ -62,7 +62,7 @@ def model(name: str, dtype: str, folder: Path) -> int:
     found: list[dict[str, bytes]] = []
     written: Written | None = None
     for target in ("c", "fmu"):
-        settings = [f"export.{target}.dtype={dtype}"]
+        settings = [f"export={{{target}: {{dtype: {dtype}}}}}"]
         (plan,) = plan_exports(load_model(spec_of(GALLERY, name), settings), [target], Findings())
         weights = initial_weights(plan.program)
         written = write_export(plan, weights, folder / target)

@@ -64,7 +64,7 @@ def deviations(
     model = msnn.load(written.spec)
     names = written.model.names
     log = {names["input"][old]: values for old, values in record.log.items()}
-    rows = len(next(iter(record.outputs.values())))
+    rows = max(map(len, record.outputs.values()), default=0)
     shapes = {s.name: tuple(a.size for a in s.axes) for s in model.program.signals}
     # what the peer was not given begins at 0
     length = max((len(values) for values in log.values()), default=record.first + rows + 1)
