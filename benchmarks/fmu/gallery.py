@@ -23,6 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from msnn.agreement.judgement import FloatType
 from msnn.agreement.record import drawn_record
 from msnn.exports.check import check_export
 from msnn.exports.export import load_export, plan_exports, write_export
@@ -35,6 +36,7 @@ from tests.control.gallery_problems import PROBLEMS
 from tests.examples.gallery import GALLERY, NAMES, spec_of
 from tests.exports.test_online_units import SPECS, archives, plan_of, without_blocks
 
+TYPES: tuple[FloatType, ...] = ("float32", "float64")
 STEPS = 1_000_000
 LARGEST = 100_000
 """Bytes of an archive."""
@@ -46,18 +48,18 @@ Set = Callable[[FmuInstance, int], None]
 def main(solves: int) -> int:
     failed = 0
     for name in NAMES:
-        for dtype in ("float32", "float64"):
+        for dtype in TYPES:
             with tempfile.TemporaryDirectory() as folder:
                 failed += model(name, dtype, Path(folder))
     for name in (*PROBLEMS, *SPECS):
-        for dtype in ("float32", "float64"):
+        for dtype in TYPES:
             with tempfile.TemporaryDirectory() as folder:
                 failed += online(name, dtype, Path(folder), solves)
     print(f"{failed} not as promised")
     return 1 if failed else 0
 
 
-def model(name: str, dtype: str, folder: Path) -> int:
+def model(name: str, dtype: FloatType, folder: Path) -> int:
     """A spec of the gallery."""
     found: list[dict[str, bytes]] = []
     written: Written | None = None
@@ -76,7 +78,7 @@ def model(name: str, dtype: str, folder: Path) -> int:
     return told(f"{name} {dtype}", differing, archives(written), drawn, STEPS)
 
 
-def online(name: str, dtype: str, folder: Path, solves: int) -> int:
+def online(name: str, dtype: FloatType, folder: Path, solves: int) -> int:
     """A controller or a filter, or both."""
     text = SPECS.get(name)
     if text is None:
@@ -110,8 +112,8 @@ def told(name: str, differing: int, units: list[Path], given: Set, steps: int) -
     largest = max(path.stat().st_size for path in units)
     with ExitStack() as stack:
         pairs = [[stack.enter_context(fmu_instance(path)) for _ in "ab"] for path in units]
-        in_turn = sum(not alone_and_in_turn(*pair, given) for pair in pairs)
-        continued = sum(not goes_on(*pair, given) for pair in pairs)
+        in_turn = sum(not alone_and_in_turn(one, other, given) for one, other in pairs)
+        continued = sum(not goes_on(one, other, given) for one, other in pairs)
         began = time.process_time()
         growth = max(grown(pair[0], given, steps) for pair in pairs)
         seconds = time.process_time() - began

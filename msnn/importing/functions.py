@@ -15,6 +15,7 @@ from msnn.importing.followed_python.python_source import (
     FunctionError,
     argument_names,
     parse_function,
+    with_arguments_last,
 )
 from msnn.importing.followed_python.separate_rows import refuse_mixed_rows
 from msnn.importing.followed_python.torch_calls import NeedsElementsError, Tensor, Whole
@@ -88,8 +89,8 @@ class Functions:
         known: Any = key
         try:
             if matrices:
-                function = _with_arrays_last(function, operands)
-                known = (key, tuple(isinstance(one, str) for one in operands))
+                last = tuple(isinstance(one, str) for one in operands)
+                function, known = with_arguments_last(function, last), (key, last)
             return self._followed(function, known, streams, arrays_of, batched=batched)
         except FunctionError as fault:
             raise self._refused(f"Functions.{key}", place, given.code, fault) from None
@@ -279,28 +280,6 @@ class Functions:
         text = pieces[line - 1]
         indent = len(text) - len(text.lstrip())
         return self.text.source.span(begin + indent, begin + max(len(text), indent + 1))
-
-
-def _with_arrays_last(
-    function: ast.FunctionDef, operands: Sequence[Value | str]
-) -> ast.FunctionDef:
-    """The function with the arguments that take streams before those that take arrays."""
-    args = [*function.args.posonlyargs, *function.args.args]
-    if len(args) < len(operands):
-        wanted = f"it takes {len(args)} arguments and gets {len(operands)}"
-        raise FunctionError(function.lineno, wanted)
-    places = sorted(range(len(operands)), key=lambda i: isinstance(operands[i], str))
-    ordered = [*(args[i] for i in places), *args[len(operands) :]]
-    arguments = ast.arguments(
-        posonlyargs=[], args=ordered, kwonlyargs=[], kw_defaults=[], defaults=[]
-    )
-    return ast.FunctionDef(
-        name=function.name,
-        args=arguments,
-        body=function.body,
-        decorator_list=[],
-        lineno=function.lineno,
-    )
 
 
 def _size(term: Term) -> int:

@@ -101,6 +101,10 @@ class Parameters:
             return None
         return Value(window, size, (self.term(name),))
 
+    def is_matrix(self, name: str) -> bool:
+        """Whether the file has an array of that name which is no operand of other relations."""
+        return self.has(name) and self.operand(name) is None
+
     def term(self, name: str) -> Term:
         """The array as a whole; it is declared then."""
         if name not in self._terms:

@@ -171,17 +171,12 @@ class Relations:
             raise ShapeError(f"`{name}` is a matrix")
         raise ShapeError(f"the input `{name}` is read without a window")
 
-    def _is_matrix(self, name: str) -> bool:
-        """Whether a name is that of an array that no value shows: of several dimensions."""
-        is_array = name not in self._known and self.parameters.has(name)
-        return is_array and self.parameters.operand(name) is None
-
     def _made(self, name: str) -> Value:
         kind, operands, *rest = self.file.Relations[name]
         if kind in {"SamplePart", "TimePart"}:
             return self._windowed(kind, operands, rest)
         if kind == "ParamFun":
-            streams = [o if self._is_matrix(o) else self.operand(o) for o in operands]
+            streams = [o if self.parameters.is_matrix(o) else self.operand(o) for o in operands]
             return self.functions.called(_one_name(rest), streams, name)
         values = [self.operand(operand) for operand in operands]
         if kind in _TWO:

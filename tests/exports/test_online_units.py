@@ -232,7 +232,8 @@ def filtered(unit: FmuInstance, number: int, seen: float) -> tuple[bytes, bytes]
     unit.set(reference(unit, "heat"), np.array(30.0))
     unit.set(reference(unit, "measured.room"), np.array(seen))
     unit.step(number, 2.0)
-    return tuple(unit.get(reference(unit, name), ()).tobytes() for name in ("room", "std.room"))
+    room, std = (unit.get(reference(unit, name), ()) for name in ("room", "std.room"))
+    return room.tobytes(), std.tobytes()
 
 
 def test_filters_share_nothing_and_go_on_from_a_saved_state(exported: Written) -> None:

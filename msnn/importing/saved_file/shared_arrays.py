@@ -27,4 +27,4 @@ def shared_across(file: File) -> frozenset[str]:
     """Those that layers have with their rows and columns exchanged: matrices of `Linear`."""
     layers = (rest for kind, _, *rest in file.Relations.values() if kind == "Linear")
     weights = {str(rest[0]) for rest in layers if rest}
-    return weights & shared_arrays(file)
+    return shared_arrays(file) & weights
