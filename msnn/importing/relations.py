@@ -179,7 +179,8 @@ class Relations:
         if kind in {"SamplePart", "TimePart"}:
             return self._windowed(kind, operands, rest)
         if kind == "ParamFun":
-            return self.functions.called(_one_name(rest), [self.operand(o) for o in operands], name)
+            streams = [o if self.parameters.is_matrix(o) else self.operand(o) for o in operands]
+            return self.functions.called(_one_name(rest), streams, name)
         values = [self.operand(operand) for operand in operands]
         if kind in _TWO:
             return self.values.elementwise(_TWO[kind], *_count(values, 2))

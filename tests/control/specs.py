@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import msnn
+from compiler.state_estimation.kalman_filter import KalmanFilter
 from msnn.control.controller import Controller
 from msnn.control.method import Solver
 from msnn.model.model import Model
+from msnn.model.weights.given_weights import Weights
 
 DOUBLE_INTEGRATOR = """
 msnn: 1

@@ -182,3 +182,11 @@ def test_units_in_the_names_of_columns_convert(tmp_path: Path, make: Any) -> Non
 def test_two_columns_that_differ_in_their_unit_are_asked(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="two columns `F`"):
         _runs(tmp_path, pd.DataFrame({"time": [0, 0.5], "F [kN]": [0, 1], "F [N]": [0, 1]}))
+
+
+@pytest.mark.parametrize("data", [{}, {"u": [1.0, 2.0, 3.0]}])
+def test_data_of_which_a_model_reads_no_column_give_no_steps(data: dict[str, list[float]]) -> None:
+    spec = "msnn: 1\nname: free\nsample_time: 1 s\ninputs: {u: m}\n"
+    model = msnn.load(spec + "states: {x: {next: 0.5 * x, init: 1}}\noutputs: {y: x}\n")
+    with pytest.raises(msnn.SpecError, match="E1326"):
+        msnn.simulate(model, data)

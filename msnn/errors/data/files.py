@@ -1,4 +1,4 @@
-"""E0801-E0805, E0814-E0817, E0826: data files and their columns."""
+"""E0801-E0805, E0814-E0817, E0826, E1326: data files and their columns."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -35,6 +35,13 @@ def empty_file(file: str, *, header: bool) -> Diagnostic:
     """E0803: a file without data rows."""
     what = "has a header but no data rows" if header else "is empty"
     return error("E0803", _start(file), f"{file} {what}", "nothing to read")
+
+
+def no_column_read(file: str, model: str) -> Diagnostic:
+    """E1326: data of a model that reads none of their columns: it has no number of steps."""
+    message = f"`{model}` reads no column, so that {file} does not say how many steps it has"
+    repair = "`msnn.stepper` steps a model without data"
+    return error("E1326", None, message, help=repair)
 
 
 def missing_columns(
