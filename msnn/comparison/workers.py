@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Generator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -15,6 +16,7 @@ from typing import Any
 
 from msnn.comparison.readings import Readings
 from msnn.comparison.trial import Outcome, Setup, Trial, killed, run_trial
+from msnn.comparison.variants import Variant
 from msnn.training.records.run_log import RunLine
 from msnn.training.training_result import TrainingInterruptedError
 
@@ -28,32 +30,58 @@ def outcomes(
 ) -> Generator[tuple[Trial, Outcome]]:
     """Each trial with its outcome, as they end; `jobs` at once, one alone in this process.
 
-    A process that is killed is replaced: its trial goes on from its checkpoint, alone, and is
-    given up when it is killed again. An interrupt ends all of them after the batch that is on.
+    A process that is killed is replaced: its trial goes on from its checkpoint, behind the others
+    of its variant, and is given up when it is killed again. An interrupt ends all of them after the
+    batch that is on.
     """
     if jobs == 1 or len(trials) == 1:
         readings = Readings(setup.data, setup.data_root)
         for trial in trials:
             yield trial, run_trial(trial, setup, known, readings)
         return
-    waiting = list(reversed(trials))
-    suspects: list[Trial] = []
-    while waiting or suspects:
-        alone = bool(suspects)
-        batch = [suspects.pop()] if alone else waiting
-        with _Workers(setup, known, 1 if alone else jobs) as workers:
-            while workers.busy or (batch and not workers.broken):
-                while batch and workers.has_room and workers.start(batch[-1]):
-                    batch.pop()
-                for trial, outcome in workers.ended() if workers.busy else ():
-                    if outcome is not None:
-                        yield trial, outcome
-                    elif alone:
-                        yield trial, killed(trial, _TIMES)
-                    else:  # which of those that ran together was killed, nobody knows
-                        suspects.append(trial)
-        if alone:
-            suspects += batch
+    waiting = Waiting(trials)
+    again: set[Trial] = set()
+    with _Workers(setup, known, min(jobs, len(trials))) as workers:
+        while waiting or workers.busy:
+            while waiting and (idle := workers.idle) is not None:
+                idle.start(waiting.take(idle.last))
+            for trial, outcome in workers.ended():
+                if outcome is not None:
+                    yield trial, outcome
+                elif trial in again:
+                    yield trial, killed(trial, _TIMES)
+                else:
+                    again.add(trial)
+                    waiting.put_back(trial)
+
+
+class Waiting:
+    """Trials in their order, but those of one variant to one process, which has read its spec."""
+
+    def __init__(self, trials: Sequence[Trial]) -> None:
+        self._of: dict[Variant, deque[Trial]] = {}
+        for trial in trials:
+            self._of.setdefault(trial.variant, deque()).append(trial)
+        self._begun: set[Variant] = set()
+
+    def __bool__(self) -> bool:
+        return bool(self._of)
+
+    def take(self, last: Variant | None) -> Trial:
+        """The next one for a process: of its `last` variant, of one nobody has begun, or any."""
+        variant = last
+        if variant is None or variant not in self._of:
+            fresh = (each for each in self._of if each not in self._begun)
+            variant = next(fresh, None) or next(iter(self._of))
+        self._begun.add(variant)
+        found = self._of[variant].popleft()
+        if not self._of[variant]:
+            del self._of[variant]
+        return found
+
+    def put_back(self, trial: Trial) -> None:
+        """One that is to begin again."""
+        self._of.setdefault(trial.variant, deque()).append(trial)
 
 
 @dataclass(slots=True)
@@ -69,20 +97,60 @@ class _Shared:
 _SHARED = _Shared()
 
 
+@dataclass(slots=True)
+class _Worker:
+    """A process of its own, started afresh: nothing of this one is in it but what it is given."""
+
+    opened: Callable[[], ProcessPoolExecutor]
+    last: Variant | None = None
+    """Whose spec it has read."""
+    trial: Trial | None = None
+    """What it trains now."""
+    future: Future[Outcome] | None = None
+    _pool: ProcessPoolExecutor | None = None
+
+    def start(self, trial: Trial) -> None:
+        """Begins a trial, in another process where this one was killed meanwhile."""
+        self.trial, self.last = trial, trial.variant
+        if self._pool is not None:
+            with suppress(BrokenProcessPool):
+                self.future = self._pool.submit(_in_worker, trial)
+                return
+        self._pool = self.opened()
+        self.future = self._pool.submit(_in_worker, trial)
+
+    def ended(self) -> tuple[Trial, Outcome | None]:
+        """The trial that is over; None where the process was killed."""
+        assert self.trial is not None
+        assert self.future is not None
+        trial, future = self.trial, self.future
+        self.trial = self.future = None
+        try:
+            return trial, future.result()
+        except BrokenProcessPool:
+            self.close()
+            return trial, None
+
+    def close(self) -> None:
+        """Waits for the process to end."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+        self._pool = self.last = None
+
+
 class _Workers:
-    """So many processes, started afresh: nothing of this one is in them but what they are given."""
+    """So many processes; a Ctrl-C ends all of them."""
 
     def __init__(self, setup: Setup, known: Mapping[str, RunLine], jobs: int) -> None:
         context = get_context("spawn")
         self._began: Any = context.SimpleQueue()
         self._is_over: Any = context.Event()
-        self._jobs = jobs
-        self.broken = False
-        """Whether one was killed: the others have ended with it."""
-        self._running: dict[Future[Outcome], Trial] = {}
-        self._pool = ProcessPoolExecutor(
-            jobs, context, initializer=_begin, initargs=(self._began, self._is_over, setup, known)
-        )
+        given = (self._began, self._is_over, setup, known)
+
+        def opened() -> ProcessPoolExecutor:
+            return ProcessPoolExecutor(1, context, initializer=_begin, initargs=given)
+
+        self._all = [_Worker(opened) for _ in range(jobs)]
 
     def __enter__(self) -> _Workers:
         return self
@@ -90,31 +158,23 @@ class _Workers:
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         if kind is not None:
             self._interrupt()
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        for worker in self._all:
+            worker.close()
 
     @property
     def busy(self) -> bool:
-        return bool(self._running)
+        return any(worker.trial is not None for worker in self._all)
 
     @property
-    def has_room(self) -> bool:
-        return len(self._running) < self._jobs and not self.broken
-
-    def start(self, trial: Trial) -> bool:
-        """Whether it has begun: one that ran may have been killed since the last look."""
-        try:
-            self._running[self._pool.submit(_in_worker, trial)] = trial
-        except BrokenProcessPool:
-            self.broken = True
-        return not self.broken
+    def idle(self) -> _Worker | None:
+        """One that trains nothing now."""
+        return next((worker for worker in self._all if worker.trial is None), None)
 
     def ended(self) -> list[tuple[Trial, Outcome | None]]:
         """Trials that are over, at least one; None where their process was killed."""
-        done, _ = wait(self._running, return_when=FIRST_COMPLETED)
-        if any(isinstance(future.exception(), BrokenProcessPool) for future in done):
-            self.broken = True
-            done, _ = wait(self._running)
-        return [(self._running.pop(future), _outcome(future)) for future in done]
+        running = {worker.future: worker for worker in self._all if worker.future is not None}
+        done, _ = wait(running, return_when=FIRST_COMPLETED)
+        return [running[future].ended() for future in done]
 
     def _interrupt(self) -> None:
         """Asks every worker to end: of a Ctrl-C in a terminal they know, of others they do not."""
@@ -122,13 +182,6 @@ class _Workers:
         while not self._began.empty():
             with suppress(ProcessLookupError):
                 os.kill(self._began.get(), signal.SIGINT)
-
-
-def _outcome(future: Future[Outcome]) -> Outcome | None:
-    try:
-        return future.result()
-    except BrokenProcessPool:
-        return None
 
 
 def _begin(began: Any, is_over: Any, setup: Setup, known: Mapping[str, RunLine]) -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
@@ -115,12 +114,13 @@ def train(
         ):
             return run.through(begin, stop_asked)
     except OSError as error:
-        if folder is None or not _is_in(folder.path, error):
+        if folder is None or not folder.has(error):
             raise
         file, reason = str(error.filename), (error.strerror or str(error)).lower()
         kept = str(folder.weights) if folder.weights.is_file() else None
         raise SpecError((run_ends.run_not_kept(file, reason, kept),)) from error
     finally:
+        noted.close()
         if curves is not None:
             curves.close()
 
@@ -281,9 +281,8 @@ class _Run:
         )
 
     def _epoch_ended(self, event: EpochEnd, engine: Engine, plan: StagePlan) -> None:
-        check_same_weights(plan.ranks, engine.weights())
-        if self.folder is not None:
-            self.folder.append_metrics(asdict(event))
+        if plan.ranks is not None:
+            check_same_weights(plan.ranks, engine.weights())
         if self.curves is not None:
             self.curves.epoch_ended(event, engine.weights())
         self.progress.epoch_ended(event)
@@ -296,8 +295,3 @@ class _Run:
         return TrainingResult(
             weights=weights, stages=now.ended, folder=path, warnings=self.warnings
         )
-
-
-def _is_in(folder: Path, error: OSError) -> bool:
-    """Whether an error is about a file of the run."""
-    return isinstance(error.filename, str) and folder in Path(error.filename).parents
