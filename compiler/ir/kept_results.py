@@ -11,6 +11,9 @@ Given = TypeVarTuple("Given")
 Made = TypeVar("Made")
 
 
+_COMPARED: tuple[type[Hashable], ...] = (str, bool, int, frozenset)
+
+
 def kept_for_same(most: int) -> Callable[[Callable[[*Given], Made]], Callable[[*Given], Made]]:
     """Lets a function answer from its `most` last results where it is given the same objects.
 
@@ -39,4 +42,4 @@ def kept_for_same(most: int) -> Callable[[Callable[[*Given], Made]], Callable[[*
 
 
 def _key(value: object) -> Hashable:
-    return value if isinstance(value, str | bool | int | frozenset) else ("same", id(value))
+    return value if isinstance(value, _COMPARED) else ("same", id(value))

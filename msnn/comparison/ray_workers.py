@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import tempfile
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -24,6 +24,7 @@ from msnn.comparison.trial import (
     refused,
     train_ready,
 )
+from msnn.comparison.waiting import Waiting
 from msnn.data.dataset import Dataset
 from msnn.errors.sweeps import unusable_cluster
 from msnn.model.kept_run import CHECKPOINT, DESCRIPTION, PARTS, WEIGHTS, read_json, spec_places
@@ -42,7 +43,7 @@ Files = Mapping[str, bytes]
 
 
 def ray_outcomes(
-    trials: Sequence[Trial], setup: Setup, known: Mapping[str, RunLine], address: str
+    waiting: Waiting, setup: Setup, known: Mapping[str, RunLine], address: str
 ) -> Generator[tuple[Trial, Outcome]]:
     """Each trial with its outcome, as they end, trained on the cluster at `address`.
 
@@ -51,22 +52,17 @@ def ray_outcomes(
     and is written below `setup.runs`. Raises SpecError where there is no such cluster.
     """
     with _Cluster(address, setup) as cluster:
-        waiting = iter(trials)
-        readings = Readings(setup.data, setup.data_root)
-        is_over = False
-        while cluster.busy or not is_over:
-            while not is_over and cluster.has_room:
-                trial = next(waiting, None)
-                if trial is None:
-                    is_over = True
-                    break
+        readings, trial = Readings(setup.data, setup.data_root), None
+        while True:
+            while cluster.has_room and (trial := waiting.take(trial)) is not None:
                 ready = ready_trial(trial, setup, known, readings)
                 if isinstance(ready, Outcome):
                     yield trial, ready
                 else:
                     cluster.start(ready)
-            if cluster.busy:
-                yield from cluster.ended()
+            if not cluster.busy:
+                break
+            yield from cluster.ended()
 
 
 @dataclass(slots=True)

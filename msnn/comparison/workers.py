@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections import deque
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -16,7 +15,7 @@ from typing import Any
 
 from msnn.comparison.readings import Readings
 from msnn.comparison.trial import Outcome, Setup, Trial, killed, run_trial
-from msnn.comparison.variants import Variant
+from msnn.comparison.waiting import Waiting
 from msnn.training.records.run_log import RunLine
 from msnn.training.training_result import TrainingInterruptedError
 
@@ -26,7 +25,7 @@ _TIMES = "twice"
 
 
 def outcomes(
-    trials: Sequence[Trial], setup: Setup, known: Mapping[str, RunLine], jobs: int
+    waiting: Waiting, setup: Setup, known: Mapping[str, RunLine], jobs: int
 ) -> Generator[tuple[Trial, Outcome]]:
     """Each trial with its outcome, as they end; `jobs` at once, one alone in this process.
 
@@ -34,17 +33,14 @@ def outcomes(
     of its variant, and is given up when it is killed again. An interrupt ends all of them after the
     batch that is on.
     """
-    if jobs == 1 or len(trials) == 1:
-        readings = Readings(setup.data, setup.data_root)
-        for trial in trials:
+    if jobs == 1:
+        readings, trial = Readings(setup.data, setup.data_root), None
+        while (trial := waiting.take(trial)) is not None:
             yield trial, run_trial(trial, setup, known, readings)
         return
-    waiting = Waiting(trials)
     again: set[Trial] = set()
-    with _Workers(setup, known, min(jobs, len(trials))) as workers:
-        while waiting or workers.busy:
-            while waiting and (idle := workers.idle) is not None:
-                idle.start(waiting.take(idle.last))
+    with _Workers(setup, known, jobs) as workers:
+        while workers.begin(waiting):
             for trial, outcome in workers.ended():
                 if outcome is not None:
                     yield trial, outcome
@@ -53,35 +49,6 @@ def outcomes(
                 else:
                     again.add(trial)
                     waiting.put_back(trial)
-
-
-class Waiting:
-    """Trials in their order, but those of one variant to one process, which has read its spec."""
-
-    def __init__(self, trials: Sequence[Trial]) -> None:
-        self._of: dict[Variant, deque[Trial]] = {}
-        for trial in trials:
-            self._of.setdefault(trial.variant, deque()).append(trial)
-        self._begun: set[Variant] = set()
-
-    def __bool__(self) -> bool:
-        return bool(self._of)
-
-    def take(self, last: Variant | None) -> Trial:
-        """The next one for a process: of its `last` variant, of one nobody has begun, or any."""
-        variant = last
-        if variant is None or variant not in self._of:
-            fresh = (each for each in self._of if each not in self._begun)
-            variant = next(fresh, None) or next(iter(self._of))
-        self._begun.add(variant)
-        found = self._of[variant].popleft()
-        if not self._of[variant]:
-            del self._of[variant]
-        return found
-
-    def put_back(self, trial: Trial) -> None:
-        """One that is to begin again."""
-        self._of.setdefault(trial.variant, deque()).append(trial)
 
 
 @dataclass(slots=True)
@@ -102,8 +69,8 @@ class _Worker:
     """A process of its own, started afresh: nothing of this one is in it but what it is given."""
 
     opened: Callable[[], ProcessPoolExecutor]
-    last: Variant | None = None
-    """Whose spec it has read."""
+    last: Trial | None = None
+    """What it has read for."""
     trial: Trial | None = None
     """What it trains now."""
     future: Future[Outcome] | None = None
@@ -111,7 +78,7 @@ class _Worker:
 
     def start(self, trial: Trial) -> None:
         """Begins a trial, in another process where this one was killed meanwhile."""
-        self.trial, self.last = trial, trial.variant
+        self.trial = self.last = trial
         if self._pool is not None:
             with suppress(BrokenProcessPool):
                 self.future = self._pool.submit(_in_worker, trial)
@@ -161,14 +128,12 @@ class _Workers:
         for worker in self._all:
             worker.close()
 
-    @property
-    def busy(self) -> bool:
+    def begin(self, waiting: Waiting) -> bool:
+        """Gives work to all that have none; whether anything is being trained then."""
+        for worker in self._all:
+            if worker.trial is None and (trial := waiting.take(worker.last)) is not None:
+                worker.start(trial)
         return any(worker.trial is not None for worker in self._all)
-
-    @property
-    def idle(self) -> _Worker | None:
-        """One that trains nothing now."""
-        return next((worker for worker in self._all if worker.trial is None), None)
 
     def ended(self) -> list[tuple[Trial, Outcome | None]]:
         """Trials that are over, at least one; None where their process was killed."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from msnn.comparison.trial import Trial
 from msnn.comparison.variants import Variant
-from msnn.comparison.workers import Waiting
+from msnn.comparison.waiting import Waiting
 
 ONE, OTHER, THIRD = (Variant(Path("a.yaml"), (f"a={value}",), f"a={value}") for value in "123")
 
@@ -20,15 +20,16 @@ def test_folds_of_a_variant_go_to_the_process_that_has_read_its_spec():
     here, there = waiting.take(None), waiting.take(None)
     assert (here.variant, there.variant) == (ONE, OTHER)
     for fold in (2, 3):
-        assert waiting.take(ONE) == Trial(ONE, 0, fold)
-        assert waiting.take(OTHER) == Trial(OTHER, 0, fold)
-    assert not waiting
+        assert waiting.take(Trial(ONE, 0, 1)) == Trial(ONE, 0, fold)
+        assert waiting.take(Trial(OTHER, 0, 1)) == Trial(OTHER, 0, fold)
+    assert waiting.take(None) is None
 
 
 def test_a_process_without_work_helps_another():
     waiting = Waiting(trials(ONE, OTHER))
-    for last in (None, ONE, ONE, None, None):
+    one = Trial(ONE, 0, 1)
+    for last in (None, one, one, None, None):
         waiting.take(last)
-    assert waiting.take(THIRD) == Trial(OTHER, 0, 3)
+    assert waiting.take(Trial(THIRD, 0, 1)) == Trial(OTHER, 0, 3)
     waiting.put_back(Trial(ONE, 0, 2))
-    assert waiting.take(THIRD) == Trial(ONE, 0, 2)
+    assert waiting.take(Trial(THIRD, 0, 1)) == Trial(ONE, 0, 2)
