@@ -23,10 +23,11 @@ setup:
 demo: setup
 	@$(PY) examples/mass_spring_damper/demo.py
 
-test: lint pytest
+test: setup
+	@$(MAKE) --no-print-directory -j 2 lint pytest  # one core checks types while the other tests
 
 pytest: setup
-	$(PY) -m pytest -n 2
+	$(PY) -m pytest -n 3  # on two cores: some tests wait for others
 
 lint: setup
 	.venv/bin/ruff check

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -24,14 +25,15 @@ def real_literal(value: float, dtype: Dtype) -> str:
 
 def hex_literal(value: float, dtype: Dtype) -> str:
     """The bits of `value` rounded to dtype as a hexadecimal literal: `0x1.99999ap-4f`."""
-    rounded = float(_rounded(value, dtype))
-    special = _special(rounded, dtype)
-    if special:
-        return special
-    mantissa, exponent = rounded.hex().split("p")
-    if "." in mantissa:
-        mantissa = mantissa.rstrip("0").rstrip(".")
-    return f"{mantissa}p{exponent}{suffix(dtype)}"
+    return hex_literals((value,), dtype)[0]
+
+
+def hex_literals(values: Sequence[float], dtype: Dtype) -> list[str]:
+    """Those of many numbers, rounded in one go: golden vectors have thousands."""
+    with np.errstate(over="ignore"):
+        rounded = np.array(values, dtype=np.float64).astype(dtype).astype(np.float64).tolist()
+    end = suffix(dtype)
+    return [_special(value, dtype) or f"{_hex(value)}{end}" for value in rounded]
 
 
 def exact_literal(value: float, dtype: Dtype) -> str:
@@ -46,16 +48,23 @@ def suffix(dtype: Dtype) -> str:
     return "f" if dtype == "float32" else ""
 
 
+def _hex(value: float) -> str:
+    mantissa, exponent = value.hex().split("p")
+    if "." in mantissa:
+        mantissa = mantissa.rstrip("0").rstrip(".")
+    return f"{mantissa}p{exponent}"
+
+
 def _rounded(value: float, dtype: Dtype) -> np.floating[Any]:
     with np.errstate(over="ignore"):  # beyond the largest number lies infinity
         return np.dtype(dtype).type(value)
 
 
 def _special(value: float, dtype: Dtype) -> str | None:
+    if math.isfinite(value):
+        return None
     # the macros are floats: a double program converts them in the open
     cast = "" if dtype == "float32" else "(double)"
     if math.isnan(value):
         return f"{cast}NAN"
-    if math.isinf(value):
-        return f"{'-' if value < 0 else ''}{cast}INFINITY"
-    return None
+    return f"{'-' if value < 0 else ''}{cast}INFINITY"

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal, assert_never
 
 from backends.c_language.comments import comment_text
 from backends.c_language.layout import WIDTH, comment, wrapped
-from backends.c_language.literals import Dtype, exact_literal, hex_literal, real_literal
+from backends.c_language.literals import Dtype, exact_literal, hex_literals, real_literal
 from backends.c_language.tree import (
     Argument,
     Assign,
@@ -139,8 +139,11 @@ class Printer:
     def table(self, table: ConstantTable) -> str:
         """The definition of a constant array, several numbers a line."""
         if table.type is CType.REAL:
-            bits = table.hexadecimal
-            numbers = [hex_literal(x, self.dtype) if bits else self.number(x) for x in table.values]
+            numbers = (
+                hex_literals(table.values, self.dtype)
+                if table.hexadecimal
+                else [self.number(value) for value in table.values]
+            )
         elif table.type is CType.UNSIGNED:
             numbers = [self.expression(Unsigned(int(value))) for value in table.values]
         else:

@@ -125,7 +125,8 @@ def two(tmp_path: Path) -> Iterator[Started]:
     found.end()
 
 
-LONG = 4000
+LONG = 1200
+"""Epochs of a training that is there to be killed: some seconds of two ranks."""
 
 
 def run_of(folder: Path) -> Path:

@@ -153,8 +153,11 @@ def test_faults_are_found(name: str, tmp_path: Path) -> None:
     assert any(finding in line for line in found.findings), found
 
 
-def test_a_fault_ends_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fault_ends_the_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     require(GCC, CLANG)
+    monkeypatch.setattr(levels, "LEVELS", ("-O1",))
     folder, finding = spoiled(tmp_path, "another rounding")
     code, said = verified(capsys, folder)
     assert code == 1
