@@ -172,6 +172,21 @@ def test_the_description_says_units_ranges_and_docs(exported: Written) -> None:
             assert {"heat", "measured.room", "room", "std.room", "innovation.room"} <= names
 
 
+def test_samples_of_memory_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    require_package("fmpy", install="pip install 'msnn[fmu]'")
+    from fmpy import read_model_description
+
+    monkeypatch.setenv("CC", "no-such-compiler")
+    for path in archives(written(plan_of(DELAYED, tmp_path), tmp_path / "out")):
+        if path.name.endswith("fmi2.fmu"):  # FMI 3.0 has arrays, whose elements have no text
+            known = {
+                v.name: v.description for v in read_model_description(str(path)).modelVariables
+            }
+            ends = [known[name].rpartition(" ")[2] for name in ("u.history[1]", "u.history[2]")]
+            assert ends == ["t-2", "t-1"]
+            assert known["d.history[1]"].endswith(" t-1")
+
+
 def test_a_controller_begins_at_the_control_that_is_applied(exported: Written) -> None:
     """From 40 W a rate of 8 W a sample leads to 48 W at most; 5 W is where nothing was said."""
     with units(exported, "mpc") as both:
