@@ -18,7 +18,7 @@ def trials(*variants: Variant) -> list[Trial]:
 def test_folds_of_a_variant_go_to_the_process_that_has_read_its_spec():
     waiting = Waiting(trials(ONE, OTHER))
     here, there = waiting.take(None), waiting.take(None)
-    assert (here.variant, there.variant) == (ONE, OTHER)
+    assert (here, there) == (Trial(ONE, 0, 1), Trial(OTHER, 0, 1))
     for fold in (2, 3):
         assert waiting.take(Trial(ONE, 0, 1)) == Trial(ONE, 0, fold)
         assert waiting.take(Trial(OTHER, 0, 1)) == Trial(OTHER, 0, fold)
