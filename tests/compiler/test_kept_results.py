@@ -13,7 +13,7 @@ def test_the_same_object_is_answered_once_and_an_equal_one_anew():
         asked.append((values, name))
         return tuple(2 * value for value in values)
 
-    zero, minus = tuple([0.0]), tuple([-0.0])
+    zero, minus = (0.0,), (-0.0,)
     assert zero == minus
     assert str(doubled(zero, "a")) == str(doubled(zero, "a")) == "(0.0,)"
     assert str(doubled(minus, "a")) == "(-0.0,)"
