@@ -81,6 +81,7 @@ def sweep(
     runs: str | Path | None = "runs",
     jobs: int = 1,
     ray: str | None = None,
+    optuna: str | Path | None = None,
     by: str | None = None,
     cost: bool = False,
     listener: Listener | None = None,
@@ -100,8 +101,10 @@ def sweep(
     Every one of `draws` (20) is trained with every choice of `grid`. `draw_seed` decides them: the
     same seed draws the same, and more `draws` leave those before as they are. `ray` is the address
     of a Ray cluster that trains in place of `jobs` processes (extra `ray`): `10.0.0.1:6379`,
-    `auto`, or `local` for one on this machine; a connection that is open is used. All else is as
-    of `compare`, whose log it shares: what is there is not trained again. Raises SpecError,
+    `auto`, or `local` for one on this machine; a connection that is open is used. With `optuna`, a
+    file or database for its study, Optuna proposes what is drawn from how good the proposals before
+    it were (extra `optuna`), `draws` in all; `by` says what is good. All else is as of `compare`,
+    whose log it shares: what is there is not trained again. Raises SpecError,
     MissingExtraError and TrainingInterruptedError.
     """
     from msnn.comparison.compare import ComparisonOptions
@@ -117,6 +120,7 @@ def sweep(
         runs=_place(runs),
         jobs=jobs,
         ray=ray,
+        optuna=None if optuna is None else str(optuna),
         criterion=by,
         counts_cost=cost,
     )

@@ -120,6 +120,11 @@ def train_ready(ready: ReadyTrial, setup: Setup) -> Outcome:
         return Outcome(diverged(ready.line, error), is_new=True)
 
 
+def trial_folder(model: Model, line: RunLine) -> Path:
+    """Where a trial is kept, seen from the log."""
+    return Path(model.name) / _FOLDER / line.key[:_KEY_SHOWN]
+
+
 def killed(trial: Trial, times: str) -> Outcome:
     """What becomes of a trial whose process was killed again and again."""
     return refused(_unknown(trial), SpecError((killed_again(trial.variant.label, times),)))
@@ -192,7 +197,7 @@ def _trained(ready: ReadyTrial, setup: Setup) -> RunLine:
     heard = _Heard()
     options = options_for(model, runs=setup.runs, has_errors=False)
     if setup.runs is not None:
-        options = in_folder(options, setup.runs / model.name / _FOLDER / line.key[:_KEY_SHOWN])
+        options = in_folder(options, setup.runs / trial_folder(model, line))
         options = replace(options, ends_in_log=True)
     found = train(model.program, data, model.spec.train, options, heard, first)
     checks, weights = model.spec.checks, found.weights

@@ -17,12 +17,9 @@ from msnn.errors.learning.training import no_checkpoint
 from msnn.model.kept_run import CHECKPOINT, FOLD, LATEST, newest, read_json
 from msnn.model.model import Model
 from msnn.tables import Table
+from msnn.training.records.metrics_log import finite
 from msnn.training.records.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
-from msnn.training.records.run_folder import (
-    RunFolder,
-    finite,
-    new_run_folder,
-)
+from msnn.training.records.run_folder import RunFolder, new_run_folder
 from msnn.training.records.run_log import measured_in
 from msnn.training.records.training_options import TrainingOptions, in_folder
 from msnn.training.run_line import begun, ended, log

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
@@ -94,16 +93,12 @@ def train(
         ):
             return run.through(begin, stop_asked)
     except OSError as error:
-        if folder is None or not _is_in(folder.path, error):
+        if folder is None or not folder.has(error):
             raise
         file, reason = str(error.filename), (error.strerror or str(error)).lower()
         kept = str(folder.weights) if folder.weights.is_file() else None
         raise SpecError((run_ends.run_not_kept(file, reason, kept),)) from error
     finally:
+        noted.close()
         if curves is not None:
             curves.close()
-
-
-def _is_in(folder: Path, error: OSError) -> bool:
-    """Whether an error is about a file of the run."""
-    return isinstance(error.filename, str) and folder in Path(error.filename).parents

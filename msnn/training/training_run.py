@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
@@ -206,9 +206,8 @@ class TrainingRun:
         )
 
     def _epoch_ended(self, event: EpochEnd, engine: Engine, plan: StagePlan) -> None:
-        check_same_weights(plan.ranks, engine.weights())
-        if self.folder is not None:
-            self.folder.append_metrics(asdict(event))
+        if plan.ranks is not None:
+            check_same_weights(plan.ranks, engine.weights())
         if self.curves is not None:
             self.curves.epoch_ended(event, engine.weights())
         self.progress.epoch_ended(event)

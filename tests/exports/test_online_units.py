@@ -185,7 +185,8 @@ def test_samples_of_memory_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyP
     for path in archives(written(plan_of(DELAYED, tmp_path), tmp_path / "out")):
         if path.name.endswith("fmi2.fmu"):  # FMI 3.0 has arrays, whose elements have no text
             known = {
-                v.name: v.description for v in read_model_description(str(path)).modelVariables
+                v.name: v.description or ""
+                for v in read_model_description(str(path)).modelVariables
             }
             ends = [known[name].rpartition(" ")[2] for name in ("u.history[1]", "u.history[2]")]
             assert ends == ["t-2", "t-1"]

@@ -55,9 +55,11 @@ def compare(
     from msnn.api import comparisons
     from msnn.cli.comparison_results import end_interrupted, show_comparison
     from msnn.cli.console import progress_stream
+    from msnn.cli.ranks import speak_once
     from msnn.comparison.progress_lines import TrialLines
     from msnn.training.training_result import TrainingInterruptedError
 
+    speak_once()
     refuse_undrawable(plot)
     try:
         found = comparisons.compare(

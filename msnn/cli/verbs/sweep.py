@@ -64,6 +64,14 @@ def sweep(
             help="Train on a Ray cluster: 10.0.0.1:6379, auto, or local to try it here.",
         ),
     ] = None,
+    optuna: Annotated[
+        str | None,
+        typer.Option(
+            "--optuna",
+            metavar="STUDY",
+            help="Let Optuna propose what is drawn; it keeps its study in this file or database.",
+        ),
+    ] = None,
     data_root: DataRoot = None,
     out: ComparedRuns = RUNS,
     plot: PlotFile = None,
@@ -78,9 +86,11 @@ def sweep(
     from msnn.api import comparisons
     from msnn.cli.comparison_results import end_interrupted, show_comparison
     from msnn.cli.console import progress_stream
+    from msnn.cli.ranks import speak_once
     from msnn.comparison.progress_lines import TrialLines
     from msnn.training.training_result import TrainingInterruptedError
 
+    speak_once()
     refuse_undrawable(plot)
     try:
         found = comparisons.sweep(
@@ -97,6 +107,7 @@ def sweep(
             runs=out,
             jobs=jobs or os.cpu_count() or 1,
             ray=ray,
+            optuna=optuna,
             by=by,
             cost=cost,
             listener=TrialLines(progress_stream(), _PAUSE),

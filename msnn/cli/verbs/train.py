@@ -126,7 +126,7 @@ def _train(
     progress = Recorded(Lines(progress_stream(), terminal=is_live(progress_stream())))
     try:
         if folds and ranks is not None:
-            raise SpecError((one_process_alone("--folds"),))
+            raise SpecError((one_process_alone("`--folds`"),))
         if folds:
             every = trainings.train_folds(
                 model,

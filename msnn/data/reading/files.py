@@ -39,6 +39,8 @@ class DataFile:
     layout: Source
     arrays: NamedArrays | None = None
     """Arrays of a session in place of a file; `path` only names them."""
+    is_row_group: bool = False
+    """Whether the file at `path` has other records too."""
 
     @property
     def format(self) -> FileFormat:
@@ -90,7 +92,7 @@ def _records(file: DataFile, records: str | None, findings: Findings) -> list[Da
     except SpecError as error:
         findings.report(*error.diagnostics)
         return []
-    return [replace(file, shown=group.file, arrays=group) for group in groups]
+    return [replace(file, shown=group.file, arrays=group, is_row_group=True) for group in groups]
 
 
 def data_of_files(data: Data, files: Sequence[Path], data_set: str | None = None) -> Data:
