@@ -81,7 +81,8 @@ def grouped_directions(
         for bit in of:
             mask |= bit
         depends.append(mask)
-        # with one operand that moves a contraction is linear, but tangents of one group go through it as one product
+        # with one operand that moves a contraction is linear, but tangents of one group go through
+        # it as one product
         if mask and (bends(node, [bool(bit) for bit in of]) or isinstance(node.op, ops.Contract)):
             decisive.append(mask)
     groups: dict[tuple[int, ...], list[Member]] = {}
