@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from compiler.optimal_control.horizon import Array
-from msnn.control.horizon_functions import HorizonFunctions, RowLimits, Values
+from msnn.control.horizon_functions import HorizonFunctions
+from msnn.control.horizon_values import RowLimits, Values
 
 _NARROW = 1e-7
 """Limits that leave less than this, scaled, are set apart so that there is an inside …"""

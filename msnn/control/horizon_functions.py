@@ -7,8 +7,6 @@ entries first; what a stage lacks is 0 there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from compiler.hessian.interpret import DerivativeInterpreter
@@ -34,44 +32,8 @@ from compiler.optimal_control.horizon import (
 )
 from compiler.optimal_control.problem import ControlProblem, Limits
 from compiler.optimal_control.structure import chosen_structure
+from msnn.control.horizon_values import RowLimits, Slopes, Values
 from msnn.control.riccati import HeldControls
-
-
-@dataclass(frozen=True, slots=True)
-class Values:
-    """Of one plan."""
-
-    cost: float
-    """J without penalties."""
-    following: Array
-    """F(x_k, u_k), (N, nx)."""
-    rows: Array
-    """h, (N+1, m)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Slopes:
-    """First derivatives at one plan."""
-
-    cost: Array
-    """∂J/∂(x_k, u_k), (N+1, nx+nu)."""
-    following: Array
-    """∂F/∂(x_k, u_k), (N, nx, nx+nu)."""
-    rows: Array
-    """∂h/∂(x_k, u_k), (N+1, m, nx+nu)."""
-
-
-@dataclass(frozen=True, slots=True)
-class RowLimits:
-    """Of the rows h: where they begin and end, ∓∞ where nothing limits them, and what excess costs.
-
-    All (N+1, m) but for the costs, (m): ∞ for a row that is hard.
-    """
-
-    low: Array
-    high: Array
-    linear: Array
-    quadratic: Array
 
 
 class HorizonFunctions:

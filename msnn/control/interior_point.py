@@ -18,7 +18,8 @@ import numpy as np
 from compiler.optimal_control.horizon import Array, Given
 from msnn.control.barrier_limits import BarrierLimits
 from msnn.control.condensed_step import condensed_step
-from msnn.control.horizon_functions import HorizonFunctions, RowLimits, Values
+from msnn.control.horizon_functions import HorizonFunctions
+from msnn.control.horizon_values import RowLimits, Values
 from msnn.control.iterate import Direction, Iterate, Point
 from msnn.control.riccati import newton_step
 
