@@ -68,7 +68,7 @@ def test_a_right_page_has_no_faults(text: str, tmp_path: Path):
         ("~~~sh\necho one\necho two\n~~~\n\n~~~text\none\n~~~\n", "leaves out what is printed"),
         ("~~~text\nof nothing\n~~~\n", "neither runs nor says by a comment"),
         (
-            "~~~sh\necho a\n~~~\n<!-- not run: for a reason -->\n~~~sh\nls\n~~~\n~~~text\na\n~~~\n",
+            "~~~sh\necho\n~~~\n<!-- not run: a board is it -->\n~~~sh\nls\n~~~\n~~~text\n\n~~~\n",
             "neither runs nor says by a comment",
         ),
         ("~~~lua\nprint(1)\n~~~\n", "neither runs nor says by a comment"),
