@@ -17,6 +17,7 @@ from msnn.project.package_names import check_package_names
 check_package_names()
 
 if TYPE_CHECKING:
+    from msnn.api.comparisons import compare, sweep
     from msnn.api.imports import import_nnodely
     from msnn.api.measurements import check_data, simulate, validate
     from msnn.api.models import (
@@ -31,8 +32,7 @@ if TYPE_CHECKING:
         torch_module,
     )
     from msnn.api.reports import report
-    from msnn.api.sweeps import sweep
-    from msnn.api.trainings import compare, stage_loss, train, train_folds
+    from msnn.api.trainings import stage_loss, train, train_folds
     from msnn.errors.failures import MissingExtraError
     from msnn.model.model import Model
     from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
@@ -73,10 +73,10 @@ _HOMES = {
     "Model": "msnn.model.model",
     "SpecError": "spec_schema.diagnostics.diagnostic",
     "import_nnodely": "msnn.api.imports",
+    **dict.fromkeys(("compare", "sweep"), "msnn.api.comparisons"),
     **dict.fromkeys(("check_data", "simulate", "validate"), "msnn.api.measurements"),
     "report": "msnn.api.reports",
-    "sweep": "msnn.api.sweeps",
-    **dict.fromkeys(("compare", "stage_loss", "train", "train_folds"), "msnn.api.trainings"),
+    **dict.fromkeys(("stage_loss", "train", "train_folds"), "msnn.api.trainings"),
 }
 
 

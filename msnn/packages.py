@@ -63,6 +63,7 @@ TENSORBOARD = OptionalPackage("tensorboard", "tensorboard", "draws curves of tra
 ZIGLANG = OptionalPackage("ziglang", "zig", "is a C compiler, and runs models in reports")
 PYGLS = OptionalPackage("pygls", "lsp", "speaks to editors: `msnn lsp`")
 RAY = OptionalPackage("ray", "ray", "trains on a cluster: `msnn sweep --ray`")
+OPTUNA = OptionalPackage("optuna", "optuna", "proposes values: `msnn sweep --optuna`")
 
 OPTIONAL = (
     TORCH,
@@ -83,6 +84,7 @@ OPTIONAL = (
     ZIGLANG,
     PYGLS,
     RAY,
+    OPTUNA,
 )
 """In the order of `msnn doctor`."""
 

@@ -117,8 +117,10 @@ class RoutineLowering:
 
     def inlines(self, target: Local, operation: Operation, value: c.Expression) -> bool:
         """Whether the value is written where it is used."""
+        # a name is for readers; a value used twice would be computed twice
         if target.hint or self.uses[target] != 1:
             return False
+        # these stand where only a variable may, or a sign before one
         if target in self._plain and not isinstance(operation, Unary):
             return False
         if target in self._whole:
@@ -157,6 +159,7 @@ class RoutineLowering:
         last = block.statements[-1] if block.statements else None
         if isinstance(last, Branch) and last.targets == block.values:
             body, _ = self.block(Block(block.statements[:-1], ()))
+            # an `else if`: the inner branch assigns the same variables, so that none is copied
             for inner, outer in zip(last.targets, targets, strict=True):
                 self._names[inner.index] = self.name(outer)
             return (*body, self._choice(last))
@@ -241,6 +244,7 @@ class RoutineLowering:
     def binary(self, operator: Operator, left: Operand, right: Operand) -> c.Expression:
         first = self.operand(left)
         match operator, left, right:
+            # x − 3 in place of x + -3: the same rounding, and readable
             case Operator.ADD, _, Constant(Kind.REAL, value) if value < 0.0:
                 return c.Binary("-", first, c.Real(-value))
             case Operator.SUBTRACT, _, Constant(Kind.REAL, value) if value < 0.0:
@@ -259,6 +263,7 @@ class RoutineLowering:
         return c.Conditional(condition, then, otherwise)
 
     def _look_up(self, table: Table, index: c.Expression) -> c.Expression:
+        # by name: a routine that looks twice into a table defines it once
         made = c.ConstantTable(table.name, table.values, self.type(table.kind))
         self._tables[table.name] = made
         return self.entry(made, index)

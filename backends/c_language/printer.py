@@ -76,6 +76,7 @@ class Printer:
         """The definition, after its doc comment."""
         doc = f"{comment(function.doc)}\n" if function.doc else ""
         head = self.prototype(function)
+        # wrapped last, when the indent is known; a line break changes no token
         lines = [part for line in self._block(function.body, 1) for part in wrapped(line)]
         body = "\n".join(lines)
         return f"{doc}{head}\n{{\n{body}\n}}\n"
@@ -97,8 +98,11 @@ class Printer:
             case Real(value):
                 return self.number(value)
             case Integer(value):
+                # an int of 16 bits would cut constants of 64-bit sums: INT64_C gives them their
+                # type
                 return str(value) if self.sum_bits == 32 else _wide_literal(value)
             case Unsigned(value, wide):
+                # masks and bit patterns of kernels are read in hexadecimal, counters in decimal
                 digits = f"0x{value:X}" if self.exact and value >= 1000 else str(value)
                 return f"{digits}{'ULL' if wide else 'U'}"
             case Truth(value):
@@ -131,6 +135,7 @@ class Printer:
         match expression:
             case Unary() | Binary() | Conditional() | Convert():
                 return f"({text})"
+            # `a - -1` is legal, `a--1` is not, and readers stop at both
             case Real() | Integer() if text.startswith(("-", "(")):
                 return f"({text})"
             case _:
@@ -189,6 +194,7 @@ class Printer:
             case Evaluate(value):
                 yield f"{self.expression(value)};"
             case Discard(name):
+                # unused arguments would be warnings, which strict builds make errors
                 yield f"(void){name};"
             case Loop(variable, start, stop, body, step):
                 counter = f"uint32_t {variable} = {start}U"
@@ -212,6 +218,7 @@ class Printer:
             case ():
                 yield "}"
             case (If() as following,):
+                # `else if` on one line: chains of ranges do not wander to the right
                 first, *rest = self._if(following)
                 yield f"}} else {first}"
                 yield from rest

@@ -74,6 +74,7 @@ class GraphLowering:
         active: ActiveSets = _DENSE,
         moving: Mapping[NodeId, ShiftBuffer] = _STILL,
     ) -> None:
+        # slices move to the operands first: what is not read is not computed
         self._graph = forward_slices(graph)
         self._surroundings = surroundings
         self._scope = scope
@@ -86,6 +87,8 @@ class GraphLowering:
             if demand:
                 node = self._graph[index]
                 value = self._value(index, node)
+                # read once it is computed where it is read; read again it is kept in a local, as C
+                # compilers share no work across loops
                 often = demand == MANY and index not in active.parts
                 if isinstance(value, Computed) and (often or value.depth > _DEEPEST):
                     value = locals.kept(node, value, locals.name(node), scope)
@@ -159,6 +162,7 @@ class GraphLowering:
         value = element_of(self._values[sets.value], (), self._scope)
         points, known = self._values[sets.points], self._graph[sets.points]
         assert isinstance(points, ArrayView)
+        # knots that are numbers may stand evenly: then a division finds the active set
         numbers = known.op.values if isinstance(known.op, ops.Constant) else None
         found = active_degrees(node, sets.shape, value, points, numbers, self._locals, self._scope)
         self._degrees[index] = found
@@ -182,6 +186,7 @@ class GraphLowering:
                 sample = scalar_operation(ops.Multiply(), (weight, sample), locals.functions)
             return sample
 
+        # one factor is the window that moves; the newest sample joins it in the sum itself
         (newest,) = (
             self._values[self._graph[arg].args[0]]
             for arg in node.args
@@ -217,6 +222,7 @@ class GraphLowering:
         place = value.reshaped(node.type.shape)
         if place is None:
             source, name = self._graph[node.args[0]], self._locals.name(node)
+            # a view with gaps between its numbers has no strides in the other shape: a copy has
             place = self._locals.kept(source, value, name, self._scope).reshaped(node.type.shape)
             assert place is not None
         return place
@@ -238,6 +244,7 @@ class GraphLowering:
         if place is not None:
             return place
         *axes, window = node.type.axes
+        # a buffer without room behind it (a delay line): the window is put together in a local
         past = node.type.with_axes((*axes, Axis(WINDOW, window.size - 1)))
         last = newest.reshaped((*newest.shape, 1))
         assert last is not None  # an axis of length 1 can always be added

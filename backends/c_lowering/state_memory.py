@@ -176,6 +176,7 @@ class DoubledRing:
 
     @property
     def samples(self) -> ArrayView:
+        # without the newest: the same place, one sample shorter
         return self._from(variable(self.head).plus(Index(1)), self.shape[-1])
 
     @property
@@ -196,6 +197,7 @@ class DoubledRing:
         """Reads the head, which wraps here; memory errors cannot make it leave the ring."""
         stored = Member("s", self.head)
         inside = Binary("<", stored, Unsigned(self.length))
+        # compared, not taken modulo: Cortex-M0 has no division, and a spoiled head ends at 0 too
         head = Conditional(inside, stored, Unsigned(0))
         scope.reserve(self.head)
         scope.add(Declare(CType.UNSIGNED, self.head, head, constant=True))
@@ -209,6 +211,7 @@ class DoubledRing:
         copy_value(_along_time(newest, self._storage.shape), self._storage, scope, unroll)
 
     def commit(self, scope: Scope, unroll: int) -> None:
+        # `length` itself is stored once a turn; `begin` makes 0 of it, so that one place wraps
         scope.assign(Member("s", self.head), Binary("+", Name(self.head), Unsigned(1)))
 
 
@@ -246,6 +249,7 @@ def kept_in_place(program: Program) -> dict[str, InPlace]:
     windows: dict[str, list[NodeId]] = {}
     users: dict[NodeId, set[NodeId]] = {}
     for index, node in program.step:
+        # windows that nothing needs do not count: passes may leave them in the graph
         if live[index]:
             if isinstance(node.op, Window):
                 windows.setdefault(node.op.state, []).append(index)
@@ -262,6 +266,8 @@ def kept_in_place(program: Program) -> dict[str, InPlace]:
             if last.op == moved and [*last.args] == windows.get(state.name):
                 (window,) = last.args
                 read = users[window] != {state.next} or bool({window, state.next} & results)
+                # the shifted window is a value too, where an expression is a past window of the
+                # same length
                 read = read or state.next in users
                 found[state.name] = InPlace(program.step[window].args[0], read)
     return found

@@ -83,6 +83,7 @@ def _lower(node: Node, values: list[Expression], types: list[Type], symbols: Sym
         case ops.Identity():
             return values[0]
         case ops.Minimum():
+            # not fmin: of NaN and a number it gives the number, the judge NaN
             return _nearer(values[0] <= values[1], values[0] > values[1], values)
         case ops.Maximum():
             return _nearer(values[0] >= values[1], values[0] < values[1], values)
@@ -93,6 +94,7 @@ def _lower(node: Node, values: list[Expression], types: list[Type], symbols: Sym
         case ops.Compare(relation):
             return _compare(relation, values[0], values[1])
         case ops.Select():
+            # CasADi evaluates both branches; `guard_untaken` is the business of who differentiates
             return casadi.if_else(values[0], values[1], values[2])
         case ops.Apply(function):
             return getattr(casadi, SCALAR_FUNCTIONS[function].casadi)(*values)

@@ -29,6 +29,8 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = False) -> Path:
             sync(temporary)
     if durable:
         with naming(path):
+            # the rename is in the folder: without this a cut of power may leave the file under its
+            # old name
             sync(path.parent)
     return path
 
@@ -79,6 +81,7 @@ def naming(path: Path, temporary: Path | None = None) -> Generator[None]:
     try:
         yield
     except OSError as error:
+        # a failed write, unlike a failed open, has no name
         if error.errno is not None and error.filename is None:
             error.filename = str(path)
         elif temporary is not None and isinstance(error.filename, str | os.PathLike):
@@ -111,6 +114,8 @@ def _appear(temporary: Path, folder: Path) -> None:
         sync(path)
     if not folder.exists():
         try:
+            # one rename where the folder is new; a folder that is there cannot be replaced by
+            # another one
             temporary.replace(folder)
         except OSError:
             if not folder.is_dir():  # another process has made it meanwhile
@@ -120,8 +125,10 @@ def _appear(temporary: Path, folder: Path) -> None:
     for path in files:
         place = folder / path.relative_to(temporary)
         place.parent.mkdir(parents=True, exist_ok=True)
+        # looked at before the first rename, so that a refusal leaves all files as they were
         if place.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(place))
+    # between the first and the last rename old and new files stand beside each other
     with signals_wait():
         for path in files:
             path.replace(folder / path.relative_to(temporary))

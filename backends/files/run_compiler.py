@@ -63,6 +63,7 @@ def run_compiler(
                 stdin=source_file,
                 stdout=out,
                 stderr=err,
+                # a compiler that is killed leaves temporary files: here they go with the folder
                 env={**os.environ, "TMPDIR": place},
                 start_new_session=True,
             )
@@ -87,5 +88,6 @@ def compiler_limit() -> float:
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     with suppress(ProcessLookupError):
+        # the group: gcc is a driver, and its compiler proper would go on
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()

@@ -11,7 +11,7 @@ from backends.asap2.text import a2l_text
 from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, origin
 from backends.c.folder.package_texts import package_texts
-from backends.c.interface.status import MEANING, SelfTest, Status, status_macro
+from backends.c.interface.status import MEANING, SelfTestBit, StatusBit, status_macro
 from backends.c_language.layout import comment
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
@@ -24,7 +24,7 @@ from backends.fixed_point.port_facts import port_facts, real_type
 from backends.fixed_point.structs import structs
 from compiler.fixed_point.deviation import OutputError
 from compiler.fixed_point.equalities import golden_equalities
-from compiler.fixed_point.golden import GoldenRun, IntegerGoldenStart, golden_run, golden_starts
+from compiler.fixed_point.golden import GoldenWords, IntegerGoldenStart, golden_run, golden_starts
 from compiler.fixed_point.integers.interpret import FixedStatus
 from compiler.fixed_point.integers.program import IntegerProgram, StepError, WordPort
 from spec_schema.version import __version__
@@ -37,7 +37,7 @@ _MEANING = {
     FixedStatus.HELD: "an input was replaced by its last valid value",
     FixedStatus.STATE_SATURATED: "a state left its range: it is at the end of it, or back at init",
     FixedStatus.EQUATION_OUT_OF_RANGE: "an equation was kept at the end of its range",
-    FixedStatus.UNINITIALISED: MEANING[Status.UNINITIALISED],
+    FixedStatus.UNINITIALISED: MEANING[StatusBit.UNINITIALISED],
 }
 
 
@@ -201,7 +201,7 @@ def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
 def _golden(
     program: IntegerProgram,
     names: FixedNames,
-    runs: Sequence[GoldenRun],
+    runs: Sequence[GoldenWords],
     starts: Sequence[IntegerGoldenStart] = (),
 ) -> list[str]:
     return _printed(_printer(program, names), golden_functions(program, names, runs, starts))
@@ -225,7 +225,7 @@ def _bit(names: FixedNames, bit: FixedStatus) -> dict[str, str]:
 
 
 def _selftest_bit(names: FixedNames) -> dict[str, str]:
-    bit = SelfTest.STEP_DIFFERS
+    bit = SelfTestBit.STEP_DIFFERS
     definition = f"#define {status_macro(names.prefix, bit)} {int(bit)}U"
     return {"comment": comment(MEANING[bit]), "definition": definition}
 

@@ -10,7 +10,7 @@ from backends.c.interface.interface import Field
 from backends.c.selftest.text.golden_tables import Array, Column, GoldenTables
 from backends.c_language.tree import Binary, CType, Expression, Function
 from backends.fixed_point.names import FixedNames
-from compiler.fixed_point.golden import GoldenRun, IntegerGoldenStart
+from compiler.fixed_point.golden import GoldenWords, IntegerGoldenStart
 from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 
 _UNROLL = 4
@@ -20,7 +20,7 @@ _UNROLL = 4
 def golden_functions(
     program: IntegerProgram,
     names: FixedNames,
-    runs: Sequence[GoldenRun],
+    runs: Sequence[GoldenWords],
     starts: Sequence[IntegerGoldenStart] = (),
 ) -> tuple[Function, ...]:
     """What `GoldenTables` makes; words are equal or they are not.
@@ -57,7 +57,7 @@ def golden_functions(
     return tables.functions(differs)
 
 
-def expected_text(program: IntegerProgram, runs: Sequence[GoldenRun]) -> str:
+def expected_text(program: IntegerProgram, runs: Sequence[GoldenWords]) -> str:
     """One line a step: the status, then each word, in hexadecimal digits."""
     digits = program.width.word // 4
     mask = 2**program.width.word - 1

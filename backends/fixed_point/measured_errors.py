@@ -21,7 +21,7 @@ from backends.files.atomic_write import write_text
 from backends.files.c_compiler import CompilerMissingError
 from backends.fixed_point.file_texts import step_texts
 from compiler.fixed_point.constants import finite
-from compiler.fixed_point.deviation import HELD, OutputError, Spread, output_errors
+from compiler.fixed_point.deviation import HELD, ErrorSpread, OutputError, output_errors
 from compiler.fixed_point.exact_steps import reference
 from compiler.fixed_point.golden import drawn
 from compiler.fixed_point.integers.program import IntegerProgram, WordPort
@@ -71,7 +71,7 @@ class _Comparison:
 
     def errors(self) -> tuple[OutputError, ...]:
         """Of every output, over all runs."""
-        spreads = {output.name: Spread(output.name) for output in self.program.outputs}
+        spreads = {output.name: ErrorSpread(output.name) for output in self.program.outputs}
         ports = {port.name: port for port, _ in self.integers.outputs}
         inputs = {entry.port.name: entry.port for entry in self.integers.inputs}
         random = np.random.Generator(np.random.Philox(_SEED))

@@ -7,9 +7,17 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from backends.c_language.literals import Dtype
-from backends.fmu.names import Names
+from backends.fmu.names import VariableNames
 from backends.fmu.online_unit import OnlineUnit, valid_numbers
-from backends.fmu.variable import Kind, Range, Variable, Variables, one_line, placed
+from backends.fmu.variable import (
+    Range,
+    UnitVariables,
+    Variable,
+    VariableKind,
+    member_variable,
+    one_line,
+    placed,
+)
 from backends.fmu.variables import rounded_range
 from backends.predictive_control.inputs import InputField, input_fields
 from backends.predictive_control.structure.rows import Row, resting_controls, rows_of
@@ -34,7 +42,7 @@ _TOLD = {
 
 def controller_unit(problem: ControlProblem, prefix: str, dtype: Dtype) -> OnlineUnit:
     """The unit of a trained problem's controller; `prefix` is that of its C."""
-    names = Names()
+    names = VariableNames()
     rows = rows_of(problem)
     controls = list(_controls(problem, rows.rows, names, dtype))
     found = [
@@ -43,7 +51,7 @@ def controller_unit(problem: ControlProblem, prefix: str, dtype: Dtype) -> Onlin
         *controls,
         Variable(
             name=names.add("residual"),
-            kind=Kind.OUTPUT,
+            kind=VariableKind.OUTPUT,
             place="y.residual",
             axes=(),
             unit=None,
@@ -58,7 +66,7 @@ def controller_unit(problem: ControlProblem, prefix: str, dtype: Dtype) -> Onlin
         prefix=prefix,
         dtype=dtype,
         members=(f"{prefix}_in_t u;",),
-        variables=Variables(
+        variables=UnitVariables(
             placed(found), names.add("status"), names.add("time"), names.add("iterations")
         ),
         meanings=_MEANINGS,
@@ -66,27 +74,25 @@ def controller_unit(problem: ControlProblem, prefix: str, dtype: Dtype) -> Onlin
     )
 
 
-def _states(problem: ControlProblem, names: Names) -> Iterator[Variable]:
+def _states(problem: ControlProblem, names: VariableNames) -> Iterator[Variable]:
     docs = {state.name: state.doc for state in problem.program.states}
     registers = problem.registers
     for member in problem.states.members:
         origin = registers.get(member.name)
         length = member.axes[-1].size if origin is not None else 1
         ahead = getattr(origin, "ahead", 0)
-        yield Variable(
+        yield member_variable(
+            member,
             name=names.add(member.name),
-            kind=Kind.INPUT,
-            place=f"u.x[{member.first}]",
-            axes=member.axes,
-            unit=member.unit,
-            range=None,
+            kind=VariableKind.INPUT,
+            array="u.x",
             doc=one_line(docs[member.name], "as measured or estimated"),
             start=np.zeros(member.size),
             first_sample=ahead - length,
         )
 
 
-def _known(problem: ControlProblem, names: Names, dtype: Dtype) -> Iterator[Variable]:
+def _known(problem: ControlProblem, names: VariableNames, dtype: Dtype) -> Iterator[Variable]:
     """Disturbances and references along the horizon."""
     members = (*problem.disturbances.members, *problem.references.members)
     signals = {signal.name: signal for signal in problem.program.signals}
@@ -95,7 +101,7 @@ def _known(problem: ControlProblem, names: Names, dtype: Dtype) -> Iterator[Vari
         limits = None if signal is None else rounded_range(signal.range, dtype)
         yield Variable(
             name=names.add(field.name),
-            kind=Kind.INPUT,
+            kind=VariableKind.INPUT,
             place=f"u.{field.identifier}{'[0]' if field.shape else ''}",
             axes=_axes(field, member),
             unit=member.unit,
@@ -112,18 +118,17 @@ def _axes(field: InputField, member: Member) -> tuple[Axis, ...]:
 
 
 def _controls(
-    problem: ControlProblem, rows: tuple[Row, ...], names: Names, dtype: Dtype
+    problem: ControlProblem, rows: tuple[Row, ...], names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
     signals = _signals(problem)
     moves = rows_of(problem).move
     for member in problem.controls.members:
         own = rows[member.first : member.first + member.size]
-        yield Variable(
+        yield member_variable(
+            member,
             name=names.add(member.name),
-            kind=Kind.OUTPUT,
-            place=f"y.u[{member.first}]",
-            axes=member.axes,
-            unit=member.unit,
+            kind=VariableKind.OUTPUT,
+            array="y.u",
             range=None if moves else rounded_range(_limits(own), dtype),
             doc=one_line(_doc(signals.get(member.name)), "of this sample, inside its limits"),
             start=np.zeros(member.size),
@@ -137,17 +142,15 @@ def _limits(rows: tuple[Row, ...]) -> Range:
 
 
 def _first(
-    problem: ControlProblem, resting: list[float], names: Names, dtype: Dtype
+    problem: ControlProblem, resting: list[float], names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
     for member in problem.controls.members:
         values = resting[member.first : member.first + member.size]
-        yield Variable(
+        yield member_variable(
+            member,
             name=names.add(f"start.{member.name}"),
-            kind=Kind.FIRST,
-            place=f"first[{member.first}]",
-            axes=member.axes,
-            unit=member.unit,
-            range=None,
+            kind=VariableKind.FIRST,
+            array="first",
             doc="the control that is applied before the first step",
             start=np.array(values, dtype),
         )

@@ -8,17 +8,17 @@ from xml.etree.ElementTree import Element
 from backends.fmu.facts import ITERATIONS_DOC, LOG_CATEGORIES, UnitFacts
 from backends.fmu.names import element_names, is_structured
 from backends.fmu.units import add_units
-from backends.fmu.variable import Kind, Variable
+from backends.fmu.variable import Variable, VariableKind
 from backends.fmu.xml_text import child, element, number_text, xml_text
 from spec_schema.version import __version__
 
-CAUSALITY: dict[Kind, tuple[str, str, str | None]] = {
-    Kind.INPUT: ("input", "discrete", None),
-    Kind.OUTPUT: ("output", "discrete", "calculated"),
-    Kind.STATE: ("local", "discrete", "calculated"),
-    Kind.PARAMETER: ("parameter", "tunable", "exact"),
-    Kind.SAMPLES: ("parameter", "fixed", "exact"),
-    Kind.FIRST: ("parameter", "fixed", "exact"),
+CAUSALITY: dict[VariableKind, tuple[str, str, str | None]] = {
+    VariableKind.INPUT: ("input", "discrete", None),
+    VariableKind.OUTPUT: ("output", "discrete", "calculated"),
+    VariableKind.STATE: ("local", "discrete", "calculated"),
+    VariableKind.PARAMETER: ("parameter", "tunable", "exact"),
+    VariableKind.SAMPLES: ("parameter", "fixed", "exact"),
+    VariableKind.FIRST: ("parameter", "fixed", "exact"),
 }
 """Causality, variability and `initial` of a variable."""
 
@@ -61,12 +61,14 @@ def description_text(facts: UnitFacts, sources: Sequence[str], guid: str) -> str
     for variable in variables.all:
         _add(listed, variable, facts)
     status = _scalar(
-        listed, variables.status, variables.status_reference, facts.status_doc, Kind.OUTPUT
+        listed, variables.status, variables.status_reference, facts.status_doc, VariableKind.OUTPUT
     )
     child(status, "Integer")
     if variables.iterations is not None:
         reference = variables.iterations_reference
-        count = _scalar(listed, variables.iterations, reference, ITERATIONS_DOC, Kind.OUTPUT)
+        count = _scalar(
+            listed, variables.iterations, reference, ITERATIONS_DOC, VariableKind.OUTPUT
+        )
         child(count, "Integer")
     _add_structure(root, facts)
     return xml_text(root)
@@ -101,7 +103,7 @@ def _add(listed: Element, variable: Variable, facts: UnitFacts) -> None:
         child(scalar, "Real", {**limits(variable), "start": start})
 
 
-def _scalar(listed: Element, name: str, reference: int, doc: str, kind: Kind) -> Element:
+def _scalar(listed: Element, name: str, reference: int, doc: str, kind: VariableKind) -> Element:
     causality, variability, initial = CAUSALITY[kind]
     attributes = {
         "name": name,
@@ -118,7 +120,7 @@ def _add_structure(root: Element, facts: UnitFacts) -> None:
     """Outputs and what they depend on; places in the list of variables begin with 1."""
     structure = child(root, "ModelStructure")
     outputs, initial = child(structure, "Outputs"), child(structure, "InitialUnknowns")
-    for variable in facts.variables.of(Kind.OUTPUT):
+    for variable in facts.variables.of(VariableKind.OUTPUT):
         places: str | None = None
         if facts.depends is not None:
             inputs = facts.depends[variable.name]

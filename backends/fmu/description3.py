@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element
 from backends.fmu.description2 import CAUSALITY, experiment, limits, naming
 from backends.fmu.facts import ITERATIONS_DOC, LOG_CATEGORIES, UnitFacts
 from backends.fmu.units import add_units
-from backends.fmu.variable import Kind, Variable
+from backends.fmu.variable import Variable, VariableKind
 from backends.fmu.xml_text import child, element, number_text, xml_text
 from spec_schema.version import __version__
 
@@ -50,7 +50,7 @@ def description_text(facts: UnitFacts, token: str) -> str:
         _add(listed, variable, facts)
     _add_own(listed, facts)
     structure = child(root, "ModelStructure")
-    for variable in variables.of(Kind.OUTPUT):
+    for variable in variables.of(VariableKind.OUTPUT):
         known = None if facts.depends is None else facts.depends[variable.name]
         places = None if known is None else " ".join(str(input.first) for input in known)
         reference = {"valueReference": str(variable.first)}
@@ -60,7 +60,7 @@ def description_text(facts: UnitFacts, token: str) -> str:
         counts.append({"valueReference": str(variables.iterations_reference)})
     for count in counts:
         child(structure, "Output", count)
-    for variable in variables.of(Kind.OUTPUT):
+    for variable in variables.of(VariableKind.OUTPUT):
         child(structure, "InitialUnknown", {"valueReference": str(variable.first)})
     for count in counts:
         child(structure, "InitialUnknown", count)
@@ -117,7 +117,7 @@ def _add_own(listed: Element, facts: UnitFacts) -> None:
 
 
 def _add_count(listed: Element, name: str, reference: int, doc: str) -> None:
-    causality, variability, initial = CAUSALITY[Kind.OUTPUT]
+    causality, variability, initial = CAUSALITY[VariableKind.OUTPUT]
     attributes = {
         "name": name,
         "valueReference": str(reference),

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from backends.c_language.literals import Dtype
-from backends.fmu.variable import Variable, Variables
+from backends.fmu.variable import UnitVariables, Variable
 
 ERROR, WARNING = "logStatusError", "logStatusWarning"
 """Categories of messages; the names are FMI's."""
@@ -27,7 +27,7 @@ class UnitFacts:
     dtype: Dtype
     sample_time: float | None
     """Seconds; None for a static model, whose steps may be of any length."""
-    variables: Variables
+    variables: UnitVariables
     labels: Mapping[str, Sequence[str]]
     """Of the elements of dimensions."""
     depends: Mapping[str, Sequence[Variable]] | None

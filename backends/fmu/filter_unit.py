@@ -9,9 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from backends.c_language.literals import Dtype
-from backends.fmu.names import Names
+from backends.fmu.names import VariableNames
 from backends.fmu.online_unit import Fill, OnlineUnit, valid_numbers
-from backends.fmu.variable import Kind, Variable, Variables, one_line, placed
+from backends.fmu.variable import (
+    UnitVariables,
+    Variable,
+    VariableKind,
+    member_variable,
+    one_line,
+    placed,
+)
 from backends.fmu.variables import rounded_range
 from backends.predictive_control.estimation.filter_fields import input_fields
 from compiler.ir.types import Type
@@ -38,7 +45,7 @@ def filter_unit(
     dtype: Dtype = about["dtype"]
     prefix: str = about["prefix"]
     judge = KalmanFilter(problem, weights)
-    names = Names()
+    names = VariableNames()
     given = list(_inputs(problem, about["in"], names, dtype))
     found = [
         *given,
@@ -53,7 +60,7 @@ def filter_unit(
         prefix=prefix,
         dtype=dtype,
         members=members,
-        variables=Variables(placed(found), names.add("status"), names.add("time")),
+        variables=UnitVariables(placed(found), names.add("status"), names.add("time")),
         meanings=_MEANINGS,
         told=_TOLD,
         takes_inputs=bool(given),
@@ -62,7 +69,7 @@ def filter_unit(
 
 
 def _inputs(
-    problem: EstimationProblem, fields: list[dict[str, Any]], names: Names, dtype: Dtype
+    problem: EstimationProblem, fields: list[dict[str, Any]], names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
     """Those that the step from the sample before reads."""
     for field in fields:
@@ -77,7 +84,7 @@ def _inputs(
 
 
 def _measured(
-    problem: EstimationProblem, fields: list[dict[str, Any]], names: Names, dtype: Dtype
+    problem: EstimationProblem, fields: list[dict[str, Any]], names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
     """The measurements, and behind them inputs that they depend on at once."""
     count = len(problem.measured)
@@ -86,7 +93,7 @@ def _measured(
         type = problem.program.step[output.node].type
         yield Variable(
             name=names.add(f"measured.{measurement.signal}"),
-            kind=Kind.INPUT,
+            kind=VariableKind.INPUT,
             place=_first_of("measured", field),
             axes=type.axes,
             unit=type.unit,
@@ -113,7 +120,7 @@ def _signal(
     limits = None if known is None else rounded_range(known.range, dtype)
     return Variable(
         name=name,
-        kind=Kind.INPUT,
+        kind=VariableKind.INPUT,
         place=place,
         axes=member.axes,
         unit=member.unit,
@@ -123,29 +130,27 @@ def _signal(
     )
 
 
-def _estimated(problem: EstimationProblem, judge: KalmanFilter, names: Names) -> Iterator[Variable]:
+def _estimated(
+    problem: EstimationProblem, judge: KalmanFilter, names: VariableNames
+) -> Iterator[Variable]:
     docs = {p.name: p.doc for p in problem.program.parameters}
     docs |= {s.name: s.doc for s in problem.program.states}
     for member in judge.numbers.members:
-        yield Variable(
+        yield member_variable(
+            member,
             name=names.add(member.name),
-            kind=Kind.OUTPUT,
-            place=f"y.x[{member.first}]",
-            axes=member.axes,
-            unit=member.unit,
-            range=None,
+            kind=VariableKind.OUTPUT,
+            array="y.x",
             doc=one_line(docs[member.name], "as estimated"),
             start=np.zeros(member.size),
             first_sample=_first_sample(problem, member.name),
         )
     for member in judge.numbers.members:
-        yield Variable(
+        yield member_variable(
+            member,
             name=names.add(f"std.{member.name}"),
-            kind=Kind.OUTPUT,
-            place=f"y.std[{member.first}]",
-            axes=member.axes,
-            unit=member.unit,
-            range=None,
+            kind=VariableKind.OUTPUT,
+            array="y.std",
             doc=one_line(f"standard deviation of {member.name}"),
             start=np.zeros(member.size),
             first_sample=_first_sample(problem, member.name),
@@ -155,7 +160,7 @@ def _estimated(problem: EstimationProblem, judge: KalmanFilter, names: Names) ->
         type = problem.program.step[problem.program.output(measurement.value).node].type
         yield Variable(
             name=names.add(f"innovation.{measurement.signal}"),
-            kind=Kind.OUTPUT,
+            kind=VariableKind.OUTPUT,
             place=f"y.innovation[{first}]",
             axes=type.axes,
             unit=type.unit,
@@ -167,18 +172,16 @@ def _estimated(problem: EstimationProblem, judge: KalmanFilter, names: Names) ->
 
 
 def _first(
-    problem: EstimationProblem, judge: KalmanFilter, names: Names, dtype: Dtype
+    problem: EstimationProblem, judge: KalmanFilter, names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
     """What the filter begins with, where the importer sets it."""
     for member in problem.states.members:
         values = judge.vector[member.first : member.first + member.size]
-        yield Variable(
+        yield member_variable(
+            member,
             name=names.add(f"start.{member.name}"),
-            kind=Kind.FIRST,
-            place=f"first[{member.first}]",
-            axes=member.axes,
-            unit=member.unit,
-            range=None,
+            kind=VariableKind.FIRST,
+            array="first",
             doc=one_line(f"{member.name} before the first step; as the spec says where not set"),
             start=np.where(np.isfinite(values), values, 0.0).astype(dtype),
             first_sample=_first_sample(problem, member.name),

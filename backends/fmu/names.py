@@ -10,7 +10,7 @@ from backends.fmu.variable import Variable, one_line
 from compiler.ir.types import WINDOW, Axis
 
 
-class Names:
+class VariableNames:
     """Different names; those of the spec come first."""
 
     def __init__(self) -> None:

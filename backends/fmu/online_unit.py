@@ -15,7 +15,7 @@ from backends.c_language.literals import Dtype, real_literal
 from backends.c_language.rendering import render
 from backends.fmu.facts import UnitFacts
 from backends.fmu.sources import Version
-from backends.fmu.variable import Kind, Variable, Variables
+from backends.fmu.variable import UnitVariables, Variable, VariableKind
 from backends.fmu.write_units import write_units
 from compiler.ir.program import Program
 
@@ -46,7 +46,7 @@ class OnlineUnit:
     dtype: Dtype
     members: Sequence[str]
     """What an instance keeps beside its own struct and what came out: declarations in C."""
-    variables: Variables
+    variables: UnitVariables
     """Each `place` is that of its first number."""
     meanings: Mapping[int, str]
     """Of the status of a step."""
@@ -113,7 +113,7 @@ def _unit_sources(
 
 def _facts(program: Program, unit: OnlineUnit, token: str) -> dict[str, Any]:
     variables = unit.variables
-    firsts = variables.of(Kind.FIRST)
+    firsts = variables.of(VariableKind.FIRST)
     marks = {variable.name: i for i, variable in enumerate(firsts)}
     every = program.sample_time
     assert every is not None, "a problem has a sample time"
@@ -175,7 +175,7 @@ def _element(fill: Fill) -> str:
 
 
 def _row(variable: Variable, marks: Mapping[str, int]) -> dict[str, Any]:
-    is_start = variable.kind is Kind.FIRST
+    is_start = variable.kind is VariableKind.FIRST
     return {
         "name": comment_text(variable.name),
         "first": variable.first,

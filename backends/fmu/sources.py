@@ -8,12 +8,12 @@ import numpy as np
 
 from backends.c.folder.file_texts import model_texts
 from backends.c.interface.interface import Interface
-from backends.c.interface.status import MEANING, Status, status_macro
+from backends.c.interface.status import MEANING, StatusBit, status_macro
 from backends.c.interface.status_bits import step_bits
 from backends.c_language.comments import comment_text, string_literal
 from backends.c_language.literals import real_literal
 from backends.c_language.rendering import render
-from backends.fmu.variable import Kind, Variable, Variables
+from backends.fmu.variable import UnitVariables, Variable, VariableKind
 from backends.fmu.variables import FIRST, Weights
 from compiler.ir.program import Program
 
@@ -30,7 +30,7 @@ def model_sources(program: Program, interface: Interface, weights: Weights) -> d
 
 
 def unit_sources(
-    program: Program, interface: Interface, variables: Variables, version: Version, token: str
+    program: Program, interface: Interface, variables: UnitVariables, version: Version, token: str
 ) -> dict[str, str]:
     """What a version of FMI adds."""
     prefix = interface.prefix
@@ -51,13 +51,13 @@ def has_slopes(interface: Interface) -> bool:
     return interface.jacobian is not None and any(f.matrix.size for f in interface.jacobian.fields)
 
 
-def bits_of_steps(interface: Interface) -> list[Status]:
+def bits_of_steps(interface: Interface) -> list[StatusBit]:
     """What a step and the start can report; of slopes an importer is told when it asks for them."""
-    return [bit for bit in step_bits(interface) if bit is not Status.SLOPE_NOT_FINITE]
+    return [bit for bit in step_bits(interface) if bit is not StatusBit.SLOPE_NOT_FINITE]
 
 
 def _facts(
-    program: Program, interface: Interface, variables: Variables, token: str
+    program: Program, interface: Interface, variables: UnitVariables, token: str
 ) -> dict[str, Any]:
     starts = [variable for variable in variables.all if variable.kind.is_start]
     marks = {variable.name: i for i, variable in enumerate(starts)}
@@ -73,7 +73,7 @@ def _facts(
         "token": string_literal(token),
         "multiples": string_literal(multiples),
         "sample_time": "" if every is None else real_literal(every, "float64"),
-        "first_fields": [_declared(interface, v) for v in variables.of(Kind.FIRST)],
+        "first_fields": [_declared(interface, v) for v in variables.of(VariableKind.FIRST)],
         "starts": len(starts),
         "status_reference": variables.status_reference,
         "time_reference": variables.time_reference,
@@ -87,8 +87,8 @@ def _facts(
         "is_code": False,
         "has_iterations": False,
         "slopes": has_slopes(interface),
-        "infinite": status_macro(interface.prefix, Status.SLOPE_NOT_FINITE)
-        if Status.SLOPE_NOT_FINITE in step_bits(interface)
+        "infinite": status_macro(interface.prefix, StatusBit.SLOPE_NOT_FINITE)
+        if StatusBit.SLOPE_NOT_FINITE in step_bits(interface)
         else "",
         "columns": columns,
         "real": "Float32" if interface.options.dtype == "float32" else "Float64",
@@ -102,18 +102,18 @@ def _facts(
                 "place": variable.place,
                 "state": f"s.{variable.place.removeprefix(f'{FIRST}.')}",
             }
-            for variable in variables.of(Kind.FIRST)
+            for variable in variables.of(VariableKind.FIRST)
         ],
     }
 
 
 def _row(interface: Interface, variable: Variable, marks: dict[str, int]) -> dict[str, Any]:
-    kind = Kind.SAMPLES if variable.kind is Kind.FIRST else variable.kind
+    kind = VariableKind.SAMPLES if variable.kind is VariableKind.FIRST else variable.kind
     return {
         "name": comment_text(variable.name),
         "first": variable.first,
         "size": variable.size,
-        "kind": "START" if kind is Kind.SAMPLES else kind.name,
+        "kind": "START" if kind is VariableKind.SAMPLES else kind.name,
         "mark": _mark(interface, variable, marks),
         "pointer": f"{'' if variable.shape else '&'}m->{variable.place}",
     }
@@ -122,9 +122,12 @@ def _row(interface: Interface, variable: Variable, marks: dict[str, int]) -> dic
 def _mark(interface: Interface, variable: Variable, marks: dict[str, int]) -> str:
     if variable.kind.is_start:
         return f"{marks[variable.name]}U"
-    if variable.kind in (Kind.INPUT, Kind.OUTPUT) and interface.jacobian is not None:
+    if (
+        variable.kind in (VariableKind.INPUT, VariableKind.OUTPUT)
+        and interface.jacobian is not None
+    ):
         found = interface.jacobian.jacobian
-        vector = found.inputs if variable.kind is Kind.INPUT else found.outputs
+        vector = found.inputs if variable.kind is VariableKind.INPUT else found.outputs
         for member in vector.members:
             if member.name == variable.name:
                 return f"{member.first}U"
@@ -138,7 +141,9 @@ def _declared(interface: Interface, variable: Variable) -> str:
 
 def _beginning(interface: Interface, variable: Variable) -> list[str]:
     """Sets what begins as something else than 0: inputs, and samples before the first step."""
-    if variable.kind not in (Kind.INPUT, Kind.SAMPLES) or not np.any(variable.start):
+    if variable.kind not in (VariableKind.INPUT, VariableKind.SAMPLES) or not np.any(
+        variable.start
+    ):
         return []
     value = real_literal(float(variable.start[0]), interface.options.dtype)
     if not variable.shape:
@@ -151,11 +156,11 @@ def _beginning(interface: Interface, variable: Variable) -> list[str]:
 
 
 def _fills(
-    interface: Interface, variables: Variables, marks: dict[str, int]
+    interface: Interface, variables: UnitVariables, marks: dict[str, int]
 ) -> list[dict[str, Any]]:
     """How samples of an input that nobody set follow from the input's own value."""
-    inputs = {variable.place: variable for variable in variables.of(Kind.INPUT)}
-    samples = {variable.place: variable for variable in variables.of(Kind.SAMPLES)}
+    inputs = {variable.place: variable for variable in variables.of(VariableKind.INPUT)}
+    samples = {variable.place: variable for variable in variables.of(VariableKind.SAMPLES)}
     given = {input.port.signal.name: input for input in interface.inputs}
     found: list[dict[str, Any]] = []
     for field, port in interface.windows:

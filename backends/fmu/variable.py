@@ -11,12 +11,13 @@ from typing import Any
 from numpy.typing import NDArray
 
 from compiler.ir.types import Axis
+from compiler.jacobian.matrices import Member
 from spec_schema.units.unit import Unit
 
 Range = tuple[float, float] | None
 
 
-class Kind(Enum):
+class VariableKind(Enum):
     """What a variable is to the importer."""
 
     INPUT = "an input"
@@ -29,12 +30,12 @@ class Kind(Enum):
     @property
     def is_start(self) -> bool:
         """Whether it can be set before the first step alone."""
-        return self in (Kind.SAMPLES, Kind.FIRST)
+        return self in (VariableKind.SAMPLES, VariableKind.FIRST)
 
     @property
     def is_result(self) -> bool:
         """Whether it cannot be set."""
-        return self in (Kind.OUTPUT, Kind.STATE)
+        return self in (VariableKind.OUTPUT, VariableKind.STATE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +44,7 @@ class Variable:
     own: `first` and those that follow."""
 
     name: str
-    kind: Kind
+    kind: VariableKind
     place: str
     """The member of the C struct that keeps everything of an instance."""
     axes: tuple[Axis, ...]
@@ -66,7 +67,7 @@ class Variable:
 
 
 @dataclass(frozen=True, slots=True)
-class Variables:
+class UnitVariables:
     """All variables, with those that no spec names."""
 
     all: tuple[Variable, ...]
@@ -89,8 +90,33 @@ class Variables:
     def iterations_reference(self) -> int:
         return self.status_reference + 2
 
-    def of(self, *kinds: Kind) -> tuple[Variable, ...]:
+    def of(self, *kinds: VariableKind) -> tuple[Variable, ...]:
         return tuple(variable for variable in self.all if variable.kind in kinds)
+
+
+def member_variable(
+    member: Member,
+    *,
+    name: str,
+    kind: VariableKind,
+    array: str,
+    doc: str,
+    start: NDArray[Any],
+    range: Range = None,
+    first_sample: int = 0,
+) -> Variable:
+    """A member of a vector that the C keeps as one `array`."""
+    return Variable(
+        name=name,
+        kind=kind,
+        place=f"{array}[{member.first}]",
+        axes=member.axes,
+        unit=member.unit,
+        range=range,
+        doc=doc,
+        start=start,
+        first_sample=first_sample,
+    )
 
 
 def placed(variables: Iterable[Variable]) -> tuple[Variable, ...]:

@@ -15,8 +15,8 @@ from backends.c.interface.interface import Field, Interface
 from backends.c.interface.structs import step_text
 from backends.c_language.literals import Dtype
 from backends.c_lowering.state_memory import PlainState
-from backends.fmu.names import Names
-from backends.fmu.variable import Kind, Range, Variable, Variables, one_line, placed
+from backends.fmu.names import VariableNames
+from backends.fmu.variable import Range, UnitVariables, Variable, VariableKind, one_line, placed
 from backends.ports.step_interface import Port
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Declared, Parameter, Program, State
@@ -27,9 +27,9 @@ FIRST = "first"
 """The member of the C struct for first values of states that need no record."""
 
 
-def unit_variables(program: Program, interface: Interface, weights: Weights) -> Variables:
+def unit_variables(program: Program, interface: Interface, weights: Weights) -> UnitVariables:
     """The variables of a program in step form, as its C knows it."""
-    names = Names()
+    names = VariableNames()
     found = [
         *_inputs(interface, names),
         *_outputs(program, interface, names),
@@ -38,16 +38,16 @@ def unit_variables(program: Program, interface: Interface, weights: Weights) -> 
         *_samples(interface, names),
         *_first_values(program, interface, weights, names),
     ]
-    return Variables(placed(found), names.add("status"), names.add("time"))
+    return UnitVariables(placed(found), names.add("status"), names.add("time"))
 
 
-def _inputs(interface: Interface, names: Names) -> Iterable[Variable]:
+def _inputs(interface: Interface, names: VariableNames) -> Iterable[Variable]:
     dtype = interface.options.dtype
     for input in interface.inputs:
         signal, field = input.port.signal, input.field
         yield Variable(
             name=names.add(signal.name),
-            kind=Kind.INPUT,
+            kind=VariableKind.INPUT,
             place=f"u.{field.identifier}",
             axes=field.axes,
             unit=signal.unit,
@@ -58,7 +58,7 @@ def _inputs(interface: Interface, names: Names) -> Iterable[Variable]:
         )
 
 
-def _outputs(program: Program, interface: Interface, names: Names) -> Iterable[Variable]:
+def _outputs(program: Program, interface: Interface, names: VariableNames) -> Iterable[Variable]:
     for field in interface.outputs:
         output = program.output(field.name)
         means = ""
@@ -67,7 +67,7 @@ def _outputs(program: Program, interface: Interface, names: Names) -> Iterable[V
             means = f"predicts {output.predicts.signal}[t{f'{ahead:+d}' if ahead else ''}]"
         yield Variable(
             name=names.add(field.name),
-            kind=Kind.OUTPUT,
+            kind=VariableKind.OUTPUT,
             place=f"y.{field.identifier}",
             axes=field.axes,
             unit=field.unit,
@@ -83,12 +83,12 @@ def _declared(interface: Interface) -> Iterable[PlainState]:
             yield memory
 
 
-def _states(interface: Interface, names: Names) -> Iterable[Variable]:
+def _states(interface: Interface, names: VariableNames) -> Iterable[Variable]:
     for memory in _declared(interface):
         state = memory.state
         yield Variable(
             name=names.add(state.name),
-            kind=Kind.STATE,
+            kind=VariableKind.STATE,
             place=f"s.{memory.identifier}",
             axes=state.axes,
             unit=state.unit,
@@ -99,7 +99,7 @@ def _states(interface: Interface, names: Names) -> Iterable[Variable]:
 
 
 def _parameters(
-    program: Program, interface: Interface, weights: Weights, names: Names
+    program: Program, interface: Interface, weights: Weights, names: VariableNames
 ) -> Iterable[Variable]:
     dtype = interface.options.dtype
     for field in interface.parameters:
@@ -107,7 +107,7 @@ def _parameters(
         values = _as(dtype, weights[field.name]).ravel()
         yield Variable(
             name=names.add(field.name),
-            kind=Kind.PARAMETER,
+            kind=VariableKind.PARAMETER,
             place=f"p.{field.identifier}",
             axes=field.axes,
             unit=field.unit,
@@ -117,13 +117,13 @@ def _parameters(
         )
 
 
-def _samples(interface: Interface, names: Names) -> Iterable[Variable]:
+def _samples(interface: Interface, names: VariableNames) -> Iterable[Variable]:
     dtype = interface.options.dtype
     for field, port in interface.windows:
         signal = port.signal
         yield Variable(
             name=names.add(f"start.{signal.name}"),
-            kind=Kind.SAMPLES,
+            kind=VariableKind.SAMPLES,
             place=f"x0.{field.identifier}",
             axes=field.axes,
             unit=signal.unit,
@@ -135,7 +135,7 @@ def _samples(interface: Interface, names: Names) -> Iterable[Variable]:
     for field, state in interface.supplied:
         yield Variable(
             name=names.add(f"start.{state.name}"),
-            kind=Kind.SAMPLES,
+            kind=VariableKind.SAMPLES,
             place=f"x0.{field.identifier}",
             axes=field.axes,
             unit=state.unit,
@@ -146,7 +146,7 @@ def _samples(interface: Interface, names: Names) -> Iterable[Variable]:
 
 
 def _first_values(
-    program: Program, interface: Interface, weights: Weights, names: Names
+    program: Program, interface: Interface, weights: Weights, names: VariableNames
 ) -> Iterable[Variable]:
     """Of states whose `init` reads no record."""
     dtype = interface.options.dtype
@@ -156,7 +156,7 @@ def _first_values(
         state = memory.state
         yield Variable(
             name=names.add(f"start.{state.name}"),
-            kind=Kind.FIRST,
+            kind=VariableKind.FIRST,
             place=f"{FIRST}.{memory.identifier}",
             axes=state.axes,
             unit=state.unit,

@@ -15,7 +15,7 @@ from backends.files.atomic_write import write_text
 from backends.files.readme import one_line, readme_text
 from backends.fmu.facts import UnitFacts
 from backends.fmu.sources import bits_of_steps, has_slopes, model_sources, unit_sources
-from backends.fmu.variable import Kind, Variable, Variables
+from backends.fmu.variable import UnitVariables, Variable, VariableKind
 from backends.fmu.variables import unit_variables
 from backends.fmu.write_units import write_headers, write_units
 from compiler.interpreter.interpreter import physical_weights
@@ -53,7 +53,7 @@ def write_fmu(
     return (*units, *write_headers(folder), write_text(folder / "README.md", readme))
 
 
-def _facts(program: Program, interface: Interface, variables: Variables) -> UnitFacts:
+def _facts(program: Program, interface: Interface, variables: UnitVariables) -> UnitFacts:
     return UnitFacts(
         model=program.name,
         prefix=interface.prefix,
@@ -72,12 +72,12 @@ def _status_doc(interface: Interface) -> str:
     return f"of the last step: the sum of {bits}" if bits else "of the last step: always 0"
 
 
-def _depends(interface: Interface, variables: Variables) -> dict[str, Sequence[Variable]]:
+def _depends(interface: Interface, variables: UnitVariables) -> dict[str, Sequence[Variable]]:
     """By the pattern of D, whose rows are outputs and whose columns are inputs."""
     assert interface.jacobian is not None
     found = interface.jacobian.jacobian
     direct = next(matrix for matrix in found.matrices if matrix.name == "D")
-    inputs = {variable.name: variable for variable in variables.of(Kind.INPUT)}
+    inputs = {variable.name: variable for variable in variables.of(VariableKind.INPUT)}
     depends: dict[str, Sequence[Variable]] = {}
     for row in found.outputs.members:
         columns: list[Variable] = []

@@ -94,6 +94,7 @@ def compiled_kernel(source: str, *, on_lanes: bool = False) -> Built:
     """
     compiler = find_compiler()
     command = (*compiler, *kernel_flags(compiler, on_lanes=on_lanes))
+    # `-march=native` means another processor elsewhere, and caches lie on shared disks
     described = "\n".join((source, *command, _version(compiler), _processor()))
     key = hashlib.sha256(described.encode()).hexdigest()[:32]
 
@@ -141,6 +142,7 @@ def _compile(
     if done.code == 0:
         return
     has_room(folder)
+    # a compiler that compiles nothing is the user's to mend, one that refuses only this source ours
     if run("int answer(void) { return 42; }\n").code != 0:
         raise CompilerMissingError(f"`{shlex.join(compiler)}` compiles nothing")
     raise KernelBuildError(done.errors[-2000:] or f"it ended with code {done.code}")

@@ -10,6 +10,7 @@ from functools import wraps
 from typing import ParamSpec, TypeVar
 
 from compiler.differentiation.sensitivities import Sensitivities
+from compiler.ir.kept_results import kept_for_same
 from compiler.ir.program import Parameter, Program
 
 P = ParamSpec("P")
@@ -30,7 +31,8 @@ def kept_source(write: Callable[P, Source]) -> Callable[P, Source]:
 
     @wraps(write)
     def written(*args: P.args, **kwargs: P.kwargs) -> Source:
-        key = hashlib.sha256(repr((*map(_said, args), sorted(kwargs.items()))).encode()).digest()
+        said = repr((*map(_text, args), sorted(kwargs.items())))
+        key = hashlib.sha256(said.encode()).digest()
         source = found.pop(key, None)
         if source is None:
             source = write(*args, **kwargs)
@@ -40,6 +42,11 @@ def kept_source(write: Callable[P, Source]) -> Callable[P, Source]:
         return source
 
     return written
+
+
+@kept_for_same(_KEPT)
+def _text(value: object) -> str:
+    return repr(_said(value))
 
 
 def _said(value: object) -> object:

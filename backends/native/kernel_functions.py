@@ -57,6 +57,7 @@ class ModelFunctions:
         self._functions = functions
         self._stored = stored or Stored()
         phases = memory.phases
+        # the same step three times, each with more of it read from rows that are there by then
         self._forward = read_from_rows(memory.program.step, phases.ahead)
         kept = (*phases.ahead, *phases.kept)
         self._reverse = read_from_rows(memory.step.reverse_step.graph, kept)
@@ -126,11 +127,14 @@ class ModelFunctions:
         for node, index, name in terms:
             lowered.store(node, array(name, (), Index(index)))
         for index, term in enumerate(step.losses):
+            # all elements are scored: a number for the compiler, no counting
             if term.count is None:
                 target = array("count", (), Index(index)).element(())
                 writer.scope.assign(target, Real(float(term.elements)))
         passed = self._common(TIME)
         for name, state in memory.plain.values():
+            # states stand in rows over the time, so the reverse step reads what the forward one
+            # read
             next_row = f"{name} + (t + 1) * {size_of(state.axes)}"
             passed.append(Passed(Argument("lanes *", f"next_{name}"), next_row))
         arrays = (
@@ -175,6 +179,8 @@ class ModelFunctions:
         scale = Passed(Argument("const lanes *restrict", "scale"), "scale")
         passed = [*self._adjoints(TIME, "(t + 1)"), scale]
         for tape in memory.echoes.values():
+            # time runs backwards here: the latest step stands first in the tape, and its readers
+            # come after
             newest = f"{tape.name} + ({HORIZON} - 1 - t) * {tape.elements}"
             passed.append(Passed(Argument("lanes *restrict", tape.name), newest))
         return self._made(writer, "kernel_reverse_step", passed, "Adjoints at t from those at t+1.")
@@ -231,6 +237,8 @@ class ModelFunctions:
 
         found = [Passed(Argument("const lanes *restrict", PARAMETERS), PARAMETERS)]
         found += [row("const lanes *", s.name, s.elements) for s in memory.signals.values()]
+        # tapes and states are not `restrict`: the row that is written lies beside those that are
+        # read
         found += [row("lanes *", tape.name, tape.elements) for tape in memory.buffers.values()]
         found += [row("lanes *", name, size_of(s.axes)) for name, s in memory.plain.values()]
         found += [row("lanes *restrict", r.name, r.elements) for r in memory.rows.values()]
@@ -247,6 +255,7 @@ class ModelFunctions:
             size = size_of(state.axes)
             following = f"d_{name} + {after} * {size}" if after else f"d_{name}"
             found.append(Passed(Argument("lanes *restrict", f"d_next_{name}"), following))
+            # nothing is further back than t0: the start has no row of adjoints to write
             if after:
                 row = f"d_{name} + {at} * {size}"
                 found.append(Passed(Argument("lanes *restrict", f"d_{name}"), row))

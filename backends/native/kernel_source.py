@@ -58,6 +58,7 @@ def kernel_source(step: TrainingStep, dtype: Dtype, *, reproducible: bool = Fals
 
     A `reproducible` one fuses by many instructions where a processor has none for it.
     """
+    # optimisers move raw variables, which bounds map to physical values, in double precision always
     bounds = c_definitions(("sigmoid", "softplus"), "double", "double")
     files = ("variables.c", "known.c", "optimizers.c", "training.c")
     found = _source(step, dtype, (bounds, *map(_text, files)))
@@ -91,7 +92,7 @@ def _source(step: TrainingStep, dtype: Dtype, training: Sequence[str]) -> Kernel
         f"static const double ELEMENTS[] = {{{numbers}}};",
         f"static const int IS_ROOT[] = {{{roots}}};",
     ]
-    echoes = [Rows(tape.name, tape.elements, tape.last) for tape in memory.echoes.values()]
+    echoes = [ArrayRows(tape.name, tape.elements, tape.last) for tape in memory.echoes.values()]
     group = rendered("group.c.j2", made, **forward_arrays(memory), echoes=echoes)
     batches = map(_text, ("threads.c", "batches.c", "epochs.c"))
     return whole_source(memory, dtype, functions, made, tables, (group, *batches, *training))
@@ -113,6 +114,7 @@ def whole_source(
         f"#define PARAMETERS {memory.parameter_count}",
         f"#define LOSSES {len(losses)}",
         _text("prelude.c"),
+        # after the model's functions are lowered: only then it is known which kernels they call
         lane_kernels(functions.kernels, DOUBLE if dtype == "float64" else FLOAT, PREFIX),
         *tables,
         *(printer.function(with_fused_products(one.function)) for one in made.values()),
@@ -137,7 +139,7 @@ def _text(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class ArrayRows:
     """One array over the time of a group."""
 
     name: str
@@ -148,18 +150,18 @@ class Rows:
     """The sample of its first row, counted from the first step."""
 
 
-def forward_arrays(memory: LaneMemory) -> dict[str, list[Rows]]:
+def forward_arrays(memory: LaneMemory) -> dict[str, list[ArrayRows]]:
     """The arrays over time that the functions of the step forward work on."""
     return {
         "logs": [
-            Rows(tape.name, tape.elements, tape.last - tape.first, tape.first)
+            ArrayRows(tape.name, tape.elements, tape.last - tape.first, tape.first)
             for tape in memory.signals.values()
         ],
         "states": [
-            *(Rows(tape.name, tape.elements, tape.last) for tape in memory.buffers.values()),
-            *(Rows(name, size_of(state.axes), 1) for name, state in memory.plain.values()),
+            *(ArrayRows(tape.name, tape.elements, tape.last) for tape in memory.buffers.values()),
+            *(ArrayRows(name, size_of(state.axes), 1) for name, state in memory.plain.values()),
         ],
-        "rows": [Rows(tape.name, tape.elements, 0) for tape in memory.rows.values()],
+        "rows": [ArrayRows(tape.name, tape.elements, 0) for tape in memory.rows.values()],
     }
 
 

@@ -81,6 +81,7 @@ def _lower(
         case ops.Maximum():
             return onnx.add("Max", values)
         case ops.Clamp():
+            # not Clip: its limits are scalars, those of a signal with dims are not
             return onnx.add("Min", [onnx.add("Max", values[:2]), values[2]])
         case ops.Compare(relation):
             return onnx.add(_RELATIONS[relation], values)
@@ -137,6 +138,7 @@ def _contract(
     axes = (*shared, *rows, *columns)
     after = tuple(a.size for a in axes)
     stacked = _stacked(shared, rows, columns)
+    # MatMul knows matrices alone: rows and columns are taken apart into their axes again
     value = onnx.reshaped(product, stacked, after)
     return onnx.broadcast(value, Type(axes), result)
 

@@ -32,7 +32,7 @@ from backends.predictive_control.structure.form import Form
 from backends.predictive_control.structure.rows import Rows, resting_controls, rows_of
 from backends.predictive_control.structure.staged_form import staged_form
 from compiler.optimal_control.problem import ControlProblem
-from compiler.optimal_control.structure import Chosen, chosen_structure
+from compiler.optimal_control.structure import chosen_structure
 from compiler.optimal_control.trained import trained
 
 MOST_SIMULATIONS = 3
@@ -65,9 +65,21 @@ def write_controller(
 
 def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict[str, str]:
     """Texts by path, of a problem without parameters; without the self-test."""
+    return solver_texts(problem, f"{prefix}_mpc", dtype, "Predictive controller", _about(problem))
+
+
+def solver_texts(
+    problem: ControlProblem,
+    name: str,
+    dtype: Dtype,
+    title: str,
+    about: str,
+    *,
+    is_window: bool = False,
+) -> dict[str, str]:
+    """Texts by path of the solver of a problem, under this name; that of a window solves alone."""
     problem = replace(problem, tolerance=reachable(problem.tolerance, dtype))
-    controller = Controller(problem.program.name, f"{prefix}_mpc")
-    name = controller.prefix
+    controller = Controller(problem.program.name, name)
     rows = rows_of(problem)
     numbers = Numbers(dtype)
     table = FunctionTable(FunctionNames(name, dtype, "own"))
@@ -102,7 +114,8 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         "condensed": structure == "condensed",
         "members": struct,
         **origin(problem.program.spec_hash),
-        "about": numbers.comment(_about(problem, structure)),
+        "is_window": is_window,
+        "about": numbers.comment(about),
         "real": numbers.real,
         "num": numbers.literal,
         "braced": numbers.braced,
@@ -162,8 +175,8 @@ def controller_texts(problem: ControlProblem, prefix: str, dtype: Dtype) -> dict
         return render(template, controller, title, "mpc", **facts)
 
     texts = {
-        f"include/{name}.h": text("header.h.j2", "Predictive controller"),
-        f"src/{name}.c": text("controller.c.j2", "Predictive controller"),
+        f"include/{name}.h": text("header.h.j2", title),
+        f"src/{name}.c": text("controller.c.j2", title),
         f"{name}.json": about_text(problem, name, dtype, struct, fields, plan=made.plan, rows=rows),
     }
     if table.kernels:
@@ -192,7 +205,8 @@ def _functions(
     return stage, terminal, [*table.definitions(), *functions]
 
 
-def _about(problem: ControlProblem, structure: Chosen) -> str:
+def _about(problem: ControlProblem) -> str:
+    structure = chosen_structure(problem)
     how = "in the controls alone" if structure == "condensed" else "stage by stage"
     return (
         f"Finds the controls of {problem.horizon} samples by an interior-point method on the "

@@ -28,7 +28,7 @@ from compiler.passes.expand_functions import expand_functions
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
+class GivenNode:
     """A value that another lowered graph computed before: the node of the same IR graph."""
 
     node: NodeId
@@ -38,7 +38,7 @@ class Given:
 class TorchLeaf:
     """One argument of a lowered graph: where it comes from, and whether it has a window axis."""
 
-    source: ops.AnyRead | Given
+    source: ops.AnyRead | GivenNode
     windowed: bool
 
 
@@ -129,6 +129,7 @@ class _Lowering:
             if index not in self._values:
                 self._values[index] = self._lower(index)
         self._code.output(tuple(self._values[root] for root in roots))
+        # backwards, so that of nodes that share a value the first one names it
         origins = {self._values[index].name: self._graph[index] for index in reversed(needed)}
         return LoweredGraph(fx.GraphModule(self._root, self._code), tuple(self._leaves), origins)
 
@@ -146,13 +147,14 @@ class _Lowering:
     def _leaf(self, index: NodeId) -> TorchLeaf | None:
         node = self._graph[index]
         if index in self._given:
-            return TorchLeaf(Given(index), False)
+            return TorchLeaf(GivenNode(index), False)
         match node.op:
             case ops.ReadParameter() | ops.ReadState():
                 return TorchLeaf(node.op, False)
             case ops.ReadSamples():
                 return TorchLeaf(node.op, node.type.window is not None)
             case ops.Window(state):
+                # a window is two values joined: only the buffer's samples come from outside
                 self._argument(TorchLeaf(ops.ReadState(state), False))
                 return None
             case _:
@@ -171,6 +173,7 @@ class _Lowering:
         name = f"{self._constants}_{self._constant_count}"
         self._constant_count += 1
         tensor = torch.tensor(values, dtype=self._dtype).reshape(shape)
+        # a buffer goes with the module to another device; weights files need not have it
         self._root.register_buffer(name, tensor, persistent=False)
         return self._code.get_attr(name)
 
@@ -229,6 +232,8 @@ class _Lowering:
                 buffer = self._leaves[TorchLeaf(ops.ReadState(state), False)]
                 newest = args[0]
                 if static[0]:
+                    # a value without a batch axis beside samples that have one: repeated, as cat
+                    # repeats nothing
                     newest = expand_static(self._code, newest, types[0], buffer)
                 newest = self._call(torch.unsqueeze, newest, -1)
                 return self._call(torch.cat, [buffer, newest], -1)

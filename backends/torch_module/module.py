@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from backends.ports.identifiers import c_identifier
 from backends.raw_parameters import raw_value
 from backends.torch_module.lowering import (
-    Given,
+    GivenNode,
     LoweredGraph,
     TorchLeaf,
     lower_graph,
@@ -258,7 +258,7 @@ def _argument(
             return states[name]
         case ReadTraining():
             raise AssertionError("no program reads values of training")
-        case Given(node):
+        case GivenNode(node):
             return shared[node]
         case ReadSignal(signal, first, last) | ReadLog(signal, first, last):
             assert windows is not None, "parameters alone decide the shared part"

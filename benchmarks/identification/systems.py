@@ -5,14 +5,19 @@ The peers run this file in environments of their own: it needs numpy and nothing
 
 from __future__ import annotations
 
+import os
 import resource
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 ROWS = 400
+BEGAN = "CONTENDER_BEGAN"
+"""Names the environment variable with the time at which a contender's process was started."""
 NOISE = 0.01
 """Deviation of the noise of what is measured, as a share of that of the output."""
 
@@ -22,7 +27,7 @@ class System:
     """Right-hand sides, true values, and how far the first guesses are off."""
 
     derivatives: Callable[[Any, Sequence[Any], Any, Sequence[Any]], list[Any]]
-    """Of a module with abs, sqrt and maximum, the states, the input and the parameters."""
+    """Of a module with abs, sqrt, tanh and maximum, the states, the input and the parameters."""
     states: int
     output: int
     """Which state is measured."""
@@ -32,6 +37,8 @@ class System:
     sample_time: float
     amplitude: float
     offset: float = 0.0
+    record: str = ""
+    """The file of a real record, whose true values nobody knows: `true` are what is expected."""
     spec: str = ""
     """The states of the spec of msnn; parameters and the rest follow from the above."""
 
@@ -68,6 +75,24 @@ def bouc_wen(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]:
     return [x[1], u - damping * x[1] - stiffness * x[0] - x[2], z]
 
 
+def wiener_hammerstein(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]:
+    """A resonant filter, a diode that takes a part of what is beyond its knee, a slow filter."""
+    frequency, ratio, knee, loss, corner = p
+    bent = x[0] - loss * m.maximum(x[0] - knee, 0.0)
+    return [
+        x[1],
+        frequency * frequency * (u - x[0]) - 2.0 * ratio * frequency * x[1],
+        corner * (bent - x[2]),
+    ]
+
+
+def drone(m: Any, x: Sequence[Any], u: Any, p: Sequence[Any]) -> list[Any]:
+    """An arm with a propeller: thrust, weight, dry friction, drag; angles in rad, u in percent."""
+    gravity, thrust, friction, drag = p
+    held = friction * m.tanh(x[1] / 0.05) + drag * x[1] * m.abs(x[1])
+    return [x[1], thrust * u * u - gravity * m.sin(x[0]) - held]
+
+
 SYSTEMS = {
     "duffing": System(
         duffing, 2, 0, {"damping": 0.3, "stiffness": 1.0, "hardening": 1.5}, (2.0, 0.7, 0.5),
@@ -96,6 +121,20 @@ SYSTEMS = {
         spec="x: {der: v, init: 0}\n  v: {der: u - damping*v - stiffness*x - z, init: 0}\n"
         "  z: {der: hysteresis*v - dissipation*abs(v)*z - hardening*v*abs(z), init: 0}",
     ),
+    "wiener_hammerstein": System(
+        wiener_hammerstein, 3, 2,
+        {"frequency": 2.0, "ratio": 0.4, "knee": 0.3, "loss": 0.7, "corner": 1.0},
+        (0.8, 1.5, 1.5, 0.7, 1.4), 0.1, 1.5,
+        spec="x: {der: v, init: 0}\n"
+        "  v: {der: frequency**2*(u - x) - 2*ratio*frequency*v, init: 0}\n"
+        "  w: {der: 'corner*(x - loss*max(x - knee, 0) - w)', init: 0}",
+    ),
+    "quarter_drone": System(
+        drone, 2, 0, {"gravity": 9.0, "thrust": 4.6e-3, "friction": 0.5, "drag": 0.5},
+        (1.1, 1.1, 0.6, 1.0), 0.05, 0.0, record="sinal4_multiseno_malha_fechada.csv",
+        spec="x: {der: v, init: y.meas}\n"
+        "  v: {der: thrust*u**2 - gravity*sin(x) - friction*tanh(v/0.05) - drag*v*abs(v), init: 0}",
+    ),
 }  # fmt: skip
 
 
@@ -111,6 +150,26 @@ def step(
         a + dt / 6 * (b + 2 * c + 2 * d + e)
         for a, b, c, d, e in zip(x, first, second, third, last, strict=True)
     ]
+
+
+def measured_records(file: Path) -> dict[str, np.ndarray]:
+    """Of the drone, three fifths to train on and two to test on: 20 to 80 s, every fifth sample.
+
+    The command is the median of three, without spikes of one sample. "Clean" is what was measured,
+    so that the table has its error; a degree counts as noise.
+    """
+    time, _, angle, command = np.loadtxt(file, delimiter=",", skiprows=1).T
+    kept = (time >= 20.0) & (time <= 80.0)
+    y, raw = np.radians(angle[kept][::5]), command[kept][::5]
+    before = np.concatenate([raw[:1], raw[:1], raw])
+    u = np.median([before[2:], before[1:-1], before[:-2]], axis=0)
+    cut = len(y) * 3 // 5
+    found: dict[str, np.ndarray] = {}
+    for name, part in (("train", slice(0, cut)), ("test", slice(cut, None))):
+        found |= {f"{name}_u": u[part], f"{name}_y": y[part], f"{name}_clean": y[part]}
+        found[f"{name}_x0"] = np.array([y[part][0], 0.0])
+    found["train_clean"] = found["train_y"] - np.radians(1.0)
+    return found
 
 
 def records(system: System, seed: int) -> dict[str, np.ndarray]:
@@ -130,6 +189,7 @@ def records(system: System, seed: int) -> dict[str, np.ndarray]:
                 x = step(system, np, x, u[t], list(system.true.values()), system.sample_time / 16)
         noise = NOISE * np.std(outputs) * random.normal(size=ROWS)
         found |= {f"{name}_u": u, f"{name}_y": outputs + noise, f"{name}_clean": outputs}
+        found[f"{name}_x0"] = np.zeros(system.states)
     return found
 
 
@@ -137,6 +197,14 @@ def processor_seconds() -> float:
     """What this process and those that it waited for have computed, whatever else runs."""
     both = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(each.ru_utime + each.ru_stime for each in both)
+
+
+def beginning(fit: int) -> tuple[float, float]:
+    """The clock and the seconds of processors at which a fit begins: the first with its process."""
+    now = time.perf_counter()
+    if fit:
+        return now, processor_seconds()
+    return now - (time.time() - float(os.environ[BEGAN])), 0.0
 
 
 def first_values(system: System) -> np.ndarray:

@@ -169,3 +169,36 @@ def own_fields(m):
     x = Input("x")
     m.addModel("m", [Output("x_next", RK4(ParamFun(polynomial))(x.last()) * 0.1)])
     m.addClosedLoop("x_next", "x")
+
+
+def imports_inside(x, k):
+    import math as m
+
+    import torch.nn.functional as F  # noqa: N812
+    from torch import tanh
+
+    return F.softplus(x) * m.pi + k * tanh(x)
+
+
+def two_tables(x, a, y, b):
+    return x * a[1, 0] + y * b[0, 1] + a[0, 0]
+
+
+@model
+def functions_with_imports(m):
+    x = Input("x")
+    m.addModel("m", [Output("y", ParamFun(imports_inside)(x.sw(2)))])
+
+
+@model
+def matrices_as_operands(m):
+    x, y = Input("x"), Input("y")
+    a = Parameter("a", dimensions=[2, 1], values=[[0.5], [-2.0]])
+    b = Constant("b", values=[[1.5, 3.0]])
+    m.addModel("m", [Output("o", ParamFun(two_tables)(x.last(), a, y.last(), b))])
+
+
+@model
+def only_trained(m):
+    x, target = Input("x"), Input("target")
+    m.addMinimize("fit", target.next(), Fir(x.sw(3)) + Linear(x.last()))

@@ -37,13 +37,25 @@ def record(name: str, folder: Path) -> str | None:
         with torch.no_grad():
             parameter.sub_(0.5).mul_(0.8)
     m._model_def.updateParameters(m._model)
+    kept = predicted(m, name)
+    if isinstance(kept, str):
+        return kept
+    (folder / f"{name}.json").write_text(json.dumps(kept))
+    return None
+
+
+def predicted(m: Modely, name: str, *, begins_loops: bool = True) -> dict[str, object] | str:
+    """The model as it is saved, a drawn log and what it gives; or why that says nothing.
+
+    Loops begin with what is drawn, or at 0.
+    """
     with tempfile.TemporaryDirectory() as place:
         m.saveModel(name, place)
         text = (Path(place) / f"{name}.json").read_text()
     definition = json.loads(text)
     inputs = definition["Inputs"]
     draw = np.random.default_rng(sum(map(ord, name)))
-    back = max(one["ns"][0] for one in inputs.values())
+    back = max(1, *(one["ns"][0] for one in inputs.values()))
     ahead = max(one["ns"][1] for one in inputs.values())
     rows = ROWS + back + max(ahead, 0)
     log = {}
@@ -55,7 +67,7 @@ def record(name: str, folder: Path) -> str | None:
         samples = ROWS - 1 + one["ntot"]
         if "connect" in one:
             continue
-        if name in STARTS_AT_ZERO and "closedLoop" in one:
+        if "closedLoop" in one and (name in STARTS_AT_ZERO or not begins_loops):
             continue
         if "closedLoop" in one:
             if one["local"] and key.rsplit("_", 1)[-1][:2] in {"sw", "tw", "in", "de"}:
@@ -65,13 +77,12 @@ def record(name: str, folder: Path) -> str | None:
         given[key] = values[first : first + samples].tolist()
     m.resetStates()
     found = m(given) if given else m(num_of_samples=ROWS)
+    m.resetStates()
     outputs = {key: np.asarray(value, np.float64).tolist() for key, value in found.items()}
     for key, value in outputs.items():
         if not np.all(np.isfinite(value)):
             return f"{key} is not finite"
-    kept = {"model": text, "first": back - 1, "log": log, "outputs": outputs}
-    (folder / f"{name}.json").write_text(json.dumps(kept))
-    return None
+    return {"model": text, "first": back - 1, "log": log, "outputs": outputs}
 
 
 def main() -> None:

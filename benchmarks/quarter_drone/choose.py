@@ -61,6 +61,32 @@ _DELAY = (
         'u_2: {unit: "1", next: u_1, init',
     ),
 )
+_TIGHT = "drone_tight.msnn.yaml"
+_AT_REST = (
+    ("  dq_0:     {init: 0, scale: 0.3, unit: rad/s, doc: speed at the first sample}\n", ""),
+    ("init: dq_0", "init: 0"),
+    ("  begin:    {expr: l2(dq_0), weight: 1e-4}\n", ""),
+)
+_ALIKE = (
+    ("t_up:    {value: 0.03", "t_up:    {value: 0.05"),
+    ("t_down:  {value: 0.08", "t_down:  {value: 0.05"),
+)
+_EVEN = (
+    ("t_up:    {value: 0.03", "t_up:    {value: 0.04"),
+    ("t_down:  {value: 0.08", "t_down:  {value: 0.07"),
+)
+_LATE = (
+    ("  t_up:    {value: 0.03, unit: s}         # the propeller follows a larger command\n", ""),
+    ("  t_down:  {value: 0.08, unit: s}         # nobody brakes it\n", ""),
+    ("  t_motor: where(abs(u_spun) > abs(motor), t_up, t_down)\n", ""),
+    ("median(u_1, u, u[t+1])", "median(u_2, u_1, u)"),
+    ("thrust * motor**2", "thrust * u_spun**2"),
+    (
+        'motor: {unit: "1", der: (u_spun - motor) / t_motor, init',
+        'u_2: {unit: "1", next: u_1, init',
+    ),
+)
+_LOWER = (("value: 3.5", "value: 3"), ("value: 1.2217", "value: 1.1868"), ("70 deg", "68 deg"))
 CANDIDATES: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     "textbook": ("drone_physics.msnn.yaml", ()),
     "arm": (_ARM, ()),
@@ -80,6 +106,14 @@ CANDIDATES: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     "bearing_quick": (_BEARING, (("t_motor: {value: 0.05", "t_motor: {value: 0.03"),)),
     "bearing_slow": (_BEARING, (("t_motor: {value: 0.05", "t_motor: {value: 0.08"),)),
     "bearing_delay": (_BEARING, _DELAY),
+    "tight": (_TIGHT, ()),
+    "tight_rest": (_TIGHT, _AT_REST),
+    "tight_alike": (_TIGHT, _ALIKE),
+    "tight_delay": (_TIGHT, _LATE),
+    "tight_delay_rest": (_TIGHT, (*_LATE, *_AT_REST)),
+    "tight_lower": (_TIGHT, _LOWER),
+    "tight_quick": (_TIGHT, (("t_down:  {value: 0.08", "t_down:  {value: 0.06"),)),
+    "tight_even": (_TIGHT, _EVEN),
 }
 """A spec, and what is replaced in its text."""
 
@@ -88,15 +122,17 @@ def main() -> None:
     """Prints the errors of every candidate on the blocks held out, and the chosen one's on 2, 4."""
     parser = argparse.ArgumentParser(description="Choose a model of the quarter-drone rig.")
     parser.add_argument("--data", type=Path, default=DATA)
-    data = parser.parse_args().data
-    found: dict[str, list[float]] = {name: [] for name in CANDIDATES}
+    parser.add_argument("--candidates", nargs="*", choices=CANDIDATES, default=list(CANDIDATES))
+    chosen = parser.parse_args()
+    data: Path = chosen.data
+    found: dict[str, list[float]] = {name: [] for name in chosen.candidates}
     print("| candidate | " + " | ".join(RECORDS) + " | mean |")
     print("|---|" + "---|" * (len(RECORDS) + 1))
     for file in RECORDS.values():
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place)
             shutil.copy(data / file, folder / "record.csv")
-            specs = [written(candidate, folder) for candidate in CANDIDATES]
+            specs = [written(candidate, folder) for candidate in found]
             errors = [held_out(specs, folder, block) for block in BLOCKS]
             for name, of_records in found.items():
                 of_records.append(statistics.mean(each[name] for each in errors))

@@ -20,7 +20,7 @@ from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.robots.learned_masses import with_masses
 from compiler.robots.members import forward_dynamics
-from compiler.robots.numbers import Scalar
+from compiler.robots.numbers import SignedNode
 from msnn.cli.application import run
 from msnn.model.load import load_model
 from spec_schema.reading.reader import read_spec
@@ -78,7 +78,7 @@ def tracing(path: Path) -> float:
         builder = GraphBuilder()
         begun = time.process_time()
         read = [
-            [Scalar(builder, builder.parameter(f"{name}{i}", Type())) for i in range(6)]
+            [SignedNode(builder, builder.parameter(f"{name}{i}", Type())) for i in range(6)]
             for name in ("q", "dq", "tau")
         ]
         forward_dynamics(with_masses(robot, lambda *_: ()), read)

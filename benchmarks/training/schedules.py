@@ -28,7 +28,7 @@ from compiler.elaboration.compile import compile_spec
 from msnn.api import trainings
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights
-from msnn.training.train import TrainingDivergedError
+from msnn.training.training_result import TrainingDivergedError
 from tests.examples.gallery import NAMES, gallery_copy, spec_of
 
 HERE = Path(__file__).resolve().parent

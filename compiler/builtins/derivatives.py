@@ -39,6 +39,8 @@ def lower_derivative(context: Context, call: Call, environment: Environment) -> 
         return context.names.derivative(argument.name, state, call.span, there)
     seconds = context.sampling.required("`der`", call.span)
     if environment.stage is not None:
+        # inside a step there is no sample before: the quotient of the samples is held over the
+        # stages
         environment = in_the_step(context, call, environment)
     builder = context.builder(environment)
     dt = builder.constant(seconds, unit=_SECOND)
@@ -65,6 +67,7 @@ def lower_derivative(context: Context, call: Call, environment: Environment) -> 
 def _trapezoidal(context: Context, call: Call, environment: Environment, seconds: float) -> NodeId:
     """The inverse of the trapezoidal integral: a disturbance at t0 rings for ever, ±, undamped."""
     start = context.builder(START)
+    # d[t0−1] = 0 by definition: nothing before the start is needed
     if environment.part is EnvironmentPart.START and environment.time == (-1, None):
         return start.constant(0.0, unit=None)
     is_last = environment.time == (-1, None)

@@ -126,6 +126,8 @@ def _of_signal(
     for index, other in builder.graph():
         if isinstance(other.op, ReadSamples) and other.op.signal == op.signal:
             read = _Read(index, other.op.first, other.op.last)
+            # at one t every window that holds x[t] counts; over a window each sample of y has the x
+            # of its own
             if environment.window is None or other.op in _alike(op):
                 reads.append(read)
     return whole, reads

@@ -32,7 +32,9 @@ def lower_integral(context: Context, call: Call, environment: Environment) -> No
     type = Type(builder.type(rate).axes, unit)
     start = _start(context, call, type)
     if option(call, "init") is not None and unit is None:
+        # the integrand has no unit: that of `init=` is all that is said
         type = type.with_unit(context.builder(START).type(start).unit)
+    # the same integral written twice is one state
     name = context.memories.name("integral", (method, rate, start))
     last = builder.state(name, type)
     if method == "trapezoidal":

@@ -76,6 +76,7 @@ class _Rule:
         moving = [self.known.get(arg) for arg in args]
         if isinstance(op, ops.Window) and op.state in self.buffers:
             length = made.type.shape[-1] - 1
+            # the tangents of past samples were computed when these were new
             samples = b.window(self.buffers[op.state], self._or_zero(args[0]), length)
             if op.state in self.infinite:
                 b.infinite_values.expect(samples)
@@ -95,17 +96,21 @@ class _Rule:
             case ops.Multiply():
                 return self._sum(self._times(0, args[1]), self._times(1, args[0]))
             case ops.Divide():
+                # (ṅ − y·ḋ)/d of y = n/d: one division, and the quotient is there already
                 rest = self._negative(self._times(1, self.node))
                 total = self._sum(moving[0], rest)
                 if total is None:
                     return None
                 quotient = slope_quotient(b, total, self._repeated(args[1]))
+                # a divisor that may be 0 makes any finite tangent infinite
                 if not b.infinite_values.divides(args[1]):
                     b.infinite_values.expect(quotient)
                 return quotient
             case ops.Minimum():
+                # the same side as in reverse mode: a tie belongs to the first operand
                 return self._chosen(b.compare(ops.Relation.LESS_EQUAL, *args), *args)
             case ops.Maximum():
+                # a tie belongs to the first operand here too
                 return self._chosen(b.compare(ops.Relation.GREATER_EQUAL, *args), *args)
             case ops.Clamp():
                 return self._clamped()
@@ -205,12 +210,14 @@ class _Rule:
     def _picked(self, moving: NodeId, other: NodeId, axis: str) -> NodeId | None:
         """The same for a leaf p: ∂(Σ pᵢⱼ xⱼ)/∂pᵢⱼ is xⱼ in row i, without the sum with zeros."""
         b = self.builder
+        # the rows of an identity as seed: the sum over the axis has one term that is not 0
         seed = b.node(self.known[moving])
         own = b.type(moving)
         before = _first_direction(seed.op, seed.type, own.size)
         if before is None:
             return None
         result = b.type(self.node).axes
+        # the leaf's elements as directions: primed, as the result may have axes of the same names
         numbers = tuple(Axis(f"{a.name}'", a.size) for a in own.axes)
         rest = tuple(a for a in b.type(other).axes if a.name != axis)
         summed = numbers[own.position(axis)]
@@ -219,6 +226,7 @@ class _Rule:
         kept = tuple(a for a in own.axes if a.name != axis)
         if kept:
             primed = tuple(a for a in numbers if a is not summed)
+            # an element of row i moves result i alone: δ over the axes that are not summed
             same = b.constant(np.eye(Type(kept).size), (*primed, *kept), unit=None)
             picked = b.multiply(picked, b.broadcast(same, (*numbers, *result)))
 
@@ -226,6 +234,7 @@ class _Rule:
             axes = (Axis(self.directions.name, length), *result)
             return b.broadcast(b.constant(0.0, unit=None), axes) if length else None
 
+        # other leaves have the directions before and after: zeros there
         middle = b.reshape(picked, (Axis(self.directions.name, own.size), *result))
         after = self.directions.size - before - own.size
         present = [part for part in (zeros(before), middle, zeros(after)) if part is not None]

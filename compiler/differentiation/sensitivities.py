@@ -14,18 +14,21 @@ from functools import cache
 import numpy as np
 
 from compiler.differentiation.forward_mode import tangents, zero_tangent
+from compiler.differentiation.residuals import (
+    Residuals,
+    Unsquared,
+    residual_row,
+    unsquared_residual,
+)
 from compiler.differentiation.sums_of_squares import is_sum_of_squares
 from compiler.differentiation.training_step import (
     LossTerm,
-    element_factors,
     loss_terms,
-    scored_error,
     training_step,
 )
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.ops import ReadParameter, ReadState, Relation, Window
-from compiler.ir.program import Declared, Graph, Loss, Measure, NodeId, Program, State
-from compiler.ir.scalars.slope_products import LARGEST_SLOPE
+from compiler.ir.ops import ReadParameter, ReadState, Window
+from compiler.ir.program import Declared, Graph, Loss, NodeId, Program, State
 from compiler.ir.types import WINDOW, Axis, Type
 
 LEARNED = "learned number"
@@ -33,24 +36,6 @@ LEARNED = "learned number"
 
 SLOPE = "slope of "
 """Before the name of a state: the state that keeps its derivatives, axes (LEARNED, …)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Residuals:
-    """A loss as Σ r² over its elements: r with its slopes ∂r/∂θ, both 0 where nothing is scored.
-
-    Both are 0, too, where a slope is infinite: no step can be made of it (decision 0184).
-    The slopes of the sum are exact, 2 Σ r ∂r/∂θ; for huber r has the weight of its element, and
-    where rows have factors w it is √w times the residual.
-    """
-
-    loss: Loss
-    values: NodeId
-    """Axes (…)."""
-    slopes: NodeId
-    """Axes (LEARNED, …)."""
-    left_out: NodeId | None
-    """√w where a slope is infinite, else 0, axes (…); None where none can be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +122,7 @@ class _Step:
         step = GraphBuilder(program.step)
         self.losses = loss_terms(step, program)
         unsquared = {
-            loss: _residual(step, loss)
+            loss: unsquared_residual(step, loss)
             for loss in program.losses
             if loss.target is not None and is_sum_of_squares(program.step, loss)
         }
@@ -148,9 +133,9 @@ class _Step:
                 step.infinite_values.expect(seeds[node])
         found = tangents(step, directions, seeds, buffers, infinite)
 
-        def row(loss: Loss, residual: _Unsquared) -> Residuals:
+        def row(loss: Loss, residual: Unsquared) -> Residuals:
             tangent = _or_zero(step, directions, residual.error, found)
-            return _row(step, loss, residual, tangent, leaves_out)
+            return residual_row(step, loss, residual, tangent, leaves_out)
 
         self.residuals = tuple(row(*each) for each in unsquared.items())
         self.slopes = {s.name: _or_zero(step, directions, s.next, found) for s in moving}
@@ -232,72 +217,3 @@ def _depending(graph: Graph, parameters: frozenset[str], states: frozenset[str])
         if depends:
             found.add(index)
     return found
-
-
-@dataclass(frozen=True, slots=True)
-class _Unsquared:
-    """A residual is factor · error; the factor counts as constant in its slopes, None for 1."""
-
-    error: NodeId
-    factor: NodeId | None
-    root: NodeId | None
-    """√ of the factors of rows, a part of the factor; None for 1."""
-
-
-def _residual(builder: GraphBuilder, loss: Loss) -> _Unsquared:
-    assert loss.target is not None, "a loss without a target compares nothing"
-    error = scored_error(builder, loss)
-    axes = builder.type(error).axes
-    root = None
-    if loss.rows is not None:
-        root = builder.apply("sqrt", element_factors(builder, loss, loss.rows))
-    if loss.measure is not Measure.HUBER:
-        assert loss.measure is Measure.MSE, "other losses are no sums of squares"
-        return _Unsquared(error, root, root)
-    # |e| ≤ 1: (e/√2)²; beyond, the weight 1/|e| gives the square the slope of the straight line
-    # (iteratively reweighted least squares; Holland, Welsch 1977).
-    one = builder.broadcast(builder.constant(1.0), axes)
-    size = builder.maximum(builder.apply("abs", error), one)
-    half = builder.broadcast(builder.constant(0.5), axes)
-    factor = builder.apply("sqrt", builder.divide(half, size))
-    return _Unsquared(error, factor if root is None else builder.multiply(root, factor), root)
-
-
-def _row(
-    builder: GraphBuilder,
-    loss: Loss,
-    residual: _Unsquared,
-    slopes: NodeId,
-    leaves_out: Callable[[], bool],
-) -> Residuals:
-    """A residual with its slopes, without those that are infinite."""
-    directions = builder.type(slopes).axes[0]
-    values = _weighted(builder, residual.factor, residual.error)
-    slopes = _weighted(builder, residual.factor, slopes, directions)
-    if not builder.infinite_values.can_be_infinite(slopes) or not leaves_out():
-        return Residuals(loss, values, slopes, None)
-    # one slope that is no number leaves the whole residual out, for every learned number
-    size = builder.sum(builder.apply("abs", slopes), directions.name)
-    axes = builder.type(size).axes
-    # no relation holds for NaN
-    largest = builder.broadcast(builder.constant(LARGEST_SLOPE), axes)
-    finite = builder.compare(Relation.LESS_EQUAL, size, largest)
-    zero, one = (builder.broadcast(builder.constant(value), axes) for value in (0.0, 1.0))
-    everywhere = (directions, *axes)
-    nothing = builder.broadcast(builder.constant(0.0), everywhere)
-    return Residuals(
-        loss,
-        builder.select(finite, values, zero),
-        builder.select(builder.broadcast(finite, everywhere), slopes, nothing),
-        builder.select(finite, zero, one if residual.root is None else residual.root),
-    )
-
-
-def _weighted(
-    builder: GraphBuilder, factor: NodeId | None, value: NodeId, directions: Axis | None = None
-) -> NodeId:
-    if factor is None:
-        return value
-    if directions is not None:
-        factor = builder.broadcast(factor, (directions, *builder.type(factor).axes))
-    return builder.multiply(value, factor)

@@ -149,6 +149,7 @@ def scored_error(builder: GraphBuilder, loss: Loss) -> NodeId:
     if present is None:
         return error
     zero = builder.broadcast(builder.constant(0.0), builder.type(error).axes)
+    # selected, not multiplied by 0: the error of a missing target is NaN, and 0·NaN is NaN
     return builder.select(present, error, zero)
 
 
@@ -158,6 +159,7 @@ def element_factors(builder: GraphBuilder, loss: Loss, rows: NodeId) -> NodeId:
     A factor below 0 counts as 0; of the data of a training or a metric none is (E0850).
     """
     axes = builder.type(loss.prediction).axes
+    # the root of a factor is taken in second order; below 0 it would be NaN
     each = builder.broadcast(builder.maximum(rows, builder.constant(0.0)), axes)
     if loss.target is None:
         return each
@@ -250,6 +252,8 @@ def _read_back(graph: Graph, gradients: StepGradients, newest: dict[NodeId, str]
     """The newest samples read where the forward step stored them instead of computed again."""
     nodes: list[Node] = []
     for index, node in graph:
+        # computing it again would need what the sample was made of; the forward step has it on its
+        # tape
         if index in newest:
             node = Node(ReadTraining(NewestSample(newest[index])), (), node.type, node.span)
         nodes.append(node)

@@ -79,6 +79,8 @@ def compile_linked(
 ) -> Compiled:
     """The program of a spec in which everything has its full name; otherwise as `compile_spec`."""
     spec = linked.spec
+    # lowering recurses from an output into what it reads: a chain of equations is as deep as it is
+    # long
     with room_for(len(spec.equations) + len(spec.outputs)):
         lowered = lower_spec(linked, draw)
     elaborated, context = lowered.elaborated, lowered.elaborated.context
@@ -113,6 +115,7 @@ def compile_linked(
     )
     program = run_passes(program)
     found = (*never_finite(program), *infinite_slopes(program))
+    # asked of what was lowered, not of the program: passes have shared and dropped nodes of it
     types = elaborated.entries.types()
     return Compiled(program, spec, (*diagnostics, *found), types=types)
 
@@ -126,8 +129,11 @@ def _with_problems(
         from compiler.elaboration.control.control_problem import asked_control, control_problem
 
         asked = asked_control(linked, spec.mpc)
+        # the costs and limits of `mpc` become outputs of a spec of their own, so that what is
+        # exported without a controller has none of them
         whole = compile_it(asked.linked)
         more = [found for found in whole.warnings if found not in compiled.warnings]
+        # the file has one hash, whichever of its programs is asked
         program = replace(whole.program, spec_hash=compiled.program.spec_hash)
         control, said = control_problem(asked, program, more)
         compiled = replace(compiled, control=control, warnings=(*compiled.warnings, *said))
@@ -155,6 +161,8 @@ def in_own_files(
         if path in broken:
             continue
         try:
+            # compiled alone, a broken sub-model says what its author would read: names without the
+            # prefix
             compile_spec(file.spec, used=file.used, numbers=numbers)
         except SpecError as error:
             place, label = spec.use[name].file.span, f"used here as `{name}`"

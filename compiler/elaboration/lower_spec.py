@@ -59,6 +59,7 @@ def lower_spec(linked: Linked, draw: int) -> LoweredSpec:
     variables = gradient_variables(linked.spec) | implicit_equations(linked)
     known = FoundBefore()
     for _ in range(_MOST_LOWERINGS):
+        # all graphs anew: nodes that stand for a buffer of the wrong length are in the old ones
         lowered = _lowered_once(Elaboration(linked, variables, known, draw))
         found = lowered.elaborated.found()
         if found == known:
@@ -166,6 +167,7 @@ def _report_log_reads(context: Context, outputs: list[Output], table: list[State
     results += [(s.name, s.next, s.span) for s in table if s.name in deployed]
     of_log = [index for index, node in graph if isinstance(node.op, ReadLog)]
     kept = needed(graph, [node for _, node, _ in results])
+    # which node needs which log is a search an output; one search for all answers most specs
     if not any(kept[index] for index in of_log):
         return  # nearly always: who reads the log is looked for only where somebody does
     reported: set[int] = set()

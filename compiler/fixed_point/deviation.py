@@ -47,7 +47,7 @@ def output_errors(
     it predicts, else what its values cover.
     """
     random = np.random.Generator(np.random.Philox(_SEED))
-    spreads = {output.name: Spread(output.name) for output in program.outputs}
+    spreads = {output.name: ErrorSpread(output.name) for output in program.outputs}
     stepper = ExactStepper(program, weights)
     ports = {port.name: port for port, _ in integers.outputs}
     inputs = {entry.port.name: entry.port for entry in integers.inputs}
@@ -73,7 +73,7 @@ def output_errors(
 
 
 @dataclass(slots=True)
-class Spread:
+class ErrorSpread:
     """What is known of the error of an output after some steps."""
 
     name: str

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from compiler.fixed_point.golden import GoldenRun, answered, drawn
+from compiler.fixed_point.golden import GoldenWords, answered, drawn
 from compiler.fixed_point.integers.drop_unused import reached
 from compiler.fixed_point.integers.interpret import IntegerState, evaluated, reset, step
 from compiler.fixed_point.integers.program import (
@@ -43,7 +43,7 @@ _OTHER = {
 Words = dict[str, list[int]]
 
 
-def golden_equalities(program: IntegerProgram, steps: int, seed: int) -> list[GoldenRun]:
+def golden_equalities(program: IntegerProgram, steps: int, seed: int) -> list[GoldenWords]:
     """Runs of so many steps that see of as many comparisons as they can what is at equality.
 
     Of each choice, and each limit of an equation's range, one word of a step, of the step before
@@ -53,7 +53,7 @@ def golden_equalities(program: IntegerProgram, steps: int, seed: int) -> list[Go
     """
     pending = list(_comparisons(program))
     search = _Search(program, np.random.Generator(np.random.Philox(seed)))
-    found: list[GoldenRun] = []
+    found: list[GoldenWords] = []
     for _ in range(_MOST_RUNS):
         if not pending or search.work > _MOST_WORK:
             break
@@ -127,7 +127,7 @@ def _comparison(
     return _Comparison(nodes, lambda values: values[left] - values[right], broken)
 
 
-def _answers_differ(run: GoldenRun, broken: IntegerProgram) -> bool:
+def _answers_differ(run: GoldenWords, broken: IntegerProgram) -> bool:
     other = answered(broken, run.start.windows, run.inputs)
     return (run.outputs, run.status) != (other.outputs, other.status)
 
@@ -149,7 +149,9 @@ class _Search:
         """Whether there is no use in meeting it again."""
         return self.met[one] >= _OFTEN
 
-    def run(self, pending: Sequence[_Comparison], steps: int) -> tuple[GoldenRun, set[_Comparison]]:
+    def run(
+        self, pending: Sequence[_Comparison], steps: int
+    ) -> tuple[GoldenWords, set[_Comparison]]:
         """A run in which one comparison after the other meets equality, and those that do."""
         program = self.program
         order = [pending[k] for k in _shuffled(len(pending), self.random)]

@@ -22,7 +22,7 @@ class IntegerGoldenStart:
 
 
 @dataclass(frozen=True, slots=True)
-class GoldenRun:
+class GoldenWords:
     """Words by name; the inputs and outputs of each step."""
 
     start: IntegerGoldenStart
@@ -33,7 +33,7 @@ class GoldenRun:
 
 def golden_run(
     program: IntegerProgram, steps: int, seed: int, *, from_init: bool = False
-) -> GoldenRun:
+) -> GoldenWords:
     """`steps` steps from a drawn past, or from none; some inputs are outside their range.
 
     The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
@@ -57,14 +57,14 @@ def answered(
     inputs: list[dict[str, list[int]]],
     *,
     from_init: bool = False,
-) -> GoldenRun:
+) -> GoldenWords:
     """The run from samples around the first step, or from none, with these inputs."""
     state = reset(program, windows)
     start = IntegerGoldenStart(windows, int(state.said))
     if from_init:
         state = initial(program)
     answers = [step(program, state, words) for words in inputs]
-    return GoldenRun(
+    return GoldenWords(
         start,
         inputs,
         [answer.outputs for answer in answers],

@@ -34,6 +34,7 @@ def curvatures(
     found: dict[tuple[int, int], NodeId] = {}
     terms = [term for node, adjoint in adjoints.items() for term in _terms(builder, node, adjoint)]
     for g, (first, of_first) in enumerate(groups):
+        # the Hessian is symmetric: blocks below the diagonal are mirrored
         for h in range(g, len(groups)):
             second, of_second = groups[h]
             block = _Block(builder, first, second)
@@ -80,6 +81,7 @@ def _terms(b: GraphBuilder, node: NodeId, adjoint: NodeId) -> Iterator[_Term]:
         case ops.Divide():
             # n = y·d is linear: 0 = ÿ·d + 2·ẏ·ḋ
             divisor = made.args[1]
+            # ÿ = −2·ẏ·ḋ/d; both orders of the two tangents make the 2
             weight = b.negate(slope_quotient(b, adjoint, divisor))
             infinite = b.infinite_values
             if infinite.is_made_of_infinite(weight) or not infinite.divides(divisor):
@@ -121,6 +123,8 @@ class _Block:
         if not self._is_diagonal:
             return self._sum(self._squares, self._products)
         squares = self._squares
+        # one number is its own mirror image: twice the product, without halving and doubling
+        # squares
         if self._rows.size == 1:
             return self._sum(squares, self._sum(self._products, self._products))
         # half of it and its mirror image: equal in both triangles to the bit

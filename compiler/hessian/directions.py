@@ -20,7 +20,7 @@ from compiler.jacobian.matrices import Member
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class DirectionRun:
     """Directions start … stop−1 of a group, which are variables column, column + 1, …."""
 
     start: int
@@ -50,16 +50,16 @@ class Directions:
         return found
 
     @property
-    def runs(self) -> list[Run]:
+    def runs(self) -> list[DirectionRun]:
         """The directions as columns of a matrix, as few runs as there can be."""
-        runs: list[Run] = []
+        runs: list[DirectionRun] = []
         for member in self.members:
             start = runs[-1].stop if runs else 0
             stop = start + member.size
             if runs and runs[-1].column + start - runs[-1].start == member.first:
-                runs[-1] = Run(runs[-1].start, stop, runs[-1].column)
+                runs[-1] = DirectionRun(runs[-1].start, stop, runs[-1].column)
             else:
-                runs.append(Run(start, stop, member.first))
+                runs.append(DirectionRun(start, stop, member.first))
         return runs
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compiler.hessian.directions import Run
+from compiler.hessian.directions import DirectionRun
 from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
@@ -27,7 +27,7 @@ class Placed:
 
 
 def slopes_of_result(
-    builder: GraphBuilder, tangent: NodeId, result: Member, runs: Sequence[Run], width: int
+    builder: GraphBuilder, tangent: NodeId, result: Member, runs: Sequence[DirectionRun], width: int
 ) -> list[Placed]:
     """The rows of a result in a matrix of that width, from its tangents (directions, *axes)."""
     directions = builder.type(tangent).axes[0].name
@@ -44,7 +44,11 @@ def slopes_of_result(
 
 
 def curvature_of_groups(
-    builder: GraphBuilder, block: NodeId, rows: Sequence[Run], columns: Sequence[Run], width: int
+    builder: GraphBuilder,
+    block: NodeId,
+    rows: Sequence[DirectionRun],
+    columns: Sequence[DirectionRun],
+    width: int,
 ) -> list[Placed]:
     """Where a block (directions, other directions) of a Hessian stands; mirrored if not square."""
     first, second = (axis.name for axis in builder.type(block).axes)

@@ -87,16 +87,22 @@ def step_derivatives(
     parameters: Collection[str] = (),
     next_states: Collection[str] | None = None,
     outputs: Collection[str] | None = None,
+    flat: Collection[str] = (),
     hessian: bool = True,
 ) -> StepDerivatives:
     """The derivatives of a program in step form in these variables and of these results.
 
     None stands for all of them; for all inputs that a result reads. Their order is the program's.
+    Next values and outputs that are `flat`, and what they are made of, count as if they were linear
+    in the Hessian: of a sum of squares of such outputs it is that of Gauss and Newton.
     """
+    # losses and ranges would keep nodes that no result needs
     program = guard_untaken(replace(program, losses=(), expected=()))
     named = {next_value(s.name): s.next for s in program.states if _has(next_states, s.name)}
     named |= {o.name: o.node for o in program.outputs if _has(outputs, o.name)}
-    builder, copies = _without_windows(program.step, named.values())
+    straight = [s.next for s in program.states if next_value(s.name) in flat]
+    straight += [o.node for o in program.outputs if o.name in flat]
+    builder, copies = _without_windows(program.step, [*named.values(), *straight])
     roots = {name: copies[node] for name, node in named.items()}
     count = len(builder.graph())
     leaves = _readers(builder.graph())
@@ -126,7 +132,10 @@ def step_derivatives(
     ]
     bends: list[Placed] = []
     if hessian:
-        adjoints = _adjoints(builder, roots, bending_nodes(builder, count, [t for _, t in groups]))
+        bending = bending_nodes(builder, count, [t for _, t in groups])
+        linear = needed(builder.graph(), [copies[node] for node in straight])
+        bending = [node for node in bending if not linear[node]]
+        adjoints = _adjoints(builder, roots, bending)
         runs = [group.runs for group, _ in groups]
         for (g, h), block in curvatures(builder, adjoints, groups).items():
             bends += curvature_of_groups(builder, block, runs[g], runs[h], variables.size)
@@ -205,6 +214,7 @@ def _adjoints(
     seeds: dict[NodeId, NodeId] = {}
     for name, root in roots.items():
         weight = builder.state(multiplier(name), Type(builder.type(root).axes))
+        # two results can be one node: an output that shows a next state
         seeds[root] = builder.add(seeds[root], weight) if root in seeds else weight
     found = gradients(builder, seeds, wanted)
     return {
@@ -226,6 +236,7 @@ def _finished(
             copies[index] = args[0] if is_held(node) else copy_node(draft, node, tuple(args))
             if index < count:
                 exact = max(exact, copies[index] + 1)
+    # the model itself keeps its bits; only what is derived may be regrouped by folding
     known, moved = folded(draft.graph(), exact=exact, largest=LARGEST_FOLDED)
     picked, places = with_picked_rows(known, exact=exact)
     at = {node: places[moved[copies[node]]] for node in wanted}

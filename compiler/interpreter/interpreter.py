@@ -69,6 +69,7 @@ class Interpreter:
         following = {state.name: state.next for state in states}
         outputs = [output.node for output in program.outputs]
         beside = states_beside_the_log(program.step, following, outputs)
+        # what only losses need may read targets, which a simulation need not have
         self._simulated = {n: node for n, node in following.items() if n not in beside}
         scored = [state.next for state in states]
         scored += [node for loss in program.losses for node in loss.nodes]
@@ -139,6 +140,7 @@ class Interpreter:
             values = self.step(log, t + k, current, losses=False)
             for name, value in values.outputs.items():
                 outputs[name][:, k] = value
+            # all states at once, after the step (R4)
             current = values.next_states
         return Rollout(outputs, dict(self._cast(current)))
 

@@ -143,6 +143,7 @@ class BoundedGraph:
                 left, right = args
                 value = meaning([left.value, right.value], NOWHERE)
                 error, terms = left.error + right.error, left.terms + right.terms
+                # counters and row numbers: below 2^p sums of whole numbers round nothing
                 if self._counts(left, terms) and self._counts(right, terms):
                     return exact(value)
                 return self._sum(value, error, terms, left.count + right.count)

@@ -122,6 +122,7 @@ class _Element:
                 moved = {n: i + start if n == axis else i for n, i in at.items()}
                 return [(node.args[0], self._in(node.args[0], moved))]
             case ops.Concat(axis) if axis in at:
+                # one part alone has the element: slopes by the others are structurally 0
                 part, index = self._part_of(axis, at[axis])
                 return [(part, self._in(part, at | {axis: index}))]
             case ops.Window():
@@ -157,6 +158,8 @@ class _Element:
         # some axes are free: only where they keep their lengths does an index before say one after
         old = [axis for axis in before.axes if axis.size != 1]
         new = [axis for axis in after.axes if axis.size != 1]
+        # axes were joined or split: all numbers are asked for, and the element is taken after the
+        # reshape
         if [axis.size for axis in old] != [axis.size for axis in new]:
             return ()
         renamed = {n.name: o.name for o, n in zip(old, new, strict=True)}
@@ -176,6 +179,7 @@ class _Made:
         operands = [self.known[operand] for operand in element.operands()]
         with self.builder.at(element.node.span):
             made = self._made(element, operands)
+        # only the whole value is what the spec calls so
         if not element.fixed and element.node.label is not None:
             self.builder.name(made, element.node.label)
         self.known[element.index, element.fixed] = made
@@ -191,6 +195,8 @@ class _Made:
                 numbers = np.reshape(values, node.type.shape)
                 at = dict(element.fixed)
                 kept = tuple(at.get(axis.name, slice(None)) for axis in node.type.axes)
+                # a number of a constant is a constant: rows of the Jacobian that multiply by it
+                # fold
                 chosen = tuple(float(x) for x in np.ravel(numbers[kept]))
                 return b.emit(ops.Constant(chosen), (), type)
             case ops.Broadcast():

@@ -43,6 +43,7 @@ def iir(context: LayerContext, settings: Iir, arguments: Arguments) -> NodeId:
     taps = context.learned("num", axes, start, "numerator, the newest sample first")
     result = builder.multiply(builder.element(taps, axes[-1].name, 0), now)
     if settings.num:
+        # direct form II: one past w serves numerator and denominator
         older = [builder.element(taps, axes[-1].name, k) for k in range(1, settings.num + 1)]
         result = builder.add(result, _sum_of_past(builder, older, past, delays.name))
     rest = memory.type.axes[:-1]
@@ -64,6 +65,7 @@ def _denominator(context: LayerContext, settings: Iir, elements: tuple[Axis, ...
     found: list[NodeId] = []
     for order in range(settings.den):
         r = builder.element(reflection, axes[-1].name, order)
+        # the step-up recursion aₖ ← aₖ + r·aₙ₋ₖ (Levinson), one order after the other
         mirrored = reversed(found)
         found = [
             builder.add(a, builder.multiply(r, b)) for a, b in zip(found, mirrored, strict=True)

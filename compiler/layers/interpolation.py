@@ -43,6 +43,7 @@ def interpolation(context: LayerContext, settings: Interpolation, arguments: Arg
     if not np.all(np.isfinite(table.values)):
         context.refuse(names.unfit_setting("interpolation", "`y` is not finite", settings.y.span))
     unit = _unit(settings, table.unit)
+    # a cell of a local model has values of its own, learned whether the table says so or not
     if settings.learn or context.cells:
         doc = "values on the knots"
         result = context.learned("y", axes, table.values, doc, unit=unit)

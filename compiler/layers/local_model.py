@@ -25,6 +25,7 @@ def local_model(context: LayerContext, settings: LocalModel, arguments: Argument
     for activation in reversed(activations):
         *outer, axis = (a for a in builder.type(activation).axes if a in cells)
         result = builder.contract_over(activation, result, axis.name)
+        # an activation along several axes is multiplied along the others first
         for summed in reversed(outer):
             result = builder.sum(result, summed.name)
     return result

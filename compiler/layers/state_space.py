@@ -43,6 +43,7 @@ def state_space(context: LayerContext, settings: StateSpace, arguments: Argument
     start = starting(context).builder
     initial = initial_value(context, settings.init, (Axis(UNNAMED, order.size),))
     if start.type(initial).axes:
+        # a list in the spec has an axis without a name
         initial = start.rename(initial, UNNAMED, order.name)
     memory.becomes(following, initial, "state of the linear system")
     return result
@@ -61,6 +62,7 @@ def _turned(context: LayerContext, settings: StateSpace, state: NodeId, order: A
     forward = builder.negate(builder.multiply(r[last], x[last]))
     turned: list[NodeId] = []
     for i in reversed(range(last)):
+        # r is the sine of the rotation: |r| < 1 whatever training does, so that √ has a slope
         cosine = builder.apply("sqrt", builder.subtract(one, builder.multiply(r[i], r[i])))
         turned.append(builder.add(builder.multiply(r[i], forward), builder.multiply(cosine, x[i])))
         forward = builder.subtract(builder.multiply(cosine, forward), builder.multiply(r[i], x[i]))

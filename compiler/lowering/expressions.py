@@ -190,7 +190,9 @@ def _lower_power(builder: GraphBuilder, base: NodeId, exponent: NodeId) -> NodeI
     unit = builder.type(base).unit
     node = builder.apply("pow", base, exponent)
     if unit is not None and value is not None and not unit.same_as(ONE):
+        # `pow` wants numbers without unit; under a written exponent the power has one all the same
         builder.conflicts.clear()
+        # 1/3 arrives as the double nearest to it: the unit takes the fraction that was meant
         exact = Fraction(value).limit_denominator(1000)
         builder.set_unit(node, power_unit(unit, exact))
     return node
@@ -216,11 +218,13 @@ def _lower_window(
         raise LoweringFailed
     match expression:
         case Window(first=first, last=None):
+            # `e[t-1]` is no window: every signal in e is read one sample earlier (R1)
             return lower(context, expression.operand, environment.shifted(sampling.offset(first)))
         case Window(first=first, last=last):
             assert last is not None
             bounds = (sampling.offset(first), sampling.offset(last))
         case Past(length=length):
+            # `x.past(3)` is x[t-2:t]: the newest sample is one of the three (R1)
             bounds = (1 - _positive(context, length.span, sampling.samples(length)), 0)
         case Future(length=length):
             bounds = (1, _positive(context, length.span, sampling.samples(length)))
@@ -269,5 +273,6 @@ def _lower_list(
                 )
             )
             raise LoweringFailed
+    # a scalar has no axis to be joined along
     parts = [builder.reshape(node, (Axis(UNNAMED, 1),)) for node in nodes]
     return parts[0] if len(parts) == 1 else builder.concat(parts, UNNAMED)

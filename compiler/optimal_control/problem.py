@@ -140,6 +140,8 @@ class ControlProblem:
     mode: Mode
     iterations: int
     tolerance: float
+    flat: frozenset[str] = frozenset()
+    """Next values and outputs whose curvature the solver leaves out, as `step_derivatives` does."""
 
     @property
     def sample_time(self) -> float:

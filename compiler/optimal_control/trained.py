@@ -29,7 +29,7 @@ def trained(problem: ControlProblem, weights: Mapping[str, ArrayLike]) -> Contro
     if all(path.hard or path.linear is not None for path in problem.path_limits):
         steepest = 0.0
     else:
-        steepest = _STEEPER * problem.horizon * _size_of_cost(known)
+        steepest = _STEEPER * problem.horizon * size_of_cost(known)
     paths: list[PathLimits] = []
     for path in problem.path_limits:
         if path.hard:
@@ -41,7 +41,7 @@ def trained(problem: ControlProblem, weights: Mapping[str, ArrayLike]) -> Contro
     return replace(known, path_limits=tuple(paths))
 
 
-def _size_of_cost(problem: ControlProblem) -> float:
+def size_of_cost(problem: ControlProblem) -> float:
     """The largest stage cost at points drawn from what is declared; 1 where none is finite."""
     program = problem.program
     random = np.random.default_rng(0)

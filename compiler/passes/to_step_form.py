@@ -83,6 +83,8 @@ class _Port:
 
     @staticmethod
     def of(signal: Signal, extent: Extent, late: int) -> _Port:
+        # an input that is read up to t−2 alone is a port with that lag (R13); one that is read
+        # ahead is a preview, whose first sample is t
         newest = min(extent.last, 0)
         first, last = extent.first - late, extent.last - late
         return _Port(signal, newest, max(last, newest), max(newest - first, 0), late)
@@ -108,6 +110,7 @@ class _Port:
         elif first >= self.newest:
             value, oldest = self._preview(builder), self.newest
         else:
+            # the newest sample is in the past's window and in the preview: once is enough
             coming = builder.slice(self._preview(builder), WINDOW, 1, self.last + 1)
             value = builder.concat([self._past(builder), coming], WINDOW)
             oldest = self.newest - self.length

@@ -28,7 +28,7 @@ from compiler.robots.members import (
     forward_dynamics,
     undetermined_joint,
 )
-from compiler.robots.numbers import Number, Scalar
+from compiler.robots.numbers import Number, SignedNode
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.errors import names, robots
 from spec_schema.expressions.tree import Call, Expression, Member, Name
@@ -222,17 +222,17 @@ class _RobotCall:
         return builder.emit(Reshape(), (joined,), Type((*axes, *rest), unit))
 
     def _node(self, number: Number) -> NodeId:
-        if isinstance(number, Scalar):
+        if isinstance(number, SignedNode):
             return number.as_node()
         return self._builder.constant(number, unit=None)
 
-    def _scalar(self, node: NodeId) -> Scalar:
+    def _scalar(self, node: NodeId) -> SignedNode:
         """A number of the graph without its unit: q of one joint is an angle, of another a way."""
         builder = self._builder
         type = builder.type(node)
         if type.unit is not None:
             node = builder.emit(Reshape(), (node,), type.with_unit(None))
-        return Scalar(builder, node)
+        return SignedNode(builder, node)
 
     def _unit(self, quantity: Quantity) -> Unit | None:
         """The unit of a quantity of the joints; None where some turn and others slide."""

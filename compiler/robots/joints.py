@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from compiler.robots.mass_distribution import MassDistribution
-from compiler.robots.numbers import Number, Rows, Scalar, Triple, plus, scaled
+from compiler.robots.numbers import Number, Rows, SignedNode, Triple, plus, scaled
 from spec_schema.robots.robot import Body, Robot
 
 Numbers: TypeAlias = Sequence[Number]
@@ -47,6 +47,6 @@ def _pose(body: Body, at: Number) -> Pose:
 
 
 def _applied(function: str, value: Number) -> Number:
-    if isinstance(value, Scalar):
+    if isinstance(value, SignedNode):
         return value.applied(function)
     return math.sin(value) if function == "sin" else math.cos(value)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from compiler.robots.joints import Numbers, RigidBodies
 from compiler.robots.numbers import NOTHING, Number, Triple, cross, plus, times, transposed
-from spec_schema.robots.robot import WORLD, Place
+from spec_schema.robots.robot import WORLD, BodyPoint
 
 
-def position(bodies: RigidBodies, place: Place, q: Numbers) -> list[Number]:
+def position(bodies: RigidBodies, place: BodyPoint, q: Numbers) -> list[Number]:
     """x, y, z of a point of a body, in the frame of the world."""
     poses = bodies.poses(q)
     point, body = place.offset, place.body
@@ -17,7 +17,7 @@ def position(bodies: RigidBodies, place: Place, q: Numbers) -> list[Number]:
     return list(point)
 
 
-def velocity(bodies: RigidBodies, place: Place, q: Numbers, dq: Numbers) -> list[Number]:
+def velocity(bodies: RigidBodies, place: BodyPoint, q: Numbers, dq: Numbers) -> list[Number]:
     """J(q) dq, the velocity of a point of a body along the axes of the world."""
     poses = bodies.poses(q)
     tree = bodies.robot.bodies

@@ -11,7 +11,7 @@ from compiler.robots.kinematics import position, velocity
 from compiler.robots.mass_matrix import mass_matrix, pivots, solved
 from compiler.robots.newton_euler import joint_forces
 from compiler.robots.numbers import NOTHING, Number
-from spec_schema.robots.robot import Place
+from spec_schema.robots.robot import BodyPoint
 
 Quantity = Literal["q", "dq", "ddq", "tau", "mass", "place", "speed"]
 Along = Literal["joints", "pairs of joints", "space"]
@@ -46,7 +46,7 @@ class FrameMember:
 
     arguments: tuple[Quantity, ...]
     result: Quantity
-    compute: Callable[[RigidBodies, Place, Arguments], Sequence[Number]]
+    compute: Callable[[RigidBodies, BodyPoint, Arguments], Sequence[Number]]
 
 
 def forward_dynamics(

@@ -12,7 +12,7 @@ from compiler.ir.types import Type
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scalar:
+class SignedNode:
     """± a node without a unit; the sign joins the sums that use it, so it costs nothing.
 
     Sums with 0 and products with 0, 1 and −1 add no operation.
@@ -26,10 +26,10 @@ class Scalar:
         return replace(self, is_negative=not self.is_negative)
 
     def __add__(self, other: Number) -> Number:
-        if not isinstance(other, Scalar):
+        if not isinstance(other, SignedNode):
             if other == 0.0:
                 return self
-            other = Scalar(self.builder, self.builder.constant(other, unit=None))
+            other = SignedNode(self.builder, self.builder.constant(other, unit=None))
         if self.is_negative and other.is_negative:
             return -self._made(ops.Add(), self.node, other.node)
         if self.is_negative:
@@ -47,11 +47,11 @@ class Scalar:
         return -self + other
 
     def __mul__(self, other: Number) -> Number:
-        if not isinstance(other, Scalar):
+        if not isinstance(other, SignedNode):
             if other in (0.0, 1.0, -1.0):
                 return 0.0 if other == 0.0 else self if other == 1.0 else -self
             size = self.builder.constant(abs(other), unit=None)
-            other = Scalar(self.builder, size, other < 0.0)
+            other = SignedNode(self.builder, size, other < 0.0)
         result = self._made(ops.Multiply(), *sorted((self.node, other.node)))
         return result if self.is_negative == other.is_negative else -result
 
@@ -59,7 +59,7 @@ class Scalar:
         return self * other
 
     def __truediv__(self, other: Number) -> Number:
-        if not isinstance(other, Scalar):
+        if not isinstance(other, SignedNode):
             return self * (1.0 / other)
         result = self._made(ops.Divide(), self.node, other.node)
         return result if self.is_negative == other.is_negative else -result
@@ -67,12 +67,12 @@ class Scalar:
     def __rtruediv__(self, other: float) -> Number:
         if other == 0.0:
             return 0.0
-        return Scalar(self.builder, self.builder.constant(other, unit=None)) / self
+        return SignedNode(self.builder, self.builder.constant(other, unit=None)) / self
 
     def applied(self, function: str) -> Number:
         """An even or odd scalar function of it: `cos`, `sin`."""
         made = ops.Apply(function)
-        result = Scalar(self.builder, self.builder.emit(made, (self.node,), self._type()))
+        result = SignedNode(self.builder, self.builder.emit(made, (self.node,), self._type()))
         return -result if self.is_negative and function == "sin" else result
 
     def as_node(self) -> NodeId:
@@ -84,12 +84,14 @@ class Scalar:
     def _type(self) -> Type:
         return self.builder.type(self.node).with_unit(None)
 
-    def _made(self, operation: ops.Op, left: NodeId, right: NodeId) -> Scalar:
+    def _made(self, operation: ops.Op, left: NodeId, right: NodeId) -> SignedNode:
         left, right, axes = self.builder.aligned(left, right)
-        return Scalar(self.builder, self.builder.emit(operation, (left, right), Type(axes, None)))
+        return SignedNode(
+            self.builder, self.builder.emit(operation, (left, right), Type(axes, None))
+        )
 
 
-Number: TypeAlias = float | Scalar
+Number: TypeAlias = float | SignedNode
 Triple: TypeAlias = tuple[Number, Number, Number]
 Rows: TypeAlias = tuple[Triple, Triple, Triple]
 

@@ -13,8 +13,7 @@ Processes, 1968). Measurement errors are independent, so that numbers are correc
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
-from enum import IntEnum
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,35 +27,10 @@ from compiler.ir.program import History, Tape
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import by_name, vector_of
 from compiler.state_estimation.augmented import augmented
+from compiler.state_estimation.estimate import Estimate, FilterStatus
 from compiler.state_estimation.problem import EstimationProblem
 
 Array = NDArray[Any]
-
-
-class FilterStatus(IntEnum):
-    """What became of a correction; the numbers are those of controllers."""
-
-    FILTERED = 0
-    """The estimate is that of the measurements."""
-    DIVERGED = 2
-    """Something is not finite: the estimate is as it was."""
-    INPUT_NOT_FINITE = 3
-    """An input is NaN, or anything given infinite: the estimate is as it was."""
-    NOT_INITIALISED = 4
-    """Some state was never given."""
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """What is known at a sample, by name and in the units of the spec."""
-
-    status: FilterStatus
-    states: dict[str, Array]
-    parameters: dict[str, Array]
-    std: dict[str, Array]
-    """Standard deviations of both."""
-    innovations: dict[str, Array]
-    """By signal what was measured less what was expected; NaN where nothing was."""
 
 
 class KalmanFilter:
@@ -107,11 +81,14 @@ class KalmanFilter:
         self,
         measured: Mapping[str, ArrayLike],
         inputs: Mapping[str, ArrayLike] | None = None,
+        *,
+        around: Array | None = None,
     ) -> Estimate:
         """The estimate at t, from what was measured there; NaN is what was not.
 
-        `inputs` at t are wanted where measured outputs read them. Raises ValueError where one of
-        these is missing, and for a name or a shape that the problem does not have.
+        `inputs` at t are wanted where measured outputs read them. Slopes are those at `around`,
+        where somebody knows better, else at the estimate. Raises ValueError where an input is
+        missing, and for a name or a shape that the problem does not have.
         """
         problem = self.problem
         known = {m.signal: m for m in problem.measured}
@@ -128,7 +105,10 @@ class KalmanFilter:
         innovations: dict[str, Array] = {}
         for name, value in given.items():
             measurement = known[name]
-            expected, slopes = self._expected(measurement.value, log, vector)
+            point = vector if around is None else around
+            expected, slopes = self._expected(measurement.value, log, point)
+            if around is not None:
+                expected = expected + (slopes @ (vector - around)).reshape(expected.shape)
             if value.shape != expected.shape:
                 raise ValueError(f"`{name}` has shape {value.shape}, not {expected.shape}")
             innovations[name] = value - expected
@@ -140,7 +120,7 @@ class KalmanFilter:
                     rest = self.dtype.type(number) - row @ (vector - before)
                     gain, covariance = _joseph(covariance, row, variance)
                     vector = vector + gain * rest
-        vector = self._within(vector)
+        vector = self.within(vector)
         if not (np.all(np.isfinite(vector)) and np.all(np.isfinite(covariance))):
             return self._told(FilterStatus.DIVERGED, innovations)
         self.vector, self.covariance = vector, covariance
@@ -152,24 +132,45 @@ class KalmanFilter:
         known = self.problem.measured
         return {m.signal: self._expected(m.value, log, self.vector)[0] for m in known}
 
-    def predict(self, inputs: Mapping[str, ArrayLike] | None = None) -> FilterStatus:
-        """Goes on to t+1, with the inputs that act from t on."""
+    def predict(
+        self, inputs: Mapping[str, ArrayLike] | None = None, *, around: Array | None = None
+    ) -> FilterStatus:
+        """Goes on to t+1, with the inputs that act from t on; `around` is as in `correct`."""
         log = self._log(inputs or {}, {m.name for m in self.problem.inputs.members})
         if _is_not_finite(log):
             return FilterStatus.INPUT_NOT_FINITE
         if not self._is_complete:
             return FilterStatus.NOT_INITIALISED
-        results, jacobian = self._evaluated(log, self.vector)
+        point = self.vector if around is None else around
+        results, jacobian = self._evaluated(log, point)
         names = [next_value(member.name) for member in self.numbers.members]
         transition = jacobian[self._rows(names)]
         vector = np.concatenate([*(np.ravel(results[name]) for name in names), np.empty(0)])
+        if around is not None:
+            vector = vector + transition @ (self.vector - around)
         covariance = transition @ self.covariance @ transition.T
         covariance = (covariance + covariance.T) / 2 + np.diag(self.drift).astype(self.dtype)
         if not (np.all(np.isfinite(vector)) and np.all(np.isfinite(covariance))):
             return FilterStatus.DIVERGED
-        self.vector = self._within(vector.astype(self.dtype))
+        self.vector = self.within(vector.astype(self.dtype))
         self.covariance = covariance
         return FilterStatus.FILTERED
+
+    def within(self, vector: Array) -> Array:
+        """ξ with its parameters kept within their bounds."""
+        found = vector.copy()
+        for name, numbers in self.problem.parameters.items():
+            member = self.numbers.member(name)
+            part = slice(member.first, member.first + member.size)
+            low = -np.inf if numbers.minimum is None else numbers.minimum
+            high = np.inf if numbers.maximum is None else numbers.maximum
+            found[part] = np.clip(found[part], low, high)
+        return found
+
+    def take(self, other: KalmanFilter) -> None:
+        """Begins with what another filter of the same problem knows."""
+        self.vector, self.covariance = other.vector.copy(), other.covariance.copy()
+        self._known = {*other._known}
 
     # ---- inside
 
@@ -265,17 +266,6 @@ class KalmanFilter:
             raise ValueError(f"`{name}` has shape {value.shape}, not {shape}")
         self.vector[member.first : member.first + member.size] = value.ravel()
         self._known.add(name)
-
-    def _within(self, vector: Array) -> Array:
-        """Parameters kept within their bounds."""
-        found = vector.copy()
-        for name, numbers in self.problem.parameters.items():
-            member = self.numbers.member(name)
-            part = slice(member.first, member.first + member.size)
-            low = -np.inf if numbers.minimum is None else numbers.minimum
-            high = np.inf if numbers.maximum is None else numbers.maximum
-            found[part] = np.clip(found[part], low, high)
-        return found
 
     def _told(self, status: FilterStatus, innovations: dict[str, Array]) -> Estimate:
         std = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))

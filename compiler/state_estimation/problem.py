@@ -44,6 +44,18 @@ class EstimatedNumbers:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MovingWindow:
+    """The samples that moving-horizon estimation looks back on, and how it solves for them."""
+
+    horizon: int
+    """N: the window is of the samples t−N … t."""
+    is_fixed: bool
+    """Whether a solve takes so many iterations, and not those that the tolerance wants."""
+    iterations: int
+    tolerance: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class EstimationProblem:
     """What an estimator is made of; vectors as in `ControlProblem`."""
 
@@ -57,6 +69,8 @@ class EstimationProblem:
     """By state. What is not there is known, as the registers of inputs; of a register that a
     prediction feeds it is of the newest sample."""
     parameters: Mapping[str, EstimatedNumbers]
+    window: MovingWindow | None = None
+    """None for an extended Kalman filter."""
 
     @property
     def sample_time(self) -> float:

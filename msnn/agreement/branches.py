@@ -16,7 +16,7 @@ from msnn.agreement.judgement import Arrays, FloatType, Judgement, labelled, lab
 from msnn.agreement.record import AgreementRecord
 from msnn.agreement.rounding import STEP_LIMIT
 from msnn.agreement.subject import Subject
-from msnn.agreement.undecided import Choice, Steps, undecided
+from msnn.agreement.undecided import OpenDecision, Steps, undecided
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ def branches(
             value = _Value(name, judged[name], found[name], STEP_LIMIT[dtype])
             where = np.zeros(len(given.rows), bool)
             where[list(left_open.vast)] = True
-            by_step: dict[int, list[Choice]] = {}
+            by_step: dict[int, list[OpenDecision]] = {}
             for choice in left_open.choices:
                 by_step.setdefault(choice.step, []).append(choice)
             for step, choices in by_step.items():
@@ -112,11 +112,11 @@ class _Value:
         finite = np.abs(self.judged[np.isfinite(self.judged)])
         return float(finite.max(initial=0.0))
 
-    def is_judged(self, choice: Choice) -> bool:
+    def is_judged(self, choice: OpenDecision) -> bool:
         """Whether a choice is what the judge has, within rounding."""
         return self._excess(choice, self.judged[choice.step]) <= 0.0
 
-    def fault(self, choices: list[Choice]) -> Fault | None:
+    def fault(self, choices: list[OpenDecision]) -> Fault | None:
         """The fault if the value found is none of the choices of its step."""
         step = choices[0].step
         if any(self._excess(choice, self.found[step]) <= 0.0 for choice in choices):
@@ -124,7 +124,7 @@ class _Value:
         nearest = min(_distance(choice.values[self.name], self.found[step]) for choice in choices)
         return NoChoice(self.name, step, nearest)
 
-    def _excess(self, choice: Choice, value: NDArray[Any]) -> float:
+    def _excess(self, choice: OpenDecision, value: NDArray[Any]) -> float:
         """How much farther a value is from a choice than rounding explains."""
         mine = choice.values[self.name].astype(float)
         # both are within the spread of the exact value

@@ -20,7 +20,7 @@ from msnn.agreement.rounding import (
     within_rounding,
 )
 from msnn.agreement.slopes import measured_slopes
-from msnn.agreement.subject import NOTHING, Measured, Subject
+from msnn.agreement.subject import NOTHING, Deviations, Subject
 
 FREE_STEPS = 1000
 
@@ -78,7 +78,7 @@ def _free_run(loaded: Loaded, judged: Judgement, most_steps: int) -> Arrays:
 class _Single:
     """What comparing the states before the first step, and single steps, gives."""
 
-    measured: Measured
+    measured: Deviations
     costs: Mapping[str, float]
     """What the interpreter in single precision is off, at all steps."""
     undecided: Mapping[str, int]
@@ -104,7 +104,7 @@ def _start_and_steps(
     judged = labelled(wanted.outputs, wanted.next_states) | labelled_first(wanted.states)
     costs = deviations(rounded, judged)
     if subject.is_exact:
-        measured = Measured(deviations(found, judged), costs, bits_of_each(found, rounded))
+        measured = Deviations(deviations(found, judged), costs, bits_of_each(found, rounded))
         return _Single(measured, costs, {})
     dtype = "float32" if subject.dtype == "float32" else "float64"
     open_steps = branches(subject, dtype, record, wanted, found)
@@ -112,7 +112,7 @@ def _start_and_steps(
     deviated = deviations(settled, judged)
     errors = deviations(open_steps.settled(rounded, judged), judged)
     undecided, untried = open_steps.counts, list(open_steps.untried)
-    far = {fault.of for fault in _far(subject, Measured(deviated, errors, {}))}
+    far = {fault.of for fault in _far(subject, Deviations(deviated, errors, {}))}
     if far and dtype == "float64":
         doubted = {name: values for name, values in settled.items() if name in far}
         inside = within_rounding(subject.program, subject.weights, record, wanted, doubted)
@@ -121,11 +121,11 @@ def _start_and_steps(
             every = unbounded | open_steps.at[name]
             undecided |= {name: int(every.sum())} if every.any() else {}
             untried += [name] if every.all() and name not in untried else []
-    measured = Measured(deviated, errors, {})
+    measured = Deviations(deviated, errors, {})
     return _Single(measured, costs, undecided, tuple(untried), open_steps.faults)
 
 
-def _far(subject: Subject, measured: Measured) -> tuple[Fault, ...]:
+def _far(subject: Subject, measured: Deviations) -> tuple[Fault, ...]:
     """The values that are farther from the judge than rounding explains."""
     found = measured.deviations
     limits = {name: step_limit(subject.dtype, measured.rounding[name]) for name in found}

@@ -23,7 +23,7 @@ Step: TypeAlias = Callable[[Arrays, Arrays, int], tuple[Arrays, Arrays]]
 
 
 @dataclass(frozen=True, slots=True)
-class Slopes:
+class ExportedSlopes:
     """The Jacobian that an export computes: what its matrices are, and their values."""
 
     jacobian: Jacobian
@@ -40,10 +40,10 @@ class Loaded:
     """None where states are not seen."""
     step: Step | None = None
     """None where states cannot be set: such a target can promise bits only."""
-    slopes: Slopes | None = None
+    slopes: ExportedSlopes | None = None
 
 
-def loaded_by_steps(start: Start, step: Step, slopes: Slopes | None = None) -> Loaded:
+def loaded_by_steps(start: Start, step: Step, slopes: ExportedSlopes | None = None) -> Loaded:
     """An export with explicit states, which is run step by step."""
 
     def run(beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:

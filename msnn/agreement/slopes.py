@@ -18,9 +18,9 @@ from compiler.jacobian.interpret import JacobianInterpreter
 from compiler.jacobian.matrices import Jacobian, Matrix, Vector
 from msnn.agreement.deviation import bits_of_each
 from msnn.agreement.judgement import Arrays, FloatType, Judgement
-from msnn.agreement.loaded import Slopes
+from msnn.agreement.loaded import ExportedSlopes
 from msnn.agreement.points import TINY, Points, log_of, points
-from msnn.agreement.subject import NOTHING, Measured, Subject
+from msnn.agreement.subject import NOTHING, Deviations, Subject
 
 _STEEP = 1e12
 """Times the scale of an entry: what stands for an infinite slope is beyond it.
@@ -28,7 +28,9 @@ _STEEP = 1e12
 CasADi has 1e30 in its place, times other slopes (decision 0184)."""
 
 
-def measured_slopes(subject: Subject, slopes: Slopes | None, judged: Judgement) -> Measured:
+def measured_slopes(
+    subject: Subject, slopes: ExportedSlopes | None, judged: Judgement
+) -> Deviations:
     """Every matrix at steps along the record and at drawn points.
 
     Errors are relative to the largest entry of the matrix. Where all terms of a slope cancel, its
@@ -53,7 +55,7 @@ def measured_slopes(subject: Subject, slopes: Slopes | None, judged: Judgement) 
         named, rounded = (
             {f"the matrix {name}": arrays[name] for name in found} for arrays in (found, single)
         )
-        return Measured(
+        return Deviations(
             {name: judge.error(named[name]) for name, judge in judges.items()},
             {name: judge.error_where_finite(rounded[name]) for name, judge in judges.items()},
             bits_of_each(named, rounded) if subject.is_exact else {},

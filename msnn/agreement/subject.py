@@ -28,7 +28,7 @@ class Subject:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class Deviations:
     """How far values are from the judge's, by the names that messages give them."""
 
     deviations: Mapping[str, float]
@@ -38,4 +38,4 @@ class Measured:
     """Values that differ from that interpreter's, where bits are promised."""
 
 
-NOTHING = Measured({}, {}, {})
+NOTHING = Deviations({}, {}, {})

@@ -26,7 +26,7 @@ _Way: TypeAlias = dict[tuple[NodeId, int], float]
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class OpenDecision:
     """One of the values that rounding leaves open at a step, (*shape) by name."""
 
     step: int
@@ -39,7 +39,7 @@ class Choice:
 class Undecided:
     """What steps give for every choice that rounding leaves open."""
 
-    choices: tuple[Choice, ...]
+    choices: tuple[OpenDecision, ...]
     vast: frozenset[int]
     """Steps that leave open more than is tried."""
 
@@ -63,7 +63,7 @@ def undecided(given: Steps, dtype: FloatType) -> Undecided:
     otherwise than float64 since a rounded input lies on the other side.
     """
     own = _Evaluation(given, dtype)
-    choices: list[Choice] = []
+    choices: list[OpenDecision] = []
     vast: set[int] = set()
     if own.decisions:
         judge = own if dtype == "float64" else _Evaluation(given, "float64")
@@ -95,9 +95,9 @@ class _Evaluation:
             found |= differs.reshape(len(differs), -1).any(axis=1)
         return [step for step, is_doubtful in zip(steps, found, strict=True) if is_doubtful]
 
-    def choices(self, steps: Sequence[int], vast: set[int]) -> list[Choice]:
+    def choices(self, steps: Sequence[int], vast: set[int]) -> list[OpenDecision]:
         """Every way to decide at the steps; those that have too many are added to `vast`."""
-        found: list[Choice] = []
+        found: list[OpenDecision] = []
         pending: list[tuple[int, _Way]] = [(step, {}) for step in steps]
         while pending:
             at = [step for step, _ in pending]
@@ -142,12 +142,12 @@ class _Evaluation:
         shape = (count, *self._given.graph[node].type.shape)
         return np.broadcast_to(decision.error > 0, shape).reshape(count, -1)
 
-    def _choice(self, step: int, values: Sequence[Bounded], place: int) -> Choice:
+    def _choice(self, step: int, values: Sequence[Bounded], place: int) -> OpenDecision:
         def at(array: NDArray[Any]) -> NDArray[Any]:
             return array[place if len(array) > 1 else 0]
 
         bounded = {name: values[node] for name, node in self._given.nodes.items()}
-        return Choice(
+        return OpenDecision(
             step,
             {name: at(one.value) for name, one in bounded.items()},
             {name: at(one.spread(self._bounds.unit)) for name, one in bounded.items()},

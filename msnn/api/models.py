@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from backends.torch_module.step_module import StepModule
     from compiler.state_estimation.kalman_filter import KalmanFilter
     from msnn.control.controller import Controller
+    from msnn.control.estimation.moving_horizon import MovingHorizon
     from msnn.control.method import Solver
     from msnn.simulation.linearize import Linearization
     from msnn.stepping.stepper import Stepper
@@ -182,7 +183,9 @@ def mpc(
         return open_controller(model, known, solver)
 
 
-def estimator(model: Model, weights: Weights | None = None) -> KalmanFilter:
+def estimator(
+    model: Model, weights: Weights | None = None, *, solver: Solver | None = None
+) -> KalmanFilter | MovingHorizon:
     """The estimator of states and parameters that the spec's `estimator` section describes.
 
         kalman = msnn.estimator(model, result.weights)
@@ -190,12 +193,15 @@ def estimator(model: Model, weights: Weights | None = None) -> KalmanFilter:
         found = kalman.correct({"level": 4.1})
         kalman.predict({"pump": 3.0})
 
-    It remembers what it found; NaN is a measurement that is not there. Weights None: the initial
-    values. Raises ValueError for a model without that section.
+    It remembers what it found; NaN is a measurement that is not there. Moving-horizon estimation
+    (`mhe`) solves its window as `mpc` does its horizon, and `solver` is as there. Weights None: the
+    initial values. Raises ValueError for a model without that section.
     """
     from msnn.control.open_controller import open_estimator
 
-    return open_estimator(model, known_in(model, weights))
+    known = known_in(model, weights)
+    with sources_of(model):
+        return open_estimator(model, known, solver)
 
 
 def export(

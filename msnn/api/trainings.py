@@ -1,8 +1,7 @@
-"""Trains models: once, once a fold, by a loop of one's own, several to compare."""
+"""Trains models: once, once a fold, by a loop of one's own."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,14 +11,10 @@ from msnn.model.model import Model
 from msnn.model.model_data import given_in, measured, sources_of
 from msnn.model.weights.given_weights import Weights
 from msnn.packages import TORCH
-from spec_schema.reading.python_values import Settings, setting_texts
 
 if TYPE_CHECKING:
-    from msnn.api.results.comparisons import ShownComparison
     from msnn.api.results.trainings import ShownFolds, ShownTraining
     from msnn.api.shown_progress import Hearer
-    from msnn.comparison.compare import Listener
-    from msnn.comparison.variants import Grid
     from msnn.data.reading.frames import Frames
     from msnn.training.ranks.training_ranks import TrainingRanks
     from msnn.training.records.training_options import TrainingOptions
@@ -62,6 +57,7 @@ def train(
     from msnn.training import train as engine
     from msnn.training.engines.what_trains import require_what_trains
     from msnn.training.run_line import begun, diverged, ended, log
+    from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
 
     require_what_trains(model.spec.train)
     if ranks is not None and not ranks.is_first:
@@ -74,17 +70,17 @@ def train(
     with sources_of(model):
         try:
             found = engine.train(model.program, dataset, model.spec.train, options, heard, first)
-        except engine.TrainingDivergedError as error:
+        except TrainingDivergedError as error:
             log(options.runs, diverged(line, error))
-            raise engine.TrainingDivergedError(
+            raise TrainingDivergedError(
                 error.diagnostic,
                 shown_training(error.result, model, heard),
                 is_latest=error.is_latest,
                 sources=model.sources,
             ) from None
-        except engine.TrainingInterruptedError as error:
+        except TrainingInterruptedError as error:
             shown = shown_training(error.result, model, heard)
-            raise engine.TrainingInterruptedError(shown) from None
+            raise TrainingInterruptedError(shown) from None
     log(options.runs, ended(line, found, options.runs))
     return shown_training(found, model, heard)
 
@@ -162,58 +158,6 @@ def stage_loss(
     dataset = measured(model, data, data_root, "training")
     with sources_of(model):
         return opened(model.program, dataset, model.spec.train, stage, first, place)
-
-
-def compare(
-    specs: str | Path | Sequence[str | Path],
-    *,
-    grid: Grid = (),
-    settings: Settings = (),
-    data: Frames | None = None,
-    data_root: str | Path | None = None,
-    on: str = "val",
-    seeds: int = 1,
-    folds: bool = False,
-    runs: str | Path | None = "runs",
-    jobs: int = 1,
-    by: str | None = None,
-    cost: bool = True,
-    listener: Listener | None = None,
-) -> ShownComparison:
-    """Trains specs, or one with every choice of a grid, and ranks them on rows held out.
-
-        found = msnn.compare("plant.msnn.yaml", grid={"layers.h.fir.window": [5, 10, 20]}, seeds=3)
-        print(found.best.variant.settings, found.best.score)
-        found.to_frame()  # found.plot(); a notebook shows the table
-
-    `grid` and `settings` are mappings, or texts as `--grid` and `--set` take them. `on` is the set
-    that they are compared on; with `folds` each fold of `split: {by: kfold, k}` is
-    held out in turn. `by` ranks them: `fit`, `x_next.fit` or `x_next.rmse:record`; None takes what
-    the first entry of `validate` asks for. `jobs` trainings run at once, each in a process: a
-    script then needs `if __name__ == "__main__"`. `cost` counts instructions and bytes of the C on
-    a Cortex-M4F, where the tools are installed. `runs/runs.jsonl` has every training; one that is
-    there is not repeated. Raises SpecError and TrainingInterruptedError.
-    """
-    from msnn.api.results.comparisons import shown_comparison
-    from msnn.comparison.compare import ComparisonOptions
-    from msnn.comparison.compare import compare as run
-    from msnn.comparison.variants import grid_axes
-
-    named = [specs] if isinstance(specs, str | Path) else specs
-    options = ComparisonOptions(
-        settings=setting_texts(settings),
-        data=data,
-        data_root=None if data_root is None else Path(data_root),
-        held_out=on,
-        seeds=seeds,
-        folds=folds,
-        runs=None if runs is None else Path(runs),
-        jobs=jobs,
-        criterion=by,
-        counts_cost=cost,
-    )
-    found = run([Path(spec) for spec in named], grid_axes(grid), options, listener)
-    return shown_comparison(found)
 
 
 def _options(

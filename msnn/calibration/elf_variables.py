@@ -20,7 +20,7 @@ _DEEPEST = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class DwarfMember:
     """Where a member lies in its struct, and how many bytes it has."""
 
     offset: int
@@ -35,7 +35,7 @@ class Instance:
     """`controller`, or `vehicle.controller` of a member."""
     type: str
     address: int
-    members: Mapping[str, Member] = field(compare=False, hash=False)
+    members: Mapping[str, DwarfMember] = field(compare=False, hash=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,11 +123,11 @@ def _instances(
                 yield from _instances(inner, f"{name}.{_name(die)}", place, types, depth + 1)
 
 
-def _members(struct: Any) -> Iterator[tuple[str, Member]]:
+def _members(struct: Any) -> Iterator[tuple[str, DwarfMember]]:
     for die in struct.iter_children():
         if die.tag == "DW_TAG_member" and "DW_AT_name" in die.attributes:
             kind = die.get_DIE_from_attribute("DW_AT_type")
-            yield _name(die), Member(_offset(die), _size(kind))
+            yield _name(die), DwarfMember(_offset(die), _size(kind))
 
 
 def _plain(kind: Any) -> Any:

@@ -11,7 +11,7 @@ from msnn.changes.interface_changes import InterfaceChange, interface_changes
 from msnn.changes.metric_changes import MetricChange, metric_changes
 from msnn.data.dataset import FloatArray
 from msnn.model.model import Model
-from msnn.reports.compare_specs import Comparison, compare_specs
+from msnn.reports.compare_specs import SpecDifference, compare_specs
 from msnn.validation.validate import ValidationReport
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
@@ -41,7 +41,7 @@ class ModelChanges:
     """What changed; metrics and learned numbers only between two runs."""
 
     name: str
-    specs: Comparison
+    specs: SpecDifference
     interface: tuple[InterfaceChange, ...]
     metrics: tuple[MetricChange, ...] = ()
     learned: tuple[LearnedNumber, ...] = ()

@@ -10,7 +10,7 @@ from typing import Any
 from msnn.changes.metric_changes import MetricChange
 from msnn.changes.model_changes import FailOn, ModelChanges
 from msnn.errors.results.changes import breaking_change, worse_metric
-from msnn.reports.compare_specs import Comparison
+from msnn.reports.compare_specs import SpecDifference
 from msnn.tables import Table, count
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
@@ -89,7 +89,7 @@ _SAID = {
 }
 
 
-def _specs_text(found: Comparison) -> str:
+def _specs_text(found: SpecDifference) -> str:
     if found.kind == "renamed":
         return "\n".join(f"{old} → {new}" for old, new in (found.renames or {}).items())
     lines: list[str] = []

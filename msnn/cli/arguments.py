@@ -173,3 +173,45 @@ SummaryFile: TypeAlias = Annotated[
 ]
 
 RUNS = Path("runs")
+
+Grid: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--grid",
+        metavar="KEY=V1,V2,...",
+        help="Every choice of a value of a spec; several span a grid.",
+    ),
+]
+
+Seeds: TypeAlias = Annotated[
+    int, typer.Option(min=1, help="Train each so often, from other initial values and orders.")
+]
+
+Folds: TypeAlias = Annotated[
+    bool, typer.Option("--folds", help="Train every fold of `split: {by: kfold, k}`.")
+]
+
+HeldOut: TypeAlias = Annotated[
+    str, typer.Option(metavar="SET", help="The rows held out that they are compared on.")
+]
+
+RankedBy: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="METRIC",
+        help="What ranks them: fit, y.fit, y.rmse:record; default: the first of `validate`.",
+    ),
+]
+
+CountsCost: TypeAlias = Annotated[
+    bool, typer.Option("--cost/--no-cost", help="Count instructions and bytes of the C.")
+]
+
+Jobs: TypeAlias = Annotated[
+    int | None, typer.Option(min=1, help="Trainings at once; default: one a processor.")
+]
+
+ComparedRuns: TypeAlias = Annotated[
+    Path,
+    typer.Option("-o", "--out", metavar="FOLDER", help="Trainings are kept below, with a log."),
+]

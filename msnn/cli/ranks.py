@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from msnn.cli.manners import NOW
 from msnn.packages import TORCH
+from msnn.training.ranks.torchrun import is_one_of_several
 from spec_schema.diagnostics.diagnostic import SpecError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ def joined_ranks() -> Generator[GlooRanks | None]:
     The first one says how it goes. What ends the command is said by the process that meets it
     first.
     """
-    if not _is_one_of_several():
+    if not is_one_of_several():
         yield None
         return
     TORCH.require("lets processes train together")
@@ -46,7 +47,9 @@ def _is_of_lost_rank(error: BaseException) -> bool:
     return isinstance(error, SpecError) and any(d.code == "E0867" for d in error.diagnostics)
 
 
-def _is_one_of_several() -> bool:
-    """Whether torchrun has started this process and others with it."""
-    started = "TORCHELASTIC_RUN_ID" in os.environ
-    return started and int(os.environ.get("WORLD_SIZE", "1")) > 1
+def speak_once() -> None:
+    """Lets the first process alone say why a command ends that trains in one process."""
+    if is_one_of_several():
+        # torchrun ends the others soon: what there is to say is said before
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        NOW.is_silent = os.environ.get("RANK") != "0"

@@ -11,6 +11,7 @@ from typing import Protocol
 from msnn.comparison.cost import missing_tools
 from msnn.comparison.draws import NO_DRAWS, Draws
 from msnn.comparison.planned import planned
+from msnn.comparison.proposals import Proposals, search_of
 from msnn.comparison.ranking import (
     Criterion,
     Ranked,
@@ -22,15 +23,17 @@ from msnn.comparison.ranking import (
 )
 from msnn.comparison.readings import Readings
 from msnn.comparison.trial import Outcome, Setup, Trial, run_trial
+from msnn.comparison.trial_lists import TrialLists
 from msnn.comparison.variants import GridAxis, Variant, variants
+from msnn.comparison.waiting import Waiting
 from msnn.comparison.workers import outcomes
 from msnn.data.reading.frames import Frames
-from msnn.errors.sweeps import swept_twice
+from msnn.errors.sweeps import grid_of_a_search, nothing_proposed, set_and_swept, swept_twice
 from msnn.model.kept_run import CHECKPOINT, run_of
 from msnn.model.load import load_model
 from msnn.model.model import PROGRAM_SUFFIX
 from msnn.training.engines.what_trains import require_what_trains
-from msnn.training.folds import fold_count
+from msnn.training.ranks.torchrun import refuse_several_processes
 from msnn.training.records.run_log import LOG, RunLine, append, read
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.reading.reader import read_spec
@@ -55,6 +58,8 @@ class ComparisonOptions:
     jobs: int = 1
     ray: str | None = None
     """The address of a Ray cluster that trains in place of processes of this machine."""
+    optuna: str | None = None
+    """Where Optuna keeps its study, which proposes what is drawn."""
     criterion: str | None = None
     """`fit`, `x_next.fit` or `x_next.fit:record`; None: what the first entry of `validate` asks."""
     counts_cost: bool = True
@@ -112,8 +117,12 @@ def compare(
     for a criterion that no spec measures, and after them where nothing alike was measured.
     """
     heard = listener or Unheard()
-    _refuse_twice(grid, options.draws)
-    compared = variants(specs, grid, options.settings, options.draws.drawn)
+    refuse_several_processes()
+    _refuse_twice(grid, options)
+    drawn = options.draws.drawn if options.optuna is None else options.draws.each_choice
+    compared = variants(specs, grid, options.settings, drawn)
+    # every choice once before the first training: a mistake in the last of 500 is no news after
+    # hours
     for variant in _one_of_each_choice(compared, options.draws.numbers):
         if run_of(variant.spec) is not None or variant.spec.name.endswith(PROGRAM_SUFFIX):
             stages = load_model(variant.spec, variant.settings).spec.train
@@ -133,25 +142,37 @@ def compare(
         runs=options.runs,
         counts_cost=options.counts_cost and not missing,
     )
-    trials = _trials(compared, options)
+    lists = TrialLists(options.seeds, options.folds)
+    proposals, trials = None, lists.of(compared)
+    waiting, count = Waiting(trials), len(trials)
+    if options.optuna is not None:
+        asked = (options.optuna, options.draws, options.criterion, setup, lists)
+        proposals, trials = Proposals(search_of(compared[0], *asked), lists), []
+        waiting = Waiting((), proposals.more)
+        count = options.draws.count * len(lists.of(compared[:1]))
     log = None if options.runs is None else options.runs / LOG
     known = {} if log is None else {line.key: line for line in read(log)}
-    lines: dict[Variant, list[RunLine]] = {variant: [] for variant in compared}
+    lines: dict[Variant, list[RunLine]] = {trial.variant: [] for trial in trials}
     ran: dict[str, Trial] = {}
-    heard.began(len(trials))
+    heard.began(count)
     if options.ray is not None:
         from msnn.comparison.ray_workers import ray_outcomes
 
-        running = ray_outcomes(trials, setup, known, options.ray)
+        running = ray_outcomes(waiting, setup, known, options.ray)
     else:
-        running = outcomes(trials, setup, known, options.jobs)
+        running = outcomes(waiting, setup, known, min(options.jobs, count))
     with closing(running) as ended:
         for trial, outcome in ended:
             line = outcome.line
+            # a refused spec can be mended: next time it is tried again
             if log is not None and line.state != "refused" and line != known.get(line.key):
                 append(log, line)
+                # after the line: killed between the two, the training is in the log and its
+                # checkpoint harmless
                 _forget_checkpoint(log, line)
-            lines[trial.variant].append(line)
+            lines.setdefault(trial.variant, []).append(line)
+            if proposals is not None:
+                proposals.ended(trial, line)
             heard.ended(trial, outcome)
             ran[line.key] = trial
     for found in lines.values():  # as they ended: the table says the same of the same log
@@ -201,31 +222,27 @@ def _judged(
     )
 
 
-def _trials(compared: Sequence[Variant], options: ComparisonOptions) -> list[Trial]:
-    counts: dict[tuple[object, ...], int] = {}
+def _refuse_twice(grid: Sequence[GridAxis], options: ComparisonOptions) -> None:
+    """Refuses what would be replaced before it was ever used: by a later axis, or all of them.
 
-    def folds(variant: Variant) -> Sequence[int | None]:
-        if not options.folds:
-            return (None,)
-        of_data = (setting for setting in variant.settings if setting.startswith("data"))
-        key = (variant.spec, *of_data)
-        if key not in counts:
-            counts[key] = fold_count(load_model(variant.spec, variant.settings))
-        return range(1, counts[key] + 1)
+    A value inside of one that is given before is fine: `data.split={…}`, then `data.split.k`.
+    """
+    swept = [axis.path for axis in (*options.draws.axes, *grid)]
+    for number, path in enumerate(swept):
+        if any(_replaces(later, path) for later in swept[number + 1 :]):
+            raise SpecError((swept_twice(path),))
+    for path in (setting.partition("=")[0].strip() for setting in options.settings):
+        by = next((axis for axis in swept if _replaces(axis, path)), None)
+        if by is not None:
+            raise SpecError((set_and_swept(path, by),))
+    if options.optuna is not None and grid:
+        raise SpecError((grid_of_a_search(grid[0].path),))
+    if options.optuna is not None and not options.draws.axes:
+        raise SpecError((nothing_proposed(),))
 
-    return [
-        Trial(variant, seed, fold, is_costed=seed == 0 and fold in (None, 1))
-        for seed in range(options.seeds)
-        for variant in compared
-        for fold in folds(variant)
-    ]
 
-
-def _refuse_twice(grid: Sequence[GridAxis], draws: Draws) -> None:
-    paths = [axis.path for axis in (*draws.axes, *grid)]
-    twice = next((path for path in paths if paths.count(path) > 1), None)
-    if twice is not None:
-        raise SpecError((swept_twice(twice),))
+def _replaces(later: str, path: str) -> bool:
+    return path == later or path.startswith(f"{later}.")
 
 
 def _one_of_each_choice(compared: Sequence[Variant], drawn: frozenset[str]) -> list[Variant]:

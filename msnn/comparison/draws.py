@@ -40,6 +40,10 @@ class Bounds:
                 number = self.low * (self.high / self.low) ** share
             case "integer":
                 number = math.floor(self.low + share * (self.high - self.low + 1))
+        return self.text(number)
+
+    def text(self, number: float) -> str:
+        """A number between the bounds as YAML writes it, with so many digits that labels show."""
         shown = float(f"{number:.{_DIGITS}g}")
         text = f"{int(number)}" if self.law == "integer" else repr(_within(shown, self))
         return f"{text} {self.unit}".rstrip()
@@ -89,6 +93,19 @@ class Draws:
         rows = [
             tuple(axis.law.value(_share(self.seed, draw, axis.path)) for axis in self.axes)
             for draw in range(self.count)
+        ]
+        return Drawn(tuple(axis.path for axis in self.axes), rows, self.seed)
+
+    @property
+    def each_choice(self) -> Drawn:
+        """Rows in which every choice stands once, beside lower bounds: what is checked first."""
+        choices = [
+            axis.law.values if isinstance(axis.law, Listed) else (axis.law.text(axis.law.low),)
+            for axis in self.axes
+        ]
+        rows = [
+            tuple(values[min(row, len(values) - 1)] for values in choices)
+            for row in range(max(map(len, choices), default=1))
         ]
         return Drawn(tuple(axis.path for axis in self.axes), rows, self.seed)
 

@@ -46,6 +46,9 @@ class Criterion:
         return f"{of} {self.metric}{shown}, {rollout}"
 
 
+MONITOR = Criterion(None, "monitor")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ranked:
     """One model: mean and standard deviation over its seeds and folds."""
@@ -157,7 +160,7 @@ def chosen_criterion(lines: Sequence[RunLine], wanted: str | None) -> Criterion:
     ways = common_ways(lines)
     shared = [each for way in ways for each in lines[0].held_out if each.way == way]
     if wanted is None:
-        return Criterion(shared[0].way, shared[0].asked) if shared else Criterion(None, "monitor")
+        return Criterion(shared[0].way, shared[0].asked) if shared else MONITOR
     return named_criterion(shared, wanted)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import tempfile
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from backends.files.atomic_write import write_bytes, write_text
-from msnn.comparison.readings import Readings
+from msnn.comparison.readings import Latest, Readings
 from msnn.comparison.trial import (
     Outcome,
     ReadyTrial,
@@ -23,11 +23,15 @@ from msnn.comparison.trial import (
     ready_trial,
     refused,
     train_ready,
+    trial_folder,
 )
-from msnn.data.dataset import Dataset
+from msnn.comparison.waiting import Waiting
 from msnn.errors.sweeps import unusable_cluster
 from msnn.model.kept_run import CHECKPOINT, DESCRIPTION, PARTS, WEIGHTS, read_json, spec_places
+from msnn.model.load import with_seed
+from msnn.model.model import Model
 from msnn.packages import RAY
+from msnn.training.folds import of_fold
 from msnn.training.records.run_log import RunLine
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.version import __version__
@@ -36,13 +40,33 @@ _AHEAD = 3
 """Tasks for each processor that have begun or wait for it: no node is idle while one is made."""
 _RETRIES, _TIMES = 3, "four times"
 """After the worker or the node of a task was killed."""
-_SERIES_KEPT = 8
+_STORED = 64
+"""Models and data in the object store, of those that were sent last."""
+_OPEN_MODELS, _OPEN_DATA = 4, 16
+"""That a process of a node keeps: folds and variants after each other share them."""
 
 Files = Mapping[str, bytes]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """A trial as it is sent: what others share with it is named, and lies in the object store."""
+
+    trial: Trial
+    line: RunLine
+    model: Any
+    """The reference of the model before its fold and seed."""
+    rows: Any
+    """That of the data without their series: which rows are whose."""
+    series: Any
+    spec: str
+    spec_places: Sequence[str]
+    """Where the spec is, seen from the folder that the command will write."""
+    setup: Setup
+
+
 def ray_outcomes(
-    trials: Sequence[Trial], setup: Setup, known: Mapping[str, RunLine], address: str
+    waiting: Waiting, setup: Setup, known: Mapping[str, RunLine], address: str
 ) -> Generator[tuple[Trial, Outcome]]:
     """Each trial with its outcome, as they end, trained on the cluster at `address`.
 
@@ -51,22 +75,17 @@ def ray_outcomes(
     and is written below `setup.runs`. Raises SpecError where there is no such cluster.
     """
     with _Cluster(address, setup) as cluster:
-        waiting = iter(trials)
-        readings = Readings(setup.data, setup.data_root)
-        is_over = False
-        while cluster.busy or not is_over:
-            while not is_over and cluster.has_room:
-                trial = next(waiting, None)
-                if trial is None:
-                    is_over = True
-                    break
+        readings, trial = Readings(setup.data, setup.data_root), None
+        while True:
+            while cluster.has_room and (trial := waiting.take(trial)) is not None:
                 ready = ready_trial(trial, setup, known, readings)
                 if isinstance(ready, Outcome):
                     yield trial, ready
                 else:
-                    cluster.start(ready)
-            if cluster.busy:
-                yield from cluster.ended()
+                    cluster.start(ready, readings.model(trial.variant, None))
+            if not cluster.busy:
+                break
+            yield from cluster.ended()
 
 
 @dataclass(slots=True)
@@ -80,11 +99,14 @@ class _Cluster:
     _task: Any = field(init=False, default=None)
     _most: int = field(init=False, default=0)
     _running: dict[Any, ReadyTrial] = field(init=False, default_factory=dict[Any, ReadyTrial])
-    _series: list[tuple[object, Any]] = field(init=False, default_factory=list[tuple[object, Any]])
+    _stored: Latest[tuple[object, Any]] = field(
+        init=False, default_factory=lambda: Latest[tuple[object, Any]](_STORED)
+    )
 
     def __enter__(self) -> _Cluster:
         RAY.require("trains on a cluster")
         ray = self._ray = import_module("ray")
+        # a connection that the caller opened is the caller's to close
         self._is_ours = not ray.is_initialized()
         if self._is_ours:
             try:
@@ -112,13 +134,33 @@ class _Cluster:
     def has_room(self) -> bool:
         return len(self._running) < self._most
 
-    def start(self, ready: ReadyTrial) -> None:
+    def start(self, ready: ReadyTrial, shared: Model) -> None:
         """Sends what a node cannot read: the model, which rows are whose, where series are."""
-        parts = tuple(replace(part, file=None) for part in ready.model.parts)
-        model = replace(ready.model, parts=parts)
-        sent = replace(ready, model=model, data=replace(ready.data, series={}))
-        setup = replace(self.setup, data=None, data_root=None)
-        self._running[self._task.remote(sent, self._stored(ready.data), setup)] = ready
+        # paths of this machine mean nothing on a node; weights of sub-models are in the program
+        # already
+        data, spec, runs = ready.data, str(ready.model.path), self.setup.runs
+        folder = None if runs is None else runs / trial_folder(ready.model, ready.line)
+
+        def bare() -> Model:
+            parts = tuple(replace(part, file=None) for part in shared.parts)
+            return replace(shared, parts=parts)
+
+        task = Task(
+            trial=ready.trial,
+            line=replace(ready.line, version=__version__),
+            model=self._reference(shared, bare),
+            rows=self._reference(data, lambda: replace(data, series={})),
+            series=self._reference(data.series, lambda: data.series),
+            spec=spec,
+            spec_places=[] if folder is None else spec_places(spec, folder),
+            setup=replace(self.setup, data=None, data_root=None),
+        )
+        self._running[self._task.remote(task)] = ready
+
+    def _reference(self, value: object, sent: Callable[[], object]) -> Any:
+        """The reference of a value in the object store, where it lies once."""
+        stored = self._stored.get(id(value), lambda: (value, self._ray.put(sent())))
+        return stored[1]  # the value stays, and so does its identity
 
     def ended(self) -> list[tuple[Trial, Outcome]]:
         """Trials that are over, at least one, with their files written here."""
@@ -136,6 +178,7 @@ class _Cluster:
             exceptions.LocalRayletDiedError,
         ):
             return ready.trial, killed(ready.trial, _TIMES)
+        # other versions may train otherwise, and the log would hold both under one key
         if outcome.line.version not in ("", __version__):
             why = f"a node has msnn {outcome.line.version}, and this is {__version__}"
             return ready.trial, refused(
@@ -150,40 +193,42 @@ class _Cluster:
         folder = self.setup.runs / line.folder
         for name, content in files.items():
             write_bytes(folder / name, content, durable=name == WEIGHTS)
-        record = read_json(folder / DESCRIPTION)
-        spec = str(ready.model.path)  # seen from here, not from the node
-        record |= {"spec": spec, "spec_places": spec_places(spec, folder)}
-        write_text(folder / DESCRIPTION, json.dumps(record, ensure_ascii=False, indent=2) + "\n")
         for part in ready.model.parts:
             if part.file is not None:
                 place = folder / PARTS / f"{part.name}.safetensors"
                 write_bytes(place, part.file.read_bytes())
 
-    def _stored(self, data: Dataset) -> Any:
-        """The reference to the series of a dataset, which folds share."""
-        for series, reference in self._series:
-            if series is data.series:
-                return reference
-        reference = self._ray.put(data.series)
-        self._series.append((data.series, reference))
-        del self._series[:-_SERIES_KEPT]
-        return reference
 
-
-def _in_task(sent: ReadyTrial, series: Any, setup: Setup) -> tuple[Outcome, Files]:
+def _in_task(task: Task) -> tuple[Outcome, Files]:
     """Trains on a node, in a folder of its own; what it leaves is the answer."""
-    ready = replace(sent, data=replace(sent.data, series=series))
+    trial = task.trial
+    model = with_seed(_opened(task.model, _MODELS), trial.seed)
+    model = model if trial.fold is None else of_fold(model, trial.fold)
+    data = replace(_opened(task.rows, _DATA), series=_opened(task.series, _DATA))
+    ready = ReadyTrial(trial, task.line, model, data)
     with tempfile.TemporaryDirectory(prefix="msnn-") as place:
-        runs = None if setup.runs is None else Path(place)
-        outcome = train_ready(
-            replace(ready, line=replace(ready.line, version=__version__)), replace(setup, runs=runs)
-        )
+        runs = None if task.setup.runs is None else Path(place)
+        outcome = train_ready(ready, replace(task.setup, runs=runs))
         files: dict[str, bytes] = {}
         if runs is not None and outcome.line.folder is not None:
             folder = runs / outcome.line.folder
+            record = read_json(folder / DESCRIPTION)
+            record |= {"spec": task.spec, "spec_places": task.spec_places}  # as the command sees it
+            text = json.dumps(record, ensure_ascii=False, indent=2) + "\n"
+            write_text(folder / DESCRIPTION, text)
             files = {
                 path.relative_to(folder).as_posix(): path.read_bytes()
                 for path in folder.rglob("*")
+                # the training is over: nobody goes on from there
                 if path.is_file() and path.name != CHECKPOINT
             }
     return outcome, files
+
+
+_MODELS = Latest[Any](_OPEN_MODELS)
+_DATA = Latest[Any](_OPEN_DATA)
+
+
+def _opened(reference: Any, kept: Latest[Any]) -> Any:
+    """What lies in the object store, the same object each time as long as it is kept."""
+    return kept.get(reference.hex(), lambda: import_module("ray").get(reference))

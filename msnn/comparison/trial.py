@@ -102,7 +102,7 @@ def ready_trial(
         line = begun(model, data, seed=trial.seed, fold=trial.fold, held_out=setup.held_out)
         line = replace(line, drawn_by=trial.variant.drawn_by)
         ready = ReadyTrial(trial, line, model, data)
-        if line.key in known and _is_kept(known[line.key], setup):
+        if line.key in known and _is_kept(known[line.key], model, setup):
             return Outcome(_completed(known[line.key], ready, setup), is_new=False)
     except (SpecError, MissingExtraError) as error:
         return refused(line, error)
@@ -120,6 +120,11 @@ def train_ready(ready: ReadyTrial, setup: Setup) -> Outcome:
         return Outcome(diverged(ready.line, error), is_new=True)
 
 
+def trial_folder(model: Model, line: RunLine) -> Path:
+    """Where a trial is kept, seen from the log."""
+    return Path(model.name) / _FOLDER / line.key[:_KEY_SHOWN]
+
+
 def killed(trial: Trial, times: str) -> Outcome:
     """What becomes of a trial whose process was killed again and again."""
     return refused(_unknown(trial), SpecError((killed_again(trial.variant.label, times),)))
@@ -133,11 +138,20 @@ def refused(line: RunLine, error: SpecError | MissingExtraError) -> Outcome:
     return Outcome(replace(line, state="refused", reason=reason), is_new=True)
 
 
-def _is_kept(line: RunLine, setup: Setup) -> bool:
-    """Whether the weights of a training that the log has are still there, if they are wanted."""
+def _is_kept(line: RunLine, model: Model, setup: Setup) -> bool:
+    """Whether the weights of a training that the log has are still there, if they are wanted.
+
+    A file that is empty, cut short or of other arrays is no file of weights.
+    """
     if line.state != "finished" or setup.runs is None:
         return True
-    return line.folder is not None and (setup.runs / line.folder / WEIGHTS).is_file()
+    if line.folder is None:
+        return False
+    try:
+        read_weights(setup.runs / line.folder / WEIGHTS, model.program)
+    except SpecError:
+        return False
+    return True
 
 
 def _require_rows(data: Dataset, held_out: str) -> None:
@@ -183,7 +197,7 @@ def _trained(ready: ReadyTrial, setup: Setup) -> RunLine:
     heard = _Heard()
     options = options_for(model, runs=setup.runs, has_errors=False)
     if setup.runs is not None:
-        options = in_folder(options, setup.runs / model.name / _FOLDER / line.key[:_KEY_SHOWN])
+        options = in_folder(options, setup.runs / trial_folder(model, line))
         options = replace(options, ends_in_log=True)
     found = train(model.program, data, model.spec.train, options, heard, first)
     checks, weights = model.spec.checks, found.weights

@@ -12,7 +12,8 @@ from msnn.errors.results import comparison as errors
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.reading.python_values import value_text
-from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table
+from spec_schema.reading.setting_values import shown_value
+from spec_schema.yaml_tree.nodes import Listing
 from spec_schema.yaml_tree.reader import read_tree
 
 _GRID = "--grid"
@@ -100,29 +101,10 @@ def variants(
         for row, choice in product(drawn.rows, product(*(axis.values for axis in grid))):
             values = (*row, *choice)
             own = [f"{path}={value}" for path, value in zip(paths, values, strict=True)]
-            said = [f"{end}={_shown(value)}" for end, value in zip(ends, values, strict=True)]
+            said = [f"{end}={shown_value(value)}" for end, value in zip(ends, values, strict=True)]
             label = " ".join([name, *said] if len(specs) > 1 or not said else said)
             found.append(Variant(spec, (*settings, *own), label, drawn.seed))
     return tuple(dict.fromkeys(found))
-
-
-def _shown(value: str) -> str:
-    """A value as labels have it, however it was written: `0.001` for `1e-3`, texts as they are."""
-    tree = read_tree(SourceText(_GRID, value), Findings())
-    plain = _plain(tree)
-    return plain if isinstance(plain, str) else value_text(plain)
-
-
-def _plain(node: Node | None) -> object:
-    match node:
-        case Listing(items=items):
-            return [_plain(item) for item in items]
-        case Table(entries=entries):
-            return {key: _plain(item) for key, item in entries.items()}
-        case Scalar(value=value):
-            return value
-        case None:
-            return None
 
 
 def _names(specs: Sequence[Path]) -> list[str]:

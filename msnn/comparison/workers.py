@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -15,6 +15,7 @@ from typing import Any
 
 from msnn.comparison.readings import Readings
 from msnn.comparison.trial import Outcome, Setup, Trial, killed, run_trial
+from msnn.comparison.waiting import Waiting
 from msnn.training.records.run_log import RunLine
 from msnn.training.training_result import TrainingInterruptedError
 
@@ -24,36 +25,30 @@ _TIMES = "twice"
 
 
 def outcomes(
-    trials: Sequence[Trial], setup: Setup, known: Mapping[str, RunLine], jobs: int
+    waiting: Waiting, setup: Setup, known: Mapping[str, RunLine], jobs: int
 ) -> Generator[tuple[Trial, Outcome]]:
     """Each trial with its outcome, as they end; `jobs` at once, one alone in this process.
 
-    A process that is killed is replaced: its trial goes on from its checkpoint, alone, and is
-    given up when it is killed again. An interrupt ends all of them after the batch that is on.
+    A process that is killed is replaced: its trial goes on from its checkpoint, behind the others
+    of its variant, and is given up when it is killed again. An interrupt ends all of them after the
+    batch that is on.
     """
-    if jobs == 1 or len(trials) == 1:
-        readings = Readings(setup.data, setup.data_root)
-        for trial in trials:
+    if jobs == 1:
+        readings, trial = Readings(setup.data, setup.data_root), None
+        while (trial := waiting.take(trial)) is not None:
             yield trial, run_trial(trial, setup, known, readings)
         return
-    waiting = list(reversed(trials))
-    suspects: list[Trial] = []
-    while waiting or suspects:
-        alone = bool(suspects)
-        batch = [suspects.pop()] if alone else waiting
-        with _Workers(setup, known, 1 if alone else jobs) as workers:
-            while workers.busy or (batch and not workers.broken):
-                while batch and workers.has_room and workers.start(batch[-1]):
-                    batch.pop()
-                for trial, outcome in workers.ended() if workers.busy else ():
-                    if outcome is not None:
-                        yield trial, outcome
-                    elif alone:
-                        yield trial, killed(trial, _TIMES)
-                    else:  # which of those that ran together was killed, nobody knows
-                        suspects.append(trial)
-        if alone:
-            suspects += batch
+    again: set[Trial] = set()
+    with _Workers(setup, known, jobs) as workers:
+        while workers.begin(waiting):
+            for trial, outcome in workers.ended():
+                if outcome is not None:
+                    yield trial, outcome
+                elif trial in again:
+                    yield trial, killed(trial, _TIMES)
+                else:
+                    again.add(trial)
+                    waiting.put_back(trial)
 
 
 @dataclass(slots=True)
@@ -69,20 +64,61 @@ class _Shared:
 _SHARED = _Shared()
 
 
+@dataclass(slots=True)
+class _Worker:
+    """A process of its own, started afresh: nothing of this one is in it but what it is given."""
+
+    opened: Callable[[], ProcessPoolExecutor]
+    last: Trial | None = None
+    """What it has read for."""
+    trial: Trial | None = None
+    """What it trains now."""
+    future: Future[Outcome] | None = None
+    _pool: ProcessPoolExecutor | None = None
+
+    def start(self, trial: Trial) -> None:
+        """Begins a trial, in another process where this one was killed meanwhile."""
+        self.trial = self.last = trial
+        if self._pool is not None:
+            with suppress(BrokenProcessPool):
+                self.future = self._pool.submit(_in_worker, trial)
+                return
+        self._pool = self.opened()
+        self.future = self._pool.submit(_in_worker, trial)
+
+    def ended(self) -> tuple[Trial, Outcome | None]:
+        """The trial that is over; None where the process was killed."""
+        assert self.trial is not None
+        assert self.future is not None
+        trial, future = self.trial, self.future
+        self.trial = self.future = None
+        try:
+            return trial, future.result()
+        except BrokenProcessPool:
+            self.close()
+            return trial, None
+
+    def close(self) -> None:
+        """Waits for the process to end."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+        self._pool = self.last = None
+
+
 class _Workers:
-    """So many processes, started afresh: nothing of this one is in them but what they are given."""
+    """So many processes; a Ctrl-C ends all of them."""
 
     def __init__(self, setup: Setup, known: Mapping[str, RunLine], jobs: int) -> None:
+        # forked processes would share threads' locks of numpy and torch in the state of the moment
         context = get_context("spawn")
         self._began: Any = context.SimpleQueue()
         self._is_over: Any = context.Event()
-        self._jobs = jobs
-        self.broken = False
-        """Whether one was killed: the others have ended with it."""
-        self._running: dict[Future[Outcome], Trial] = {}
-        self._pool = ProcessPoolExecutor(
-            jobs, context, initializer=_begin, initargs=(self._began, self._is_over, setup, known)
-        )
+        given = (self._began, self._is_over, setup, known)
+
+        def opened() -> ProcessPoolExecutor:
+            return ProcessPoolExecutor(1, context, initializer=_begin, initargs=given)
+
+        self._all = [_Worker(opened) for _ in range(jobs)]
 
     def __enter__(self) -> _Workers:
         return self
@@ -90,31 +126,21 @@ class _Workers:
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         if kind is not None:
             self._interrupt()
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        for worker in self._all:
+            worker.close()
 
-    @property
-    def busy(self) -> bool:
-        return bool(self._running)
-
-    @property
-    def has_room(self) -> bool:
-        return len(self._running) < self._jobs and not self.broken
-
-    def start(self, trial: Trial) -> bool:
-        """Whether it has begun: one that ran may have been killed since the last look."""
-        try:
-            self._running[self._pool.submit(_in_worker, trial)] = trial
-        except BrokenProcessPool:
-            self.broken = True
-        return not self.broken
+    def begin(self, waiting: Waiting) -> bool:
+        """Gives work to all that have none; whether anything is being trained then."""
+        for worker in self._all:
+            if worker.trial is None and (trial := waiting.take(worker.last)) is not None:
+                worker.start(trial)
+        return any(worker.trial is not None for worker in self._all)
 
     def ended(self) -> list[tuple[Trial, Outcome | None]]:
         """Trials that are over, at least one; None where their process was killed."""
-        done, _ = wait(self._running, return_when=FIRST_COMPLETED)
-        if any(isinstance(future.exception(), BrokenProcessPool) for future in done):
-            self.broken = True
-            done, _ = wait(self._running)
-        return [(self._running.pop(future), _outcome(future)) for future in done]
+        running = {worker.future: worker for worker in self._all if worker.future is not None}
+        done, _ = wait(running, return_when=FIRST_COMPLETED)
+        return [running[future].ended() for future in done]
 
     def _interrupt(self) -> None:
         """Asks every worker to end: of a Ctrl-C in a terminal they know, of others they do not."""
@@ -124,17 +150,11 @@ class _Workers:
                 os.kill(self._began.get(), signal.SIGINT)
 
 
-def _outcome(future: Future[Outcome]) -> Outcome | None:
-    try:
-        return future.result()
-    except BrokenProcessPool:
-        return None
-
-
 def _begin(began: Any, is_over: Any, setup: Setup, known: Mapping[str, RunLine]) -> None:
     _SHARED.setup, _SHARED.known, _SHARED.is_over = setup, known, is_over
     _SHARED.readings = Readings(setup.data, setup.data_root)
     for number in (signal.SIGINT, signal.SIGTERM):
+        # between trainings; a training puts its own handler in place while it runs
         signal.signal(number, _end)
     began.put(os.getpid())
 

@@ -94,7 +94,7 @@ class HorizonFunctions:
         self._outputs = list(dict.fromkeys(names))
         controls = [member.name for member in problem.controls.members]
         self._derivatives = step_derivatives(
-            problem.program, inputs=controls, outputs=self._outputs
+            problem.program, inputs=controls, outputs=self._outputs, flat=problem.flat
         )
         self._curved = DerivativeInterpreter(self._derivatives, problem.program)
         first_only = step_derivatives(

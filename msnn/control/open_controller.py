@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping
+from functools import partial
 
 from backends.files.c_compiler import CompilerMissingError
 from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.trained import trained
 from compiler.state_estimation.kalman_filter import KalmanFilter
 from msnn.control.controller import Controller
+from msnn.control.estimation.moving_horizon import MovingHorizon
 from msnn.control.horizon_functions import HorizonFunctions
 from msnn.control.method import Method, Solver
 from msnn.control.reference_method import ReferenceMethod
@@ -67,8 +69,15 @@ def _method(
     return reference
 
 
-def open_estimator(model: Model, weights: Mapping[str, FloatArray]) -> KalmanFilter:
-    """The filter of the model's `estimator` section. ValueError where it has none."""
+def open_estimator(
+    model: Model, weights: Mapping[str, FloatArray], solver: Solver | None = None
+) -> KalmanFilter | MovingHorizon:
+    """The estimator of the model's `estimator` section. ValueError where it has none.
+
+    Moving-horizon estimation solves as controllers do; `solver` says how.
+    """
     if model.estimation is None:
         raise ValueError(f"the spec of `{model.name}` has no `estimator` section")
-    return KalmanFilter(model.estimation, weights)
+    if model.estimation.window is None:
+        return KalmanFilter(model.estimation, weights)
+    return MovingHorizon(model.estimation, weights, partial(_method, model, solver=solver))

@@ -30,7 +30,7 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rows:
+class RowsOfData:
     """How the rows of a data set follow each other, jitter allowed, and where they stand."""
 
     records: tuple[Record, ...]
@@ -44,7 +44,7 @@ class Rows:
         return next(record for record in self.records if record.start <= row < record.stop)
 
 
-def rows_of(dataset: Dataset) -> Rows:
+def rows_of(dataset: Dataset) -> RowsOfData:
     """The rows of a data set; those that a filter has taken out break it."""
     found = np.zeros(dataset.rows, dtype=np.bool_)
     for record in dataset.records:
@@ -52,7 +52,7 @@ def rows_of(dataset: Dataset) -> Rows:
             found[piece.start : piece.stop] = follows(piece.time, piece.stop - piece.start)
             if piece.start > record.start:
                 found[piece.start] = dataset.continues[piece.start]
-    return Rows(records=dataset.records, follows=found)
+    return RowsOfData(records=dataset.records, follows=found)
 
 
 def channels_of(program: Program, dataset: Dataset) -> Iterator[Channel]:

@@ -13,7 +13,7 @@ from msnn.data.reading.frames import Frames
 from msnn.data_check.advice.dynamics import dynamics_findings
 from msnn.data_check.advice.reading import reading_findings
 from msnn.data_check.advice.signals import sampling_findings, signal_findings
-from msnn.data_check.channels import Channel, Rows, channels_of, rows_of
+from msnn.data_check.channels import Channel, RowsOfData, channels_of, rows_of
 from msnn.data_check.dynamics.check import check_inputs, check_target
 from msnn.data_check.found import (
     CheckedChannel,
@@ -132,5 +132,5 @@ def _system(model: Model, dataset: Dataset, step: float) -> CheckedSystem:
     )
 
 
-def _clean(channel: Channel, rows: Rows) -> FloatArray:
+def _clean(channel: Channel, rows: RowsOfData) -> FloatArray:
     return without_spikes(channel.values, spikes(channel.values, rows.follows))

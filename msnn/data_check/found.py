@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiler.ir.program import Program, Role
-from msnn.data_check.channels import Channel, Rows
+from msnn.data_check.channels import Channel, RowsOfData
 from msnn.data_check.dynamics.check import InputsCheck, TargetCheck
 from msnn.data_check.signals.check import SeriesCheck
-from msnn.data_check.signals.sampling import Sampling
+from msnn.data_check.signals.sampling import StepsOfTime
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 
@@ -29,10 +29,10 @@ class DatasetCheck:
 
     name: str
     """`data`, or the files of an entry of `validate`."""
-    sampling: tuple[Sampling, ...]
+    sampling: tuple[StepsOfTime, ...]
     """Of every file whose rows have a time."""
     channels: tuple[CheckedChannel, ...]
-    rows: Rows
+    rows: RowsOfData
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from msnn.data_check.channels import Rows
+from msnn.data_check.channels import RowsOfData
 from msnn.data_check.found import (
     CheckedChannel,
     CheckedSystem,
@@ -14,7 +14,7 @@ from msnn.data_check.found import (
     DataCheck,
     DatasetCheck,
 )
-from msnn.data_check.signals.sampling import Sampling
+from msnn.data_check.signals.sampling import StepsOfTime
 from msnn.tables import table_text
 from spec_schema.diagnostics.render import records
 
@@ -45,7 +45,7 @@ def check_record(check: DataCheck) -> dict[str, Any]:
     }
 
 
-def _files_table(sampling: Sequence[Sampling]) -> str:
+def _files_table(sampling: Sequence[StepsOfTime]) -> str:
     if not sampling:
         return ""
     header = ("file", "rows", "step / s", "jitter", "gaps", "repeated", "backward")
@@ -155,7 +155,7 @@ def _dataset_record(dataset: DatasetCheck) -> dict[str, Any]:
     }
 
 
-def _channel_record(one: CheckedChannel, rows: Rows) -> dict[str, Any]:
+def _channel_record(one: CheckedChannel, rows: RowsOfData) -> dict[str, Any]:
     found, unit = one.found, one.channel.signal.unit
     grid = found.quantisation
     return {

@@ -32,7 +32,8 @@ def rank_lost(reason: str, folder: str | None) -> Diagnostic:
     return error("E0867", None, message, notes=(*kept, f"gloo says: {reason}"), help=repair)
 
 
-def one_process_alone(option: str) -> Diagnostic:
+def one_process_alone(what: str) -> Diagnostic:
     """E0868: what a training in several processes does not do."""
-    message = f"`{option}` trains in one process, and torchrun has started several"
-    return error("E0868", None, message, help="leave torchrun out: `msnn train SPEC …`")
+    message = f"{what} starts from one process, and torchrun has started several"
+    repair = "leave torchrun out: `msnn …`; `--jobs` and `--ray` share the trainings of a sweep"
+    return error("E0868", None, message, help=repair)

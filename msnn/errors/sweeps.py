@@ -1,4 +1,4 @@
-"""E0860-E0864: sweeps over values of a spec: draws, what is swept twice, clusters."""
+"""E0854-E0857, E0860-E0864: sweeps: draws, what is swept twice, studies, clusters."""
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 
@@ -29,6 +29,13 @@ def swept_twice(path: str) -> Diagnostic:
     return error("E0862", None, message, help=repair)
 
 
+def set_and_swept(path: str, swept: str) -> Diagnostic:
+    """E0857: a value that is set for all models, and swept."""
+    message = f"`--set` gives `{path}` one value, and `{swept}` is swept"
+    repair = f"leave out `--set {path}=…`: every model would replace its value"
+    return error("E0857", None, message, help=repair)
+
+
 def nothing_drawn(count: int) -> Diagnostic:
     """E0863: a number of draws where nothing is drawn."""
     message = f"{count} draws are asked for, and no value is drawn"
@@ -44,3 +51,24 @@ def unusable_cluster(address: str, why: str) -> Diagnostic:
         "`local` to try it here; all nodes need the same msnn, Python and Ray"
     )
     return error("E0864", None, message, help=repair)
+
+
+def nothing_proposed() -> Diagnostic:
+    """E0854: a search that is not told what to choose from."""
+    message = "Optuna is to propose values, and nothing says of what"
+    repair = "say it: `--draw 'parameters.k.init=log(1, 100)'`; `choice(a, b)` for words"
+    return error("E0854", None, message, help=repair)
+
+
+def grid_of_a_search(path: str) -> Diagnostic:
+    """E0855: a grid beside a search."""
+    message = f"`--grid {path}=…` trains every choice, and `--optuna` the promising ones"
+    repair = f"leave the choice to the search, `--draw '{path}=choice(…)'`, or sweep without it"
+    return error("E0855", None, message, help=repair)
+
+
+def unusable_study(storage: str, why: str) -> Diagnostic:
+    """E0856: a storage in which Optuna can keep no study."""
+    message = f"Optuna cannot keep its study in `{storage}`: {why}"
+    repair = "give a file, `--optuna runs/study.db`, or a database, `--optuna postgresql://…`"
+    return error("E0856", None, message, help=repair)

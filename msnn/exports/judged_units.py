@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from backends.fmu.controller_unit import controller_unit
 from backends.fmu.filter_unit import filter_unit
 from backends.fmu.online_unit import OnlineUnit
-from backends.fmu.variable import Kind, Variable
+from backends.fmu.variable import Variable, VariableKind
 from backends.predictive_control.estimation.golden_filter import golden_steps
 from backends.predictive_control.estimation.library import FilterLibrary
 from backends.predictive_control.library import ControllerLibrary
@@ -45,7 +45,7 @@ def compare_controller_units(
         count = 0
         for is_cold, x, _, fields in drawn_samples(problem):
             given: dict[str, Array] = {}
-            for variable in unit.variables.of(Kind.INPUT):
+            for variable in unit.variables.of(VariableKind.INPUT):
                 place = variable.place.removeprefix("u.").partition("[")[0]
                 if place == "x":
                     member = states[variable.name]
@@ -96,7 +96,7 @@ def compare_filter_units(
             found = library.correct_numbers(step.measured, step.given)
             numbers = {**before, **now, **_split(step.measured, measured, sizes)}
             known = {name: v for name, v in numbers.items() if name in unit_names(unit)}
-            outputs = [v.name for v in unit.variables.of(Kind.OUTPUT)]
+            outputs = [v.name for v in unit.variables.of(VariableKind.OUTPUT)]
             values = np.concatenate([found.x, found.std, found.innovation])
             expected = _split(values, outputs, sizes)
             for run in runs:

@@ -9,14 +9,14 @@ import numpy as np
 from backends.c.host.library import CStep
 from backends.c.interface.interface import Interface
 from msnn.agreement.judgement import Arrays, Beginning
-from msnn.agreement.loaded import Loaded, Slopes, stacked
+from msnn.agreement.loaded import ExportedSlopes, Loaded, stacked
 
 
 def loaded_c(step: CStep, interface: Interface) -> Loaded:
     """What one instance can do; slopes where the export has a Jacobian."""
     model = _CModel(step, interface)
     matrices = interface.jacobian
-    slopes = None if matrices is None else Slopes(matrices.jacobian, model.slopes)
+    slopes = None if matrices is None else ExportedSlopes(matrices.jacobian, model.slopes)
     return Loaded(model.run, model.start, model.step_each, slopes)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from backends.c.host.struct_memory import StateStruct
 from backends.c.interface.interface import Interface
 from backends.c.interface.layout_metadata import layout_metadata
-from backends.fmu.variable import Kind, Variable
+from backends.fmu.variable import Variable, VariableKind
 from backends.fmu.variables import unit_variables
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
@@ -79,24 +79,26 @@ class _FmuModel:
         unit.initialise()
         for field, port in interface.windows:
             samples = beginning.window(field.name, port.first, port.last - port.first + 1)
-            unit.set(self._at(Kind.SAMPLES, field.identifier).first, samples)
+            unit.set(self._at(VariableKind.SAMPLES, field.identifier).first, samples)
         for field, state in interface.supplied:
-            at = self._at(Kind.SAMPLES, field.identifier)
+            at = self._at(VariableKind.SAMPLES, field.identifier)
             unit.set(at.first, beginning.states[state.name])
         unit.begin()
 
     def _step(self, unit: FmuInstance, inputs: Arrays, number: int) -> Arrays:
         for input in self._interface.inputs:
-            at = self._at(Kind.INPUT, input.field.identifier)
+            at = self._at(VariableKind.INPUT, input.field.identifier)
             unit.set(at.first, inputs[input.field.name])
         unit.step(number, self._seconds)
         return {
-            field.name: unit.get(self._at(Kind.OUTPUT, field.identifier).first, field.shape)
+            field.name: unit.get(self._at(VariableKind.OUTPUT, field.identifier).first, field.shape)
             for field in self._interface.outputs
         }
 
-    def _at(self, kind: Kind, identifier: str) -> Variable:
-        struct = {Kind.INPUT: "u", Kind.OUTPUT: "y", Kind.SAMPLES: "x0"}[kind]
+    def _at(self, kind: VariableKind, identifier: str) -> Variable:
+        struct = {VariableKind.INPUT: "u", VariableKind.OUTPUT: "y", VariableKind.SAMPLES: "x0"}[
+            kind
+        ]
         return self._by_place[f"{struct}.{identifier}"]
 
     def _state(self) -> tuple[_Serialised, Any]:

@@ -15,6 +15,7 @@ from msnn.importing.followed_python.python_source import (
     FunctionError,
     argument_names,
     parse_function,
+    with_arguments_last,
 )
 from msnn.importing.followed_python.separate_rows import refuse_mixed_rows
 from msnn.importing.followed_python.torch_calls import NeedsElementsError, Tensor, Whole
@@ -74,17 +75,23 @@ class Functions:
         default_factory=dict[tuple[Any, ...], "tuple[int, ...]"]
     )
 
-    def called(self, key: str, streams: Sequence[Value], relation: str) -> Value:
-        """What a function of the file makes of streams and of its own arrays."""
+    def called(self, key: str, operands: Sequence[Value | str], relation: str) -> Value:
+        """What a function of the file makes of streams, named matrices and its own arrays."""
         given = self.file.Functions.get(key)
         if given is None or given.code is None or given.name is None:
             raise ShapeError(f"`{key}` is no function of the file")
         place = (key, "code")
         function = self._parsed(place, given.code, given.name)
         batched = not isinstance(given.map_over_dim, list)
-        arrays_of = self._own_arrays(relation, given)
+        streams = [one for one in operands if isinstance(one, Value)]
+        matrices = [one for one in operands if isinstance(one, str)]
+        arrays_of = [*matrices, *self._own_arrays(relation, given)]
+        known: Any = key
         try:
-            return self._followed(function, key, streams, arrays_of, batched=batched)
+            if matrices:
+                last = tuple(isinstance(one, str) for one in operands)
+                function, known = with_arguments_last(function, last), (key, last)
+            return self._followed(function, known, streams, arrays_of, batched=batched)
         except FunctionError as fault:
             raise self._refused(f"Functions.{key}", place, given.code, fault) from None
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msnn.errors.targets.importing import (
+    copied,
     not_json,
     renamed,
     unfit_shapes,
@@ -25,7 +26,7 @@ from msnn.importing.recognition.recognise import recognise
 from msnn.importing.relations import Relations
 from msnn.importing.saved_file.grammar import File, names_in, read_file
 from msnn.importing.saved_file.json_text import JsonText, read_json
-from msnn.importing.saved_file.shared_arrays import shared_arrays
+from msnn.importing.saved_file.shared_arrays import shared_across, shared_arrays
 from msnn.importing.signals import LoopError, Signals
 from msnn.importing.spec_sections import Sections, spec_values
 from msnn.importing.terms.dims import Dims
@@ -92,6 +93,7 @@ class _Import:
             float(file.Info.SampleTime),
             self._names,
             dims,
+            shared_across(file),
         )
         values = Values(dims, Cutter(self._parameters.samples, self._parameters.stacked))
         self._functions = Functions(file, text, self._names, self._parameters, values)
@@ -130,6 +132,9 @@ class _Import:
                 if new != old and used:
                     place = self._text.place(section, old)
                     self._findings.report(renamed(old, new, place))
+        for array in self._layers.copied:
+            section = "Parameters" if array in self._file.Parameters else "Constants"
+            self._findings.report(copied(array, self._text.place(section, array)))
         hints = {
             id(term): old
             for old, value in self._relations.known.items()

@@ -54,6 +54,8 @@ class Parameters:
     sample_time: float
     names: Names
     dims: Dims
+    across: frozenset[str] = frozenset()
+    """Matrices that the spec has the other way round, as the layers that share them want it."""
     declared: dict[str, dict[str, Any]] = field(default_factory=dict[str, dict[str, Any]])
     fixed: dict[str, Any] = field(default_factory=dict[str, Any])
     weights: dict[str, NDArray[np.float64]] = field(
@@ -99,6 +101,10 @@ class Parameters:
             return None
         return Value(window, size, (self.term(name),))
 
+    def is_matrix(self, name: str) -> bool:
+        """Whether the file has an array of that name which is no operand of other relations."""
+        return self.has(name) and self.operand(name) is None
+
     def term(self, name: str) -> Term:
         """The array as a whole; it is declared then."""
         if name not in self._terms:
@@ -113,6 +119,8 @@ class Parameters:
         for index in np.ndindex(*found.values.shape):
             turned = (*index[1:], index[0]) if found.timed else index
             sizes = found.values.shape[1:] + found.values.shape[:1] if found.timed else out.shape
+            if name in self.across:
+                turned, sizes = turned[::-1], sizes[::-1]
             kept = [i for i, n in zip(turned, sizes, strict=True) if n > 1]
             out[index] = self.element(whole, kept)
         return out
@@ -148,7 +156,7 @@ class Parameters:
         if name == "SampleTime" and name in self.constants:
             return Term(Named("dt"))
         found = self.numbers(name)
-        turned = found.turned
+        turned = found.turned.T if name in self.across else found.turned
         if turned.ndim == 0 and name in self.constants and _AUTOMATIC.fullmatch(name):
             return number(float(turned))
         new = self.names.of("array", name)
@@ -176,13 +184,6 @@ class Parameters:
         values = np.concatenate([self.numbers(name).values.reshape(-1)[:1] for name in names])
         self._learned(new, [dim], values)
         return Term(Named(new, (dim,)), (), None, len(names))
-
-    def given(self, name: str, axes: list[str], values: NDArray[np.float64]) -> str:
-        """Declares an array that is a weight of several layers; its name in the spec."""
-        new = self.names.of("weight", name)
-        if new not in self.declared:
-            self._learned(new, axes, values)
-        return new
 
     def _learned(self, new: str, axes: list[str], values: NDArray[np.float64]) -> None:
         shown = entry_of(values) if values.size <= _SHOWN else 0

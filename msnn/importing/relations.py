@@ -82,6 +82,7 @@ class Relations:
 
     def of(self, name: str) -> Value:
         """The value of a relation, after all that it needs."""
+        # a stack of our own: chains of relations are longer than Python lets functions nest
         stack: list[tuple[str, bool]] = [(name, False)]
         open_names: dict[str, None] = {}
         while stack:
@@ -93,6 +94,8 @@ class Relations:
                 try:
                     self._known[current] = self._followed(current)
                 except NotRecognisedError:
+                    # what looked like one thing of many relations is none: they are followed one by
+                    # one
                     del self.recognised[current]
                     stack.append((current, False))
                 continue
@@ -176,7 +179,8 @@ class Relations:
         if kind in {"SamplePart", "TimePart"}:
             return self._windowed(kind, operands, rest)
         if kind == "ParamFun":
-            return self.functions.called(_one_name(rest), [self.operand(o) for o in operands], name)
+            streams = [o if self.parameters.is_matrix(o) else self.operand(o) for o in operands]
+            return self.functions.called(_one_name(rest), streams, name)
         values = [self.operand(operand) for operand in operands]
         if kind in _TWO:
             return self.values.elementwise(_TWO[kind], *_count(values, 2))

@@ -113,6 +113,7 @@ class Checks:
                 self._complain(f"{address}: {type(error).__name__}: {error}")
 
     async def _check(self, address: str, opened: OpenText, loop: asyncio.AbstractEventLoop) -> None:
+        # before the check, so that a change meanwhile asks for another one
         source, opened.due = opened.source, None
         unsaved = {_real(t.path): t.source.text for a, t in self.texts.items() if a != address}
         gives_up = partial(self._gives_up, opened, source, time.monotonic())
@@ -124,6 +125,7 @@ class Checks:
                 self._complain(f"{opened.path}: {error}")
             return
         self._take(opened, source, examined)
+        # an answer about an older text would underline other words
         if self.texts.get(address) is opened and opened.source is source:
             self._publish(address, opened)
 

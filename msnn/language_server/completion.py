@@ -12,7 +12,7 @@ from compiler.lowering.scope import Kind
 from msnn.language_server.cursor import Cursor
 from msnn.language_server.hover import function_text, name_text
 from msnn.language_server.knowledge import Known, members
-from msnn.language_server.positions import Position, Range, offset_of, position_of
+from msnn.language_server.positions import Position, TextRange, offset_of, position_of
 from msnn.language_server.schema_place import SchemaPlace, place_of
 from msnn.language_server.view import View
 from spec_schema.editors.key_docs import key_doc
@@ -73,7 +73,7 @@ class Completion:
     """Proposals for a stretch of the text; not all of them where there are too many."""
 
     items: tuple[Item, ...]
-    range: Range
+    range: TextRange
     is_whole: bool
 
 
@@ -132,7 +132,7 @@ def _chosen(
     kept.sort(key=lambda item: not item.label.startswith(typed))
     line, column = offset_of(position, view.source)
     start = position_of(line, column - len(typed), view.source)
-    range = Range(start, position_of(line, column, view.source))
+    range = TextRange(start, position_of(line, column, view.source))
     return Completion(tuple(kept[:MOST]), range, len(kept) <= MOST)
 
 

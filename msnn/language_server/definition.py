@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from msnn.language_server.positions import START, Position, Range, range_of
+from msnn.language_server.positions import START, Position, TextRange, range_of
 from msnn.language_server.view import View
 
 
@@ -15,7 +15,7 @@ class Definition:
     """A place in a file."""
 
     path: str
-    range: Range
+    range: TextRange
 
 
 def definition(view: View, position: Position) -> Definition | None:

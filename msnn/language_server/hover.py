@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from compiler.ir.scalars.signatures import SIGNATURES
 from msnn.language_server.knowledge import Known
-from msnn.language_server.positions import Position, Range, range_of
+from msnn.language_server.positions import Position, TextRange, range_of
 from msnn.language_server.schema_place import place_of
 from msnn.language_server.view import View, Word, span_of
 from spec_schema.editors.key_docs import key_doc
@@ -35,7 +35,7 @@ class Hover:
     """Markdown about a stretch of the text."""
 
     text: str
-    range: Range
+    range: TextRange
 
 
 def hover(view: View, position: Position) -> Hover | None:

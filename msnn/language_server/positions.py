@@ -18,24 +18,24 @@ class Position:
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
+class TextRange:
     """A stretch of a text, its end exclusive."""
 
     start: Position
     end: Position
 
-    def touches(self, other: Range) -> bool:
+    def touches(self, other: TextRange) -> bool:
         """Whether the two have a place in common, be it the end of one."""
         return self.start <= other.end and other.start <= self.end
 
 
-START = Range(Position(0, 0), Position(0, 0))
+START = TextRange(Position(0, 0), Position(0, 0))
 """Where something is shown that has no place of its own."""
 
 
-def range_of(span: Span, source: SourceText | None) -> Range:
+def range_of(span: Span, source: SourceText | None) -> TextRange:
     """The range of a span; without its text, characters count as one unit."""
-    return Range(
+    return TextRange(
         _position(span.line, span.column, source), _position(span.end_line, span.end_column, source)
     )
 

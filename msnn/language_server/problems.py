@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from msnn.language_server.examine import Examined
-from msnn.language_server.positions import START, Range, range_of
+from msnn.language_server.positions import START, TextRange, range_of
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 
@@ -16,7 +16,7 @@ class Related:
     """A further place of a problem, maybe in another file."""
 
     path: str
-    range: Range
+    range: TextRange
     label: str
 
 
@@ -25,7 +25,7 @@ class Problem:
     """A diagnostic as it is shown in one file."""
 
     diagnostic: Diagnostic
-    range: Range
+    range: TextRange
     text: str
     related: tuple[Related, ...]
 
@@ -47,7 +47,7 @@ def problems_of(examined: Examined, path: str) -> tuple[Problem, ...]:
     return tuple(_problem(diagnostic, examined, path) for diagnostic in examined.diagnostics)
 
 
-def repairs_of(problems: tuple[Problem, ...], path: str, chosen: Range) -> Iterator[Repair]:
+def repairs_of(problems: tuple[Problem, ...], path: str, chosen: TextRange) -> Iterator[Repair]:
     """The repairs of the problems that a selection touches."""
     for problem in problems:
         diagnostic = problem.diagnostic
@@ -78,7 +78,7 @@ def _problem(diagnostic: Diagnostic, examined: Examined, path: str) -> Problem:
     )
 
 
-def _range(span: Span, examined: Examined) -> Range:
+def _range(span: Span, examined: Examined) -> TextRange:
     return range_of(span, examined.sources.get(span.file))
 
 

@@ -11,7 +11,7 @@ from compiler.lowering.scope import Kind
 from msnn.language_server.completion import Completion, Item, ItemKind
 from msnn.language_server.definition import Definition
 from msnn.language_server.outline import Heading, Section
-from msnn.language_server.positions import Position, Range, position_of
+from msnn.language_server.positions import Position, TextRange, position_of
 from msnn.language_server.problems import Problem, Repair
 from msnn.language_server.view import View
 from spec_schema.diagnostics.diagnostic import Severity
@@ -25,7 +25,7 @@ _SYMBOLS = {
 }
 
 
-def range_to(range: Range) -> types.Range:
+def range_to(range: TextRange) -> types.Range:
     """A range."""
     return types.Range(_position(range.start), _position(range.end))
 

@@ -18,7 +18,7 @@ from msnn.language_server.checks import Checks, OpenText
 from msnn.language_server.completion import complete
 from msnn.language_server.definition import definition
 from msnn.language_server.hover import hover
-from msnn.language_server.positions import Position, Range
+from msnn.language_server.positions import Position, TextRange
 from msnn.language_server.problems import repairs_of
 from msnn.language_server.protocol import (
     action_of,
@@ -176,7 +176,7 @@ def _answer_texts(server: SpecServer) -> None:
         if opened is None or opened.checked is not opened.source:
             return []  # places of a text that is no more
         start, end = params.range.start, params.range.end
-        chosen = Range(Position(start.line, start.character), Position(end.line, end.character))
+        chosen = TextRange(Position(start.line, start.character), Position(end.line, end.character))
         repairs = repairs_of(opened.problems, opened.path, chosen)
         return [action_of(repair, address) for repair in repairs]
 

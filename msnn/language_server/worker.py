@@ -34,6 +34,7 @@ class CheckProcess:
         self._pipe, theirs = self._context.Pipe()
         self._process = self._context.Process(target=_answer, args=(theirs,), daemon=True)
         self._process.start()
+        # the process has the only other end: where it dies, reading here ends at once
         theirs.close()
 
     def examine(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from backends.native.kernel_cache.contents import KeptKernel, Limits, clean, kept_kernels
+from backends.native.kernel_cache.contents import CacheLimits, KeptKernel, clean, kept_kernels
 from backends.native.kernel_cache.folders import KernelFolder, cache_folder, kernel_folder
 from msnn.errors.learning.kernels import foreign_folder_is_not_cleaned
 from msnn.simulation.engines.kernel_folder_warnings import kernel_folder_warnings
@@ -55,7 +55,7 @@ def kernel_cache() -> KernelCache:
     return KernelCache(taken, [] if taken.path is None else kept_kernels(taken.path))
 
 
-def cleaned_cache(limits: Limits) -> str:
+def cleaned_cache(limits: CacheLimits) -> str:
     """Cleans the folder that is wanted, full as it may be; says what was removed.
 
     SpecError where others may write to it: nobody knows then whose files these are.

@@ -21,7 +21,7 @@ _DOC = "doc"
 
 
 @dataclass(frozen=True)
-class Change:
+class ChangedValue:
     """One value of the canonical spec: `None` stands for one that is not there."""
 
     path: str
@@ -30,7 +30,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class SpecDifference:
     """Every change, and the most that can be said of all together.
 
     `same`: not a character that matters. `text`: comments, layout, docs, or another way to write
@@ -39,7 +39,7 @@ class Comparison:
     """
 
     kind: Kind
-    changes: tuple[Change, ...] = ()
+    changes: tuple[ChangedValue, ...] = ()
     renames: Mapping[str, str] | None = None
 
     @property
@@ -48,22 +48,22 @@ class Comparison:
         return self.kind in ("same", "text")
 
 
-def compare_specs(old: Model, new: Model) -> Comparison:
+def compare_specs(old: Model, new: Model) -> SpecDifference:
     """What changed from one model to another; paths are those of the canonical spec."""
     before, after = spec_data(old.spec), spec_data(new.spec)
     changes = tuple(_changes("", before, after))
     if not changes and _meaning(old.program) == _meaning(new.program):
-        return Comparison("same" if old.text == new.text else "text")
+        return SpecDifference("same" if old.text == new.text else "text")
     renames = _renames(before, after)
     if renames and _renamed(before, renames) == after:
-        return Comparison("renamed", changes, renames)
+        return SpecDifference("renamed", changes, renames)
     if _meaning(old.program) == _meaning(new.program):
         touched = {change.path.partition(".")[0] for change in changes if not _is_doc(change)}
-        return Comparison("workflow" if touched & _WORKFLOW else "text", changes)
-    return Comparison("model", changes)
+        return SpecDifference("workflow" if touched & _WORKFLOW else "text", changes)
+    return SpecDifference("model", changes)
 
 
-def _is_doc(change: Change) -> bool:
+def _is_doc(change: ChangedValue) -> bool:
     return change.path.rpartition(".")[2] == _DOC
 
 
@@ -80,7 +80,7 @@ def _meaning(program: Program) -> Program:
     )
 
 
-def _changes(path: str, old: Any, new: Any) -> Iterator[Change]:
+def _changes(path: str, old: Any, new: Any) -> Iterator[ChangedValue]:
     before, after = _table(old), _table(new)
     earlier, later = _list_of_tables(old), _list_of_tables(new)
     if before is not None and after is not None:
@@ -92,7 +92,7 @@ def _changes(path: str, old: Any, new: Any) -> Iterator[Change]:
             pair = [items[index] if index < len(items) else None for items in (earlier, later)]
             yield from _changes(f"{path}.{index}", *pair)
     elif old != new:
-        yield Change(path, old, new)
+        yield ChangedValue(path, old, new)
 
 
 def _table(value: Any) -> dict[str, Any] | None:

@@ -22,7 +22,7 @@ _FIRST = ("test", "val", "train")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Channel:
+class DrawnNumber:
     """One number of an output or a signal, over the steps of a run."""
 
     name: str
@@ -60,23 +60,25 @@ def element_name(name: str, index: tuple[int, ...]) -> str:
     return f"{name}[{', '.join(map(str, index))}]" if index else name
 
 
-def channels(signals: Sequence[Signal]) -> list[Channel]:
+def channels(signals: Sequence[Signal]) -> list[DrawnNumber]:
     """The numbers of signals, the first few of each vector."""
-    found: list[Channel] = []
+    found: list[DrawnNumber] = []
     for signal in signals:
         low, high = signal.range or (None, None)
         for index in _indices(signal.axes):
             name = element_name(signal.name, index)
             unit = unit_of(signal.unit)
             found.append(
-                Channel(name=name, source=signal.name, index=index, unit=unit, low=low, high=high)
+                DrawnNumber(
+                    name=name, source=signal.name, index=index, unit=unit, low=low, high=high
+                )
             )
     return found[:MOST_CHANNELS]
 
 
-def output_channels(program: Program) -> list[Channel]:
+def output_channels(program: Program) -> list[DrawnNumber]:
     """The numbers of outputs, those that predict something first."""
-    found: list[Channel] = []
+    found: list[DrawnNumber] = []
     for output in sorted(program.outputs, key=lambda output: output.predicts is None):
         type = program.step[output.node].type
         low, high = program.expected_range(output.name) or (None, None)
@@ -89,7 +91,7 @@ def output_channels(program: Program) -> list[Channel]:
                     low, high = signal.range
         for index in _indices(type.axes):
             found.append(
-                Channel(
+                DrawnNumber(
                     name=element_name(output.name, index),
                     source=output.name,
                     index=index,

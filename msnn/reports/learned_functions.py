@@ -30,7 +30,6 @@ from spec_schema.sections.spec import Spec
 from spec_schema.yaml_tree.writer import yaml_text
 
 _POINTS = 241
-_LEVELS = 5
 _STEPS = 300
 """Of each record, from which the range of what a function is called with is taken."""
 MOST_FUNCTIONS = 16

@@ -15,7 +15,7 @@ from msnn.data.dataset import BoolArray, Dataset, IntArray
 from msnn.data.reads import reads
 from msnn.data.scored import scored_rows
 from msnn.data.starts import Horizon, Runs, reach, rollouts
-from msnn.errors.data import files as data_files
+from msnn.errors.data import rows as data_rows
 from msnn.errors.learning import training as errors
 from msnn.simulation.durations import samples
 from spec_schema.diagnostics.diagnostic import Findings
@@ -100,6 +100,7 @@ def plan_rollout(
         return None
     if warm_up and not closed:
         findings.report(errors.warms_nothing(rollout.place.value))
+    # a closed signal that is still read from the log shows nothing of the model
     key, unscored_steps = max(("skip", skip), ("warm_up", warm_up), key=lambda one: one[1])
     plan = RolloutPlan(
         program=looped,
@@ -118,6 +119,7 @@ def default_rollout(program: Program) -> RolloutPlan:
     """One step; whole records where one step would not decide where states start."""
     plan = RolloutPlan(program=program, horizon=1, stride=1, skip=0, closed=())
     if estimated_states(program):
+        # a start that is fitted needs samples to be fitted to: one step has none
         plan = replace(plan, horizon="record")
     found = _with_found_starts(plan, None, Findings())
     assert found is not None, "a record has room for starts"
@@ -183,25 +185,28 @@ def set_rollouts(
     """
     if not data.has(name):
         known = [known for known in data.sets if data.has(known)]
-        findings.report(data_files.no_rows_in_set(name, known, span))
+        findings.report(data_rows.no_rows_in_set(name, known, span))
         return None
     far = reach(plan.reading, also)
+    # `record` runs through rows of all sets, so that states have settled, and scores those of one
+    # (R10)
     episodes = data.stretches() if plan.horizon == "record" else data.episodes(name)
     once = isinstance(plan.horizon, int) and stride is None
+    # a stride of the horizon visits each row once; `rest` lets a shorter last one take what is left
     step = plan.horizon if once and isinstance(plan.horizon, int) else stride or 1
     runs = rollouts(episodes, far, plan.horizon, step, rest=once)
     needed = far.rows(plan.horizon if isinstance(plan.horizon, int) and not once else 1)
     if runs.skipped and len(runs):
         total, files = len(episodes), files_skipped(data, episodes, runs)
-        findings.report(data_files.episodes_skipped(runs.skipped, total, needed, wanted_by, files))
+        findings.report(data_rows.episodes_skipped(runs.skipped, total, needed, wanted_by, files))
     runs = _with_known_starts(plan.reading, data, runs)
     if not len(runs):
-        findings.report(data_files.episodes_too_short(name, runs.longest, needed, wanted_by, span))
+        findings.report(data_rows.episodes_too_short(name, runs.longest, needed, wanted_by, span))
         return None
     scored = _with_scored_rows(plan, data, runs, far.ahead)
     if not len(scored):
         longest = max(record.stop - record.start for record in data.records)
-        findings.report(data_files.rows_all_skipped(plan.skip_rows, longest, wanted_by, span))
+        findings.report(data_rows.rows_all_skipped(plan.skip_rows, longest, wanted_by, span))
         return None
     most = int(scored.steps.max())
     if plan.skip >= most:
@@ -230,6 +235,7 @@ def _with_scored_rows(plan: RolloutPlan, data: Dataset, runs: Runs, ahead: int) 
 
 def files_skipped(data: Dataset, episodes: IntArray, runs: Runs) -> list[str]:
     """The files with an episode in which no rollout starts."""
+    # as many rollouts begin before an episode as before its end: none begins in it
     first, after = (np.searchsorted(runs.t0, episodes[:, end]) for end in (0, 1))
     starts = episodes[first == after, 0]
     return list(

@@ -11,7 +11,7 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Loss, Output, Program
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray
 from msnn.data.starts import Runs
-from msnn.errors.data.files import unfit_factor
+from msnn.errors.data.rows import unfit_factor
 from spec_schema.diagnostics.diagnostic import Findings
 
 _AT_ONCE = 1 << 16

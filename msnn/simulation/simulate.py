@@ -15,7 +15,7 @@ from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import BETWEEN_ROWS, UNASSIGNED, Dataset, FloatArray, IntArray, Record
 from msnn.data.reads import reads
 from msnn.data.starts import Runs, reach, rollouts
-from msnn.errors.data import files as data_files
+from msnn.errors.data import rows as data_rows
 from msnn.errors.workflow import records_too_short, unknown_set
 from msnn.simulation.engines.engine import Engine, first_places
 from msnn.simulation.engines.open_rollouts import open_rollouts
@@ -151,7 +151,7 @@ def simulate(
     if runs.skipped:
         files = files_skipped(data, stretches, runs)
         skipped = (runs.skipped, len(stretches), far.rows(1))
-        warnings += (data_files.episodes_skipped(*skipped, "the simulation", files),)
+        warnings += (data_rows.episodes_skipped(*skipped, "the simulation", files),)
     program, series, uncertain = _started(program, data, stretches, runs, weights)
     warnings += tuple(uncertain)
     if horizon is not None:
@@ -197,6 +197,8 @@ def _started(
     if not estimated:
         return program, data.series, ()
     far = reach(program)
+    # the end of the stretch that each run is in: it may be shorter than what its start is fitted
+    # over
     stops = stretches[np.searchsorted(stretches[:, 0], runs.t0, side="right") - 1, 1]
     room = np.maximum(stops - far.ahead - runs.t0, 0)
     over = max(state.fit_over or 0 for state in estimated)
@@ -215,7 +217,7 @@ def _stretches(data: Dataset, data_set: str | None) -> IntArray:
         raise SpecError([unknown_set(data_set, None, data.sets)])
     if not data.has(data_set):
         known = [known for known in data.sets if data.has(known)]
-        raise SpecError([data_files.no_rows_in_set(data_set, known, None)])
+        raise SpecError([data_rows.no_rows_in_set(data_set, known, None)])
     return data.episodes(data_set)
 
 
@@ -236,6 +238,8 @@ def _simulation(
             series = data.series[out.predicts.signal]
             values = np.full((steps, *series.shape[1:]), np.nan)
             first = t0 + out.predicts.ahead
+            # a prediction k samples ahead of the last rows has nothing to be compared with: NaN
+            # there
             last = max(min(first + steps, unbroken), first)
             values[: last - first] = series[first:last]
             logged[out.name] = values

@@ -20,9 +20,10 @@ from compiler.differentiation.estimated_starts import (
     start_signal,
     with_moved_starts,
 )
-from compiler.differentiation.sensitivities import Residuals, sensitivities
+from compiler.differentiation.residuals import Residuals
+from compiler.differentiation.sensitivities import sensitivities
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.program import Output, Program, State
+from compiler.ir.program import Output, Program
 from compiler.ir.types import Type
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray
 from msnn.data.starts import Runs
@@ -68,7 +69,8 @@ class StartFit:
         self._states = estimated_states(program)
         self._moved = compared_squares(with_moved_starts(program))
         self._sizes = [Type(state.axes).size for state in self._states]
-        self._judged, self._residuals = _judged(self._moved, self._states)
+        offsets = [offset_parameter(state) for state in self._states]
+        self._judged, self._residuals = with_slopes(self._moved, offsets)
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -168,32 +170,32 @@ class _Sums:
         members, runs = members[some], int(some.sum())
         if not runs:  # all of them are in rows that do not decide
             return
-        error = values[f"{_RESIDUAL}{loss}"].reshape(runs, -1)
-        slopes = values[f"{_SLOPES}{loss}"].reshape(runs, self.slope.shape[1], -1)
+        error = values[f"{RESIDUAL}{loss}"].reshape(runs, -1)
+        slopes = values[f"{SLOPES}{loss}"].reshape(runs, self.slope.shape[1], -1)
         self.squares[members] += np.sum(error * error, axis=1)
         self.slope[members] += np.einsum("rne,re->rn", slopes, error)
         self.curvature[members] += slopes @ slopes.transpose(0, 2, 1)
         self.size[members] += values[f"{_SIZE}{loss}"]
-        self.count[members] += values[f"{_COUNT}{loss}"]
+        self.count[members] += values[f"{COUNT}{loss}"]
 
 
-_RESIDUAL, _SLOPES, _SIZE, _COUNT = "residual of ", "slopes of ", "size of ", "count of "
+RESIDUAL, SLOPES, _SIZE, COUNT = "residual of ", "slopes of ", "size of ", "count of "
 """Before the name of a loss: outputs of the program that is run."""
 
 
-def _judged(moved: Program, states: Sequence[State]) -> tuple[Program, tuple[Residuals, ...]]:
-    """The program whose outputs are residuals, their slopes in the starts, sizes and counts."""
-    found = sensitivities(moved, [offset_parameter(state) for state in states])
+def with_slopes(moved: Program, names: Sequence[str]) -> tuple[Program, tuple[Residuals, ...]]:
+    """The program whose outputs are residuals, their slopes in parameters, sizes and counts."""
+    found = sensitivities(moved, names)
     outputs: list[Output] = []
     terms = {term.loss.name: term for term in found.losses}
     for one in found.residuals:
         name, term = one.loss.name, terms[one.loss.name]
         assert term.count is not None, "targets can be missing"
         outputs += [
-            Output(f"{_RESIDUAL}{name}", one.values),
-            Output(f"{_SLOPES}{name}", one.slopes),
+            Output(f"{RESIDUAL}{name}", one.values),
+            Output(f"{SLOPES}{name}", one.slopes),
             Output(f"{_SIZE}{name}", terms[f"{SIZE_OF}{name}"].total),
-            Output(f"{_COUNT}{name}", term.count),
+            Output(f"{COUNT}{name}", term.count),
         ]
     program = replace(found.program, outputs=tuple(outputs), losses=(), expected=(), fits=())
     return program, found.residuals

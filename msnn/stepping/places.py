@@ -17,7 +17,7 @@ Array = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class RealsPlace:
     """A value among the reals of a struct: one number at `index`, or the array `view`."""
 
     name: str
@@ -61,25 +61,25 @@ def refuses(signal: Signal) -> bool:
     return signal.on_invalid == "flag"
 
 
-def input_places(interface: Interface, memory: Any) -> dict[str, Place]:
+def input_places(interface: Interface, memory: Any) -> dict[str, RealsPlace]:
     """The inputs of a step in its memory."""
     fields = [input.field for input in interface.inputs]
     checked = {input.field.name: refuses(input.port.signal) for input in interface.inputs}
     return {
-        place.name: Place(place.name, place.index, place.view, checked[place.name])
+        place.name: RealsPlace(place.name, place.index, place.view, checked[place.name])
         for place in _places(fields, memory, interface)
     }
 
 
-def output_places(interface: Interface, memory: Any) -> tuple[Place, ...]:
+def output_places(interface: Interface, memory: Any) -> tuple[RealsPlace, ...]:
     """The outputs of a step in its memory."""
     return tuple(_places(interface.outputs, memory, interface))
 
 
-def _places(fields: Iterable[Field], memory: Any, interface: Interface) -> Iterable[Place]:
+def _places(fields: Iterable[Field], memory: Any, interface: Interface) -> Iterable[RealsPlace]:
     numbers = np.frombuffer(memory, interface.options.dtype)
     begin = 0
     for field in fields:
         view = numbers[begin : begin + field.size].reshape(field.shape) if field.shape else None
-        yield Place(field.name, begin, view)
+        yield RealsPlace(field.name, begin, view)
         begin += field.size

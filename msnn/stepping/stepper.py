@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from backends.c.functions.state_reports import BUFFERS_EMPTY, STATES_UNSET
 from backends.c.interface.interface import Field, Interface
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.ports.step_interface import Port
 from msnn.stepping.engine import StepEngine
 from msnn.stepping.places import input_places, not_finite, output_places, refuses
@@ -70,8 +70,8 @@ class Stepper:
     @property
     def status(self) -> tuple[str, ...]:
         """What the last step or reset found out of order, by the names of the C's status bits."""
-        bits = Status(self._status)
-        return tuple(bit.name or "" for bit in Status if bit in bits)
+        bits = StatusBit(self._status)
+        return tuple(bit.name or "" for bit in StatusBit if bit in bits)
 
     def reset(self, **initial: ArrayLike) -> None:
         """Begins anew: from what the spec says of the first states, or from what is given here.

@@ -17,12 +17,9 @@ from msnn.errors.learning.training import no_checkpoint
 from msnn.model.kept_run import CHECKPOINT, FOLD, LATEST, newest, read_json
 from msnn.model.model import Model
 from msnn.tables import Table
+from msnn.training.records.metrics_log import finite
 from msnn.training.records.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
-from msnn.training.records.run_folder import (
-    RunFolder,
-    finite,
-    new_run_folder,
-)
+from msnn.training.records.run_folder import RunFolder, new_run_folder
 from msnn.training.records.run_log import measured_in
 from msnn.training.records.training_options import TrainingOptions, in_folder
 from msnn.training.run_line import begun, ended, log
@@ -99,6 +96,8 @@ def train_folds(
         line = begun(one, data, fold=number, held_out=HELD_OUT)
         line = replace(ended(line, found, options.runs), held_out=measured_in(report))
         log(options.runs, line)
+        # all but the last: with every fold in it the record says that there is nothing to resume,
+        # which is true only when `latest` leads to the best one
         if number < count:
             _write_record(FoldsResult(tuple(folds), folder, count))
     result = FoldsResult(tuple(folds), folder, count)

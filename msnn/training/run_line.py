@@ -16,6 +16,7 @@ from msnn.training.records.run_log import LOG, RunLine, append
 from msnn.training.records.run_record import data_hash
 from msnn.training.training_result import TrainingDivergedError, TrainingResult
 from spec_schema.diagnostics.diagnostic import describe
+from spec_schema.reading.setting_values import one_form
 from spec_schema.version import __version__
 
 
@@ -26,14 +27,15 @@ def begun(
 
     `held_out` is the set that it will be measured on.
     """
-    spec, of_data = hash_of(model.text, model.parts, model.settings), data_hash(data)
+    settings = tuple(map(one_form, model.settings))
+    spec, of_data = hash_of(model.text, model.parts, settings), data_hash(data)
     decides = [__version__, spec, _initial_hash(model.program), of_data, seed, fold, held_out]
     return RunLine(
         key=hashlib.sha256(json.dumps(decides).encode()).hexdigest(),
         model=model.name,
         spec=str(model.path),
         spec_sha256=spec,
-        settings=model.settings,
+        settings=settings,
         seed=seed,
         fold=fold,
         data_sha256=of_data,

@@ -10,7 +10,7 @@ import numpy as np
 from compiler.ir.program import Role
 from msnn.data.dataset import Dataset, FloatArray, IntArray
 from msnn.validation.ready_check import ReadyCheck
-from msnn.validation.statistics.correlations import Residuals, lags_of, residuals
+from msnn.validation.statistics.correlations import ErrorsOfElement, lags_of, residuals
 from msnn.validation.statistics.regions import Extrapolation, Region, extrapolation, regions
 
 TRAINED_ON = "train"
@@ -22,7 +22,7 @@ _MOST_SIGNALS = 40
 class JudgedErrors:
     """What the errors of an output tell of the model."""
 
-    residuals: tuple[Residuals, ...]
+    residuals: tuple[ErrorsOfElement, ...]
     """By element."""
     regions: Mapping[str, tuple[Region, ...]]
     """By input: where the rmse over all elements is how large."""

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from compiler.ir.kept_results import kept_for_same
 from compiler.ir.program import Loss, Output, Program
 from compiler.passes.simplify.drop_unused import drop_unused
 from msnn.data.dataset import FloatArray
@@ -73,11 +74,9 @@ class Simulator:
         return [found[index] for index in range(len(checks))]
 
     def _measurements(self, checks: list[ReadyCheck]) -> list[Outcome]:
-        names = {check.plan.of for check in checks}
         first = checks[0]
-        program = reduced(
-            first.plan.rollout.program, lambda output: output.name in names, lambda _: False
-        )
+        names = frozenset(check.plan.of for check in checks)
+        program = _measured_program(first.plan.rollout.program, names)
         parts = rollout_parts(first.runs, max(_STEPS, first.data.rows))
 
         def found(engine: RolloutEngine) -> Found:
@@ -142,6 +141,12 @@ def simulated_together(checks: Sequence[ReadyCheck]) -> list[list[int]]:
         else:
             groups.append([index])
     return groups
+
+
+@kept_for_same(4)
+def _measured_program(program: Program, names: frozenset[str]) -> Program:
+    """What computes these outputs, and nothing else."""
+    return reduced(program, lambda output: output.name in names, lambda _: False)
 
 
 def reduced(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from compiler.ir.kept_results import kept_for_same
 from compiler.ir.program import Output, Program
 from compiler.ir.types import Prediction
 from msnn.data.dataset import Dataset
@@ -13,7 +14,7 @@ from msnn.errors.learning import stages as stage_errors
 from msnn.errors.learning import training as errors
 from msnn.simulation.durations import samples
 from msnn.simulation.rollout_plan import RolloutPlan, default_rollout, plan_rollout
-from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.tree import Expression, Member, Name, Window
 from spec_schema.sections.data.data import Source
@@ -53,28 +54,45 @@ def plan_checks(
 
     What is wrong with them goes to `findings`.
     """
+    plans, said = _plans(program, tuple(checks))
+    findings.report(*said)
+    return list(plans)
+
+
+@kept_for_same(4)  # each set of a model is measured apart, and folds ask again
+def _plans(
+    program: Program, checks: tuple[Validation, ...]
+) -> tuple[tuple[CheckPlan, ...], tuple[Diagnostic, ...]]:
+    """The plans of entries, and what is said of them in the order in which it was found."""
     if not checks:
-        default = default_rollout(program)
-        return [
-            CheckPlan(
-                of=output.name,
-                metric="rmse",
-                target=output.predicts,
-                rollout=default,
-                data=None,
-                from_files=False,
-                unit=_unit(program, output),
-                output_unit=_unit(program, output),
-                minimum=None,
-                maximum=None,
-                span=output.span,
-            )
-            for output in program.outputs
-            if output.predicts is not None
-        ]
+        return _default_plans(program), ()
+    findings = Findings()
     sets = file_sets(checks)
-    plans = (_planned(program, check, sets, findings) for check in checks)
-    return [plan for plan in plans if plan is not None]
+    planned = (_planned(program, check, sets, findings) for check in checks)
+    plans = tuple(plan for plan in planned if plan is not None)
+    return plans, findings.since(0)
+
+
+def _default_plans(program: Program) -> tuple[CheckPlan, ...]:
+    """The rmse of every prediction."""
+    default = default_rollout(program)
+    return tuple(
+        CheckPlan(
+            of=output.name,
+            metric="rmse",
+            target=output.predicts,
+            rollout=default,
+            data=None,
+            from_files=False,
+            unit=_unit(program, output),
+            output_unit=_unit(program, output),
+            minimum=None,
+            maximum=None,
+            span=output.span,
+        )
+        for output in program.outputs
+        if output.predicts is not None
+    )
 
 
 def default_set(data: Dataset) -> str:

@@ -21,7 +21,7 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Member:
+class RangedField:
     """A field of a generated struct, with the range of its values where the spec has one."""
 
     field: str
@@ -46,12 +46,12 @@ class ExportedC(CFolder):
     """The variable of parameters that a tool may change; None where there is none."""
     exact: bool
     """Whether every build must give the same bits; else results agree within a tolerance."""
-    inputs: tuple[Member, ...]
-    start: tuple[Member, ...]
+    inputs: tuple[RangedField, ...]
+    start: tuple[RangedField, ...]
     """What reset takes."""
-    state: tuple[Member, ...]
-    outputs: tuple[Member, ...]
-    slopes: tuple[Member, ...]
+    state: tuple[RangedField, ...]
+    outputs: tuple[RangedField, ...]
+    slopes: tuple[RangedField, ...]
     """Matrices of the Jacobian; empty without one."""
     expected: tuple[str, ...]
     """What each golden step answers: status and bits of the outputs in hexadecimal digits. The file
@@ -91,7 +91,7 @@ class ExportedC(CFolder):
         return _reals(self.slopes) if self.exact else 0
 
 
-def _reals(members: tuple[Member, ...]) -> int:
+def _reals(members: tuple[RangedField, ...]) -> int:
     return sum(m.size or 1 for m in members if not m.unsigned)
 
 
@@ -131,9 +131,9 @@ def _read(folder: Path, about: dict[str, Any]) -> ExportedC:
 
 def _members(
     fields: list[dict[str, Any]], policies: Mapping[str, str] = MappingProxyType({})
-) -> tuple[Member, ...]:
+) -> tuple[RangedField, ...]:
     return tuple(
-        Member(
+        RangedField(
             field=_identifier(field["field"]),
             size=math.prod(field["shape"]) if field["shape"] else None,
             unsigned=field["type"] == "uint32",

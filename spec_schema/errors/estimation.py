@@ -1,4 +1,4 @@
-"""E1120-E1123: estimators of states and parameters."""
+"""E1120-E1127: estimators of states and parameters."""
 
 from collections.abc import Iterable
 
@@ -43,3 +43,33 @@ def not_a_read_parameter(name: str, span: Span, known: Iterable[str]) -> Diagnos
     meant = nearest(name, known)
     repair, label = did_you_mean(meant), "nothing measured depends on it"
     return error("E1123", span, message, label, help=repair, replacement=meant)
+
+
+def nothing_uncertain(span: Span) -> Diagnostic:
+    """E1124: moving-horizon estimation of a model that nothing moves but its inputs."""
+    return error(
+        "E1124",
+        span,
+        "nothing is uncertain, so there is nothing to estimate",
+        "`initial`, `process` and `parameters` name nothing that deviates",
+        help="say how far states may be off: `initial: {STATE: std}`, `process: {STATE: std}`",
+    )
+
+
+def condensed_window(span: Span) -> Diagnostic:
+    """E1125: moving-horizon estimation in the controls alone."""
+    return error(
+        "E1125",
+        span,
+        "moving-horizon estimation cannot be solved `condensed`",
+        "each sample has its own noise, as many numbers as are uncertain",
+        help="leave `structure` out: it is solved stage by stage",
+    )
+
+
+def window_of_memory(horizon: int, memory: str, products: int, span: Span) -> Diagnostic:
+    """E1127: a window whose estimator fits into no computer that it is meant for."""
+    message = f"a window of {horizon:,} samples makes an estimator of {memory}"
+    label = f"about {products:,} products in each of its iterations"
+    repair = "look back less far: what lies before is known by the arrival cost"
+    return error("E1127", span, message, label, help=repair)

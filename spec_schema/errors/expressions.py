@@ -138,7 +138,8 @@ def malformed_number(text: str, span: Span) -> Diagnostic:
 def foreign_operator(operator: str, span: Span) -> Diagnostic:
     """E0337: an operator of Python that the language does not have."""
     message = f"the operator `{operator}` is not in the language"
-    return error("E0337", span, message, "operators are + - * / @ **")
+    repair = "for a magnitude write `abs(…)`" if operator == "|" else None
+    return error("E0337", span, message, "operators are + - * / @ **", help=repair)
 
 
 def empty_expression(span: Span) -> Diagnostic:

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
+from spec_schema.errors.keys_elsewhere import KEYS_ELSEWHERE
 from spec_schema.names import similar_name
 
 # The keys of a layer are worth listing, those of a whole spec are in the documentation.
@@ -14,7 +15,8 @@ _SHORT_LIST = 12
 def unknown_key(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagnostic:
     """E0201: a key that the language does not have."""
     known = tuple(known)
-    meant = nearest(key, known)
+    elsewhere = (meant for meant in KEYS_ELSEWHERE.get(key.lower(), ()) if meant in known)
+    meant = next(elsewhere, None) or nearest(key, known)
     message = f"unknown key `{key}` in {owner}"
     notes = () if meant else (f"known keys: {', '.join(known)}",)
     repair = did_you_mean(meant)

@@ -97,7 +97,8 @@ def own_alias(name: str, span: Span) -> Diagnostic:
 def second_colon(span: Span) -> Diagnostic:
     """E0116: `a: b: c`."""
     message = "a value cannot contain `: ` unless it is quoted"
-    return error("E0116", span, message, "a second `:` in this line", help="quote the value")
+    repair = "quote the value; keys and values on one line stand in braces: `{key: value}`"
+    return error("E0116", span, message, "a second `:` in this line", help=repair)
 
 
 def no_blank_after_colon(key: str, value: str, span: Span) -> Diagnostic:

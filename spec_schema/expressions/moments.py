@@ -15,7 +15,7 @@ _MOMENT = re.compile(
 )
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _SECOND = timedelta(seconds=1)
-_FARTHEST = 2**62
+FARTHEST = 2**62
 """Nanoseconds from 1970: 1823 to 2116, whose differences 64 bits hold."""
 
 
@@ -54,7 +54,7 @@ def read_moment(text: str) -> Moment | None:
     seconds = (whole - _EPOCH) // _SECOND - _offset(found["zone"] or "Z")
     fraction = int((found["fraction"] or "").ljust(9, "0"))
     nanoseconds = seconds * 1_000_000_000 + fraction
-    if abs(nanoseconds) >= _FARTHEST:
+    if abs(nanoseconds) >= FARTHEST:
         return None
     return Moment(nanoseconds, found["zone"] is not None)
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from pydantic import ValidationInfo
 
-from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
+from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import schema as errors
 from spec_schema.fields.entry import RefusedError, findings_of
 from spec_schema.fields.leaf import (
@@ -19,6 +19,7 @@ from spec_schema.fields.leaf import (
     one_or_many,
 )
 from spec_schema.fields.located import Choice, Located
+from spec_schema.fields.meant_numbers import no_number
 from spec_schema.names import is_name, normalised, why_reserved
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table, kind, with_key
 
@@ -104,7 +105,7 @@ def read_number(node: Node, findings: Findings) -> float:
     found = scalar(node, findings, "a number")
     value = found.value
     if isinstance(value, bool) or not isinstance(value, int | float):
-        findings.report(_no_number("a number", found))
+        findings.report(no_number("a number", found))
         raise RefusedError
     if not math.isfinite(value):
         findings.report(errors.out_of_range(found.text, found.span, "finite"))
@@ -149,7 +150,7 @@ def read_count(node: Node, findings: Findings, least: int, most: int = LARGEST_C
     found = scalar(node, findings, "an integer")
     value = found.value
     if isinstance(value, bool) or not isinstance(value, int):
-        findings.report(_no_number("an integer", found))
+        findings.report(no_number("an integer", found))
         raise RefusedError
     if not least <= value <= most:
         wanted = f"at least {least}" if value < least else f"at most {most}"
@@ -245,20 +246,6 @@ def read_entries(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
 
 def _key_of(node: Node) -> Any:
     return next(iter(node.keys.values()), node.span) if isinstance(node, Table) else node.span
-
-
-def _no_number(wanted: str, found: Scalar) -> Diagnostic:
-    if found.quoted and _is_numeral(found.text):
-        repair, meant = "remove the quotes", found.text.strip()
-        return errors.wrong_kind(wanted, kind(found), found.span, repair, meant)
-    return errors.wrong_kind(wanted, kind(found), found.span)
-
-
-def _is_numeral(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
 
 
 _SCALAR = {"type": ["string", "number", "boolean"]}

@@ -23,7 +23,7 @@ from spec_schema.robots.geometry import (
     to_axis,
     transposed,
 )
-from spec_schema.robots.robot import WORLD, Body, Inertia, Place
+from spec_schema.robots.robot import WORLD, Body, BodyPoint, Inertia
 from spec_schema.robots.urdf import Joint, Urdf
 
 _AXES: Mapping[str, tuple[bool, Vector]] = {
@@ -57,8 +57,8 @@ class _Frame:
         """The frame in which x is R x + r of this one."""
         return _Frame(self.body, product(self.R, R), plus(times(self.R, r), self.r))
 
-    def place(self) -> Place:
-        return Place(body=self.body, offset=self.r)
+    def place(self) -> BodyPoint:
+        return BodyPoint(body=self.body, offset=self.r)
 
 
 def tree_of(urdf: Urdf, moving: Sequence[str], *, floats: bool, findings: Findings) -> Tree | None:

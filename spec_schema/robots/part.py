@@ -13,7 +13,7 @@ from spec_schema.errors import units as unit_errors
 from spec_schema.fields.located import Located
 from spec_schema.robots.bodies import Tree, tree_of
 from spec_schema.robots.geometry import Vector, cholesky, multiple, product, times, transposed
-from spec_schema.robots.robot import BASE_JOINTS, Body, Place, Robot
+from spec_schema.robots.robot import BASE_JOINTS, Body, BodyPoint, Robot
 from spec_schema.robots.urdf import Urdf, read_urdf
 from spec_schema.sections import robots as sections
 from spec_schema.sections.spec import Spec
@@ -158,8 +158,8 @@ def _in(quantity: Quantity, unit: Unit, findings: Findings) -> float:
     return quantity.unit.convert(quantity.value, unit)
 
 
-def _frames(entry: sections.Robot, tree: Tree, findings: Findings) -> Mapping[str, Place]:
-    found: dict[str, Place] = {}
+def _frames(entry: sections.Robot, tree: Tree, findings: Findings) -> Mapping[str, BodyPoint]:
+    found: dict[str, BodyPoint] = {}
     for name, link in entry.frames.items():
         if link.value in tree.links:
             found[name] = tree.links[link.value].place()

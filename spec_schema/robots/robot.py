@@ -48,7 +48,7 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class BodyPoint:
     """A point that moves with a body, or with nothing."""
 
     body: int
@@ -64,7 +64,7 @@ class Robot:
     gravity: Vector
     armature: tuple[float, ...]
     """Of each joint, in the order of q."""
-    frames: Mapping[str, Place] = field(default_factory=dict[str, Place])
+    frames: Mapping[str, BodyPoint] = field(default_factory=dict[str, BodyPoint])
     learned: frozenset[str] = frozenset()
     """Of `LEARNED`."""
     joint: str = "joint"

@@ -23,7 +23,7 @@ from spec_schema.robots.geometry import (
     transposed,
 )
 from spec_schema.robots.robot import Inertia
-from spec_schema.robots.xml_tree import Element, read_xml
+from spec_schema.robots.xml_tree import XmlElement, read_xml
 
 MOVING = ("revolute", "continuous", "prismatic")
 _XACRO = "write it out by `xacro FILE.xacro > FILE.urdf`"
@@ -109,7 +109,7 @@ def _report_names(what: str, name: str, span: Span, first: Span, findings: Findi
     findings.report(errors.twice_in_urdf(f"two {what}s are called `{name}`", span, first))
 
 
-def _xacro_element(root: Element) -> Element | None:
+def _xacro_element(root: XmlElement) -> XmlElement | None:
     waiting = [root]
     while waiting:
         element = waiting.pop()
@@ -119,7 +119,7 @@ def _xacro_element(root: Element) -> Element | None:
     return None
 
 
-def _inertia(link: str, element: Element | None, findings: Findings) -> Inertia:
+def _inertia(link: str, element: XmlElement | None, findings: Findings) -> Inertia:
     """The inertia of a link along the link's axes."""
     if element is None:
         return Inertia()
@@ -157,7 +157,7 @@ def _inertia(link: str, element: Element | None, findings: Findings) -> Inertia:
     return Inertia(mass=mass, com=com, spread=product(product(R, spread), transposed(R)))
 
 
-def _joint(element: Element, findings: Findings) -> Joint | None:
+def _joint(element: XmlElement, findings: Findings) -> Joint | None:
     name = _attribute(element, "name", "a joint", findings)
     what = f"the joint `{name}`"
     type = _attribute(element, "type", what, findings)
@@ -189,7 +189,7 @@ def _joint(element: Element, findings: Findings) -> Joint | None:
     )
 
 
-def _named_link(element: Element, tag: str, what: str, findings: Findings) -> str:
+def _named_link(element: XmlElement, tag: str, what: str, findings: Findings) -> str:
     found = _only(element, tag, what, findings)
     if found is None:
         findings.report(errors.incomplete_element(what, f"`<{tag} link=…>`", element.span))
@@ -197,7 +197,7 @@ def _named_link(element: Element, tag: str, what: str, findings: Findings) -> st
     return _attribute(found, "link", f"`<{tag}>` of {what}", findings)
 
 
-def _axis(element: Element, what: str, findings: Findings) -> Vector | None:
+def _axis(element: XmlElement, what: str, findings: Findings) -> Vector | None:
     """The unit vector of a joint, by default that of x."""
     found = _only(element, "axis", what, findings)
     if found is None:
@@ -215,7 +215,7 @@ def _axis(element: Element, what: str, findings: Findings) -> Vector | None:
     return x / length, y / length, z / length
 
 
-def _origin(element: Element, what: str, findings: Findings) -> tuple[Matrix, Vector]:
+def _origin(element: XmlElement, what: str, findings: Findings) -> tuple[Matrix, Vector]:
     """Rotation and offset of `<origin xyz rpy>`; none where it is left out."""
     found = _only(element, "origin", what, findings)
     if found is None:
@@ -230,7 +230,7 @@ def _origin(element: Element, what: str, findings: Findings) -> tuple[Matrix, Ve
     return rotation(*rpy), xyz
 
 
-def _look_at_transmission(element: Element, findings: Findings) -> None:
+def _look_at_transmission(element: XmlElement, findings: Findings) -> None:
     """Warns of gears: positions and torques of a robot are those of its joints."""
     for part in (*element.all("joint"), *element.all("actuator"), element):
         for ratio in part.all("mechanicalReduction"):
@@ -240,7 +240,7 @@ def _look_at_transmission(element: Element, findings: Findings) -> None:
                 findings.report(errors.transmission_ratio(name, text[:40], ratio.span))
 
 
-def _only(element: Element, tag: str, what: str, findings: Findings) -> Element | None:
+def _only(element: XmlElement, tag: str, what: str, findings: Findings) -> XmlElement | None:
     """The element of a tag that can stand once; the first where it is reported that it does not."""
     found = list(element.all(tag))
     for again in found[1:]:
@@ -249,7 +249,7 @@ def _only(element: Element, tag: str, what: str, findings: Findings) -> Element 
     return found[0] if found else None
 
 
-def _attribute(element: Element, name: str, what: str, findings: Findings) -> str:
+def _attribute(element: XmlElement, name: str, what: str, findings: Findings) -> str:
     found = element.attributes.get(name, "")
     if not found:
         findings.report(errors.incomplete_element(what, f"`{name}=…`", element.span))
@@ -257,7 +257,7 @@ def _attribute(element: Element, name: str, what: str, findings: Findings) -> st
 
 
 def _numbers(
-    element: Element, name: str, count: int, what: str, findings: Findings
+    element: XmlElement, name: str, count: int, what: str, findings: Findings
 ) -> tuple[float, ...] | None:
     """The finite numbers of an attribute; None once it is reported that there are others."""
     text = element.attributes.get(name)

@@ -20,13 +20,13 @@ _LONGEST_PLACE = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Element:
+class XmlElement:
     """A tag with its attributes, its elements, its text and the place of its first line."""
 
     tag: str
     attributes: Mapping[str, str]
     span: Span
-    children: list[Element] = field(default_factory=list["Element"])
+    children: list[XmlElement] = field(default_factory=list["XmlElement"])
     texts: list[str] = field(default_factory=list[str])
 
     @property
@@ -34,7 +34,7 @@ class Element:
         """What stands in it besides elements."""
         return "".join(self.texts)
 
-    def all(self, tag: str) -> Iterator[Element]:
+    def all(self, tag: str) -> Iterator[XmlElement]:
         """The elements of one tag in it."""
         return (child for child in self.children if child.tag == tag)
 
@@ -43,12 +43,12 @@ class _Refused(Exception):  # noqa: N818  (a fact about a text, no fault of ours
     """Ends the parsing of a text of which it is reported what is wrong."""
 
 
-def read_xml(source: SourceText, findings: Findings) -> Element | None:
+def read_xml(source: SourceText, findings: Findings) -> XmlElement | None:
     """The root element of a text; None once it is reported why there is none."""
     text = source.text
     content = text.encode()
-    stack: list[Element] = []
-    roots: list[Element] = []
+    stack: list[XmlElement] = []
+    roots: list[XmlElement] = []
     parser = expat.ParserCreate("utf-8")
 
     reached = 0, 0  # bytes and characters: places are asked for from the first to the last
@@ -65,7 +65,7 @@ def read_xml(source: SourceText, findings: Findings) -> Element | None:
         return source.span(start, start + (line.find(">") + 1 or len(line)))
 
     def opened(tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, attributes, place())
+        element = XmlElement(tag, attributes, place())
         if len(stack) >= DEEPEST:
             findings.report(errors.not_urdf(f"elements in {DEEPEST} others", element.span, None))
             raise _Refused

@@ -9,7 +9,13 @@ from spec_schema.errors import schema as errors
 from spec_schema.fields.entry import Entry, RefusedError, Variant
 from spec_schema.fields.named_tables import BySignal, SomeBySignal
 from spec_schema.fields.plain import reads
-from spec_schema.fields.quantities import QUANTITY, QuantityField, read_quantity
+from spec_schema.fields.quantities import (
+    QUANTITY,
+    PositiveLength,
+    QuantityField,
+    read_quantity,
+)
+from spec_schema.sections.optimal_control import ControlSolver
 from spec_schema.units.quantity import Quantity
 from spec_schema.yaml_tree.nodes import Node
 
@@ -68,10 +74,31 @@ class KalmanFilter(Entry):
     """Parameters that are estimated too."""
 
 
+class MovingHorizon(KalmanFilter):
+    """Moving-horizon estimation: the states of the last samples that fit all of them best.
+
+    Bounds of parameters always hold, and ranges of states wherever they can.
+    """
+
+    noun: ClassVar[str] = "the mhe estimator"
+
+    horizon: PositiveLength
+    """How far it looks back: samples or a time."""
+    solver: ControlSolver | None = None
+    """How the problem is solved: stage by stage."""
+
+
 class Estimator(Variant):
     """How states that nobody measures are found from what is."""
 
     noun: ClassVar[str] = "estimator"
-    later: ClassVar[frozenset[str]] = frozenset({"mhe"})
 
     ekf: KalmanFilter | None = None
+    mhe: MovingHorizon | None = None
+
+    @property
+    def choice(self) -> KalmanFilter | MovingHorizon:
+        """The one that is given."""
+        chosen = self.ekf or self.mhe
+        assert chosen is not None
+        return chosen

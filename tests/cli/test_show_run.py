@@ -14,7 +14,7 @@ import pytest
 from msnn.api import models, trainings
 from msnn.model.load import with_engine
 from msnn.training.records.progress import EpochEnd, Silent
-from msnn.training.train import TrainingInterruptedError
+from msnn.training.training_result import TrainingInterruptedError
 from tests.cli.command_line import CommandLine
 from tests.cli.test_check import SPEC, change
 

@@ -112,6 +112,39 @@ def test_what_is_no_longer_kept_is_trained_again(msnn: CommandLine):
     assert (Path("runs") / str(folder) / "weights.safetensors").is_file()
 
 
+@pytest.mark.parametrize("left", [0, 1000])
+def test_weights_that_cannot_be_read_are_trained_again(msnn: CommandLine, left: int):
+    first = msnn("compare", SPEC, *SHORT)
+    folder = Path("runs") / str(read(Path("runs") / LOG)[-1].folder)
+    weights = folder / "weights.safetensors"
+    whole = weights.read_bytes()
+    weights.write_bytes(b"" if left == 0 else whole[:-8])
+    again = msnn("compare", SPEC, *SHORT)
+    assert "trained before" not in again.err
+    assert _but_seconds(again.out) == _but_seconds(first.out)
+    assert weights.read_bytes() == whole
+
+
+def test_a_training_is_the_same_whether_python_or_the_command_line_asks(msnn: CommandLine):
+    settings = (
+        "--set",
+        "integrator=rk4",
+        "--set",
+        "train.0.epochs=2",
+        "--set",
+        "sample_time=50 ms",
+    )
+    assert msnn("compare", SPEC, *settings, "--no-cost", "--jobs", "1").code == 0
+    api.compare(
+        SPEC,
+        settings={"integrator": "rk4", "train.0.epochs": 2, "sample_time": "50 ms"},
+        runs="runs",
+        cost=False,
+    )
+    (line,) = read(Path("runs") / LOG)
+    assert line.settings == ("integrator=rk4", "train.0.epochs=2", "sample_time=50 ms")
+
+
 def _but_seconds(table: str) -> str:
     """The table without what a training took."""
     return re.sub(r" +[\d.]+ s ", " ", table)

@@ -121,6 +121,9 @@ def test_mistakes_end_a_sweep_before_any_training(msnn: CommandLine):
         (("--draw", "train.0.epochs=integer(2, 1)"), "E0861"),
         (("--draw", "sample_time=choice(1)", "--grid", "sample_time=1"), "E0862"),
         (("--draws", "3"), "E0863"),
+        (("--set", "parameters.k.init=3 N/m", *STIFFNESS), "E0857"),
+        (("--set", "data.split.train=0.5", "--draw", "data.split=choice({by: fraction})"), "E0857"),
+        (("--draw", "data.split.k=choice(2)", "--grid", "data.split={by: kfold}"), "E0862"),
     ):
         said = msnn("sweep", SPEC, *wrong, *SHORT[2:])
         assert said.code == 1

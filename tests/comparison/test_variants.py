@@ -8,7 +8,8 @@ import pytest
 
 from msnn.comparison.variants import GridAxis, grid_axis, variants
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.reading.python_values import value_text
+from spec_schema.reading.python_values import setting_texts, value_text
+from spec_schema.reading.setting_values import one_form, shown_value
 
 
 @pytest.mark.parametrize(
@@ -79,3 +80,31 @@ def test_labels_do_not_tell_the_command_line_from_python(
     for axis in (of_text, of_python):
         found = variants([Path("a.msnn.yaml")], [axis], [])
         assert [each.label for each in found] == labels
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("a=1e-3", 1e-3),
+        ("a = 5", 5),
+        ("a='20 ms'", "20 ms"),
+        ('a="5"', "5"),
+        ("a='true'", "true"),
+        ("a='a: b # c'", "a: b # c"),
+        ("a=[1, 0x10]", [1, 16]),
+        ("a={b: c}", {"b": "c"}),
+        ("a=", None),
+        ("a=x", "x"),
+    ],
+)
+def test_settings_have_one_form(setting: str, value: object):
+    (of_python,) = setting_texts({"a": value})
+    found = one_form(setting)
+    assert found == one_form(of_python) == one_form(found)
+    assert shown_value(found[2:]) == shown_value(setting.partition("=")[2])
+
+
+def test_the_form_tells_texts_from_numbers():
+    assert one_form("a='5'") == 'a="5"' != one_form("a=5")
+    assert one_form("a=.inf") == "a=.inf"
+    assert one_form("no setting") == "no setting"

@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import msnn
+from compiler.state_estimation.kalman_filter import KalmanFilter
 from msnn.control.controller import Controller
 from msnn.control.method import Solver
 from msnn.model.model import Model
+from msnn.model.weights.given_weights import Weights
 
 DOUBLE_INTEGRATOR = """
 msnn: 1
@@ -43,6 +45,13 @@ def load(folder: Path, text: str) -> Model:
     path = folder / "spec.msnn.yaml"
     path.write_text(text, encoding="utf-8")
     return msnn.load(path)
+
+
+def kalman_filter(model: Model, weights: Weights | None = None) -> KalmanFilter:
+    """The estimator of a model that has an `ekf`."""
+    found = msnn.estimator(model, weights)
+    assert isinstance(found, KalmanFilter)
+    return found
 
 
 def controller(folder: Path, text: str, solver: Solver | None = None) -> Controller:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import msnn
-from compiler.state_estimation.kalman_filter import FilterStatus, KalmanFilter
-from tests.control.specs import DELAYED, load
+from compiler.state_estimation.estimate import FilterStatus
+from compiler.state_estimation.kalman_filter import KalmanFilter
+from tests.control.specs import DELAYED, kalman_filter, load
 
 LINEAR = """
 msnn: 1
@@ -31,7 +32,7 @@ estimator:
 
 
 def test_a_linear_model_is_kalmans_filter(tmp_path: Path) -> None:
-    kalman = msnn.estimator(load(tmp_path, LINEAR))
+    kalman = kalman_filter(load(tmp_path, LINEAR))
     kalman.reset({"p": 0.5, "v": 0.0})
     A, B = np.array([[1, 0.25], [0, 1]]), np.array([0, 0.25])
     Q, R = np.diag([0.01, 0.16]) * 0.25, np.diag([0.04, 0.25])
@@ -50,7 +51,7 @@ def test_a_linear_model_is_kalmans_filter(tmp_path: Path) -> None:
 
 
 def test_nan_is_not_measured(tmp_path: Path) -> None:
-    kalman, other = (msnn.estimator(load(tmp_path, LINEAR)) for _ in range(2))
+    kalman, other = (kalman_filter(load(tmp_path, LINEAR)) for _ in range(2))
     for each in (kalman, other):
         each.reset({"p": 0.0, "v": 1.0})
     found = kalman.correct({"p": np.nan, "v": 1.2})
@@ -74,7 +75,7 @@ def test_past_samples_do_not_begin_with_what_is_not_finite(tmp_path: Path) -> No
 
 
 def test_what_is_not_finite_changes_nothing(tmp_path: Path) -> None:
-    kalman = msnn.estimator(load(tmp_path, LINEAR))
+    kalman = kalman_filter(load(tmp_path, LINEAR))
     assert kalman.correct({"p": 1.0}).status is FilterStatus.NOT_INITIALISED
     kalman.reset({"p": 0.0, "v": 1.0})
     before = kalman.correct({"p": 0.1})
@@ -159,7 +160,7 @@ estimator: {ekf: {measured: {y_next: 0.1}, process: {y: 0.2}, initial: {y: 1}}}
 
 
 def test_wrong_names(tmp_path: Path) -> None:
-    kalman = msnn.estimator(load(tmp_path, LINEAR))
+    kalman = kalman_filter(load(tmp_path, LINEAR))
     with pytest.raises(ValueError, match="measured signals are"):
         kalman.correct({"q": 1.0})
     with pytest.raises(ValueError, match="inputs wanted for"):

@@ -98,6 +98,19 @@ def test_a_row_group_is_a_record_and_a_folder_is_a_column(fleet: Path) -> None:
     np.testing.assert_array_equal(series, np.repeat([7.0, 8.0], 300))
 
 
+@pytest.mark.parametrize("keep", ["memory", "disk"])
+def test_row_groups_outside_of_from_and_to_are_left_out(fleet: Path, keep: str) -> None:
+    model = spec(fleet, keep, more="\n  from: 10.05 s\n  to: 19.95 s")
+    found = measured(model, None, None, "training")
+    assert [record.file for record in found.records] == [
+        f"{file}.parquet, row group 1"
+        for file in ("train/vehicle=7/a", "train/vehicle=8/b", "val/c")
+    ]
+    with pytest.raises(SpecError) as caught:
+        measured(spec(fleet, keep, more="\n  from: 99 s"), None, None, "training")
+    assert {found.code for found in caught.value.diagnostics} == {"E0818"}
+
+
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_trainings_on_disk_have_the_bits_of_those_in_memory(fleet: Path, dtype: str) -> None:
     require_tool("gcc", install="apt install gcc")

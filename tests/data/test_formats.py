@@ -86,6 +86,13 @@ WRITERS: dict[str, Callable[[Path], None]] = {
 }
 
 
+def test_every_format_has_a_sample_record() -> None:
+    # messages of ROS bags are tested below, workbooks in test_loggers_files.py
+    written = {format_of(name).name for name in (*WRITERS, "a.bag", "a.xlsx")}
+    for format in FORMATS:
+        assert format.name in written, f"write the record as {format.name} in {__file__}"
+
+
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_record_is_the_same_in_every_format(tmp_path: Path, name: str) -> None:
     WRITERS[name](tmp_path / name)

@@ -11,7 +11,9 @@ import polars as pl
 import pytest
 
 import msnn
+from msnn.data.formats.array_dates import dates_of
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.expressions.moments import Moment
 
 SPEC = """
 msnn: 1
@@ -147,12 +149,28 @@ def test_parquet_files_with_dates_are_joined(tmp_path: Path, kind: str) -> None:
         (["2026-11-22 17:00", "2026-11-22 17:00:00.5Z"], "E0990"),
         (["2026-11-22 17:00", None], "E0809"),
         (["now", "later"], "E0840"),
+        (np.array(["2026-11-22", "9999-12-31"], "M8[s]"), "E1319"),
+        (np.array(["0001-01-01", "2026-11-22"], "M8[us]"), "E1319"),
     ],
 )
-def test_what_is_wrong_with_dates_in_frames(tmp_path: Path, times: list[Any], code: str) -> None:
+def test_what_is_wrong_with_dates_in_frames(tmp_path: Path, times: Any, code: str) -> None:
     with pytest.raises(SpecError) as caught:
         _runs(tmp_path, pd.DataFrame({"time": times, "F": [1.0, 2.0]}))
     assert [found.code for found in caught.value.diagnostics] == [code]
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns", "500ms", "ps"])
+def test_dates_of_numpy_are_seconds_whatever_their_ticks(unit: str) -> None:
+    times = np.array(["1969-12-31T23:59:59", "NaT", "1970-01-03T00:00:01"], f"M8[{unit}]")
+    found = dates_of(times, "a.npz", "time", is_utc=True)
+    assert found.seconds.tolist() == pytest.approx([0, np.nan, 2 * 86400 + 2], abs=0, nan_ok=True)
+    assert found.begins == Moment(-(10**9), has_zone=True)
+
+
+def test_days_of_numpy_are_seconds() -> None:
+    times = np.array(["1969-12-31", "NaT", "2100-01-01"], "M8[D]")
+    found = dates_of(times, "a.npz", "time", is_utc=False)
+    assert found.seconds.tolist() == pytest.approx([0, np.nan, 47483 * 86400], abs=0, nan_ok=True)
 
 
 @pytest.mark.parametrize("make", [pd.DataFrame, pl.DataFrame, dict])
@@ -164,3 +182,11 @@ def test_units_in_the_names_of_columns_convert(tmp_path: Path, make: Any) -> Non
 def test_two_columns_that_differ_in_their_unit_are_asked(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="two columns `F`"):
         _runs(tmp_path, pd.DataFrame({"time": [0, 0.5], "F [kN]": [0, 1], "F [N]": [0, 1]}))
+
+
+@pytest.mark.parametrize("data", [{}, {"u": [1.0, 2.0, 3.0]}])
+def test_data_of_which_a_model_reads_no_column_give_no_steps(data: dict[str, list[float]]) -> None:
+    spec = "msnn: 1\nname: free\nsample_time: 1 s\ninputs: {u: m}\n"
+    model = msnn.load(spec + "states: {x: {next: 0.5 * x, init: 1}}\noutputs: {y: x}\n")
+    with pytest.raises(msnn.SpecError, match="E1326"):
+        msnn.simulate(model, data)

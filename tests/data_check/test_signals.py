@@ -12,7 +12,7 @@ from msnn.data.dataset import FileRows, FloatArray
 from msnn.data_check.signals.check import check_series
 from msnn.data_check.signals.plausible_units import doubt
 from msnn.data_check.signals.quantisation import quantisation
-from msnn.data_check.signals.sampling import Sampling, sampling_of
+from msnn.data_check.signals.sampling import StepsOfTime, sampling_of
 from msnn.data_check.signals.saturation import saturation
 from msnn.data_check.signals.spikes import spikes
 from spec_schema.units.parser import parse_unit
@@ -123,7 +123,7 @@ def test_missing_values_are_counted_with_their_longest_run():
     assert (found.missing, found.first_missing, found.longest_missing) == (5, 3, 3)
 
 
-def sampled(times: list[float]) -> Sampling:
+def sampled(times: list[float]) -> StepsOfTime:
     rows = range(10, 10 + len(times))
     piece = FileRows(file="a.csv", start=0, stop=len(times), rows=rows, time=np.array(times))
     found = sampling_of(piece)

@@ -56,6 +56,7 @@ class PageRun:
 
     def _do(self, block: Block) -> None:
         marks, language = block.marks, block.language
+        said, self._said = self._said, None  # a `text` block is of the block before it, or of none
         if "run by" in marks:
             self._left(block, marks["run by"])
         elif language == "diff" and block.file is not None:
@@ -72,8 +73,8 @@ class PageRun:
             self._said = self._run(block)
         elif language == "python":
             self._said = self._expect(block, self._process([sys.executable, "-c", block.text]), 0)
-        elif language == "text" and self._said is not None:
-            self._compare(block, self._said)
+        elif language == "text" and said is not None:
+            self._compare(block, said)
         else:
             self._fault(block, "neither runs nor says by a comment what it is: tests/docs/page_run")
 

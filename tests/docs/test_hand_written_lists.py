@@ -7,11 +7,15 @@ from pathlib import Path
 
 from compiler.kernels.table import KERNELS
 from compiler.layers import LAYERS, rule_of
+from msnn.data.formats.table_of_formats import FORMATS
+from msnn.exports.table import TARGETS
+from msnn.packages import OptionalPackage
 from spec_schema.fields.entry_kinds import kinds_of
 from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.training.optimizers import Optimizer
 
-DOCS = Path(__file__).parents[2] / "docs"
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
 
 
 def _page(name: str) -> str:
@@ -43,3 +47,27 @@ def test_the_accuracy_of_every_kernel_is_shown() -> None:
     for name in KERNELS:
         measured = _page("kernels.md").count(f"| `{name}` |")
         assert measured >= 2, f"measure {name} with benchmarks/kernel_accuracy for docs/kernels.md"
+
+
+def test_the_language_lists_every_data_format() -> None:
+    rows = [row for row in _page("language.md").splitlines() if row.startswith("| `.")]
+    for format in FORMATS:
+        named = any(set(re.findall(r"`(\.\w+)`", row)) >= set(format.suffixes) for row in rows)
+        assert named, f"add a row of {format.suffixes} to the files under Data of docs/language.md"
+
+
+def test_the_readme_names_the_extra_of_every_data_format_and_target() -> None:
+    packages: list[OptionalPackage] = [one for format in FORMATS for one in format.packages]
+    packages += [one for target in TARGETS for one in (target.writer, target.runner) if one]
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for extra in {package.extra for package in packages}:
+        assert f"`{extra}`" in text, f"add the extra `{extra}` to the table of extras of README.md"
+
+
+def test_the_readme_and_the_language_name_every_target() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (listed,) = re.findall(r"`--to` names targets \(([^)]*)\)", readme)
+    for target in TARGETS:
+        assert f"`{target.name}`" in listed, f"name `{target.name}` under Export of README.md"
+        row = f"| `{target.name}`"
+        assert row in _page("language.md"), f"add {row} to the targets of docs/language.md"

@@ -67,6 +67,10 @@ def test_a_right_page_has_no_faults(text: str, tmp_path: Path):
         ("~~~sh\necho one\n~~~\n\n~~~text\ntwo\n~~~\n", "is not printed: 'two'"),
         ("~~~sh\necho one\necho two\n~~~\n\n~~~text\none\n~~~\n", "leaves out what is printed"),
         ("~~~text\nof nothing\n~~~\n", "neither runs nor says by a comment"),
+        (
+            "~~~sh\necho\n~~~\n<!-- not run: a board is it -->\n~~~sh\nls\n~~~\n~~~text\n\n~~~\n",
+            "neither runs nor says by a comment",
+        ),
         ("~~~lua\nprint(1)\n~~~\n", "neither runs nor says by a comment"),
         ("~~~yaml\ninputs: {u: V}\n~~~\n", "neither runs nor says by a comment"),
         ("<!-- not run: so -->\n~~~sh\necho\n~~~\n", "says no reason"),

@@ -50,14 +50,17 @@ def test_nothing_is_fetched_from_elsewhere(site: Path):
         assert "fonts.g" not in text, page.name
 
 
+WRITTEN = "pytest tests/docs --accept writes docs/names.md"
+
+
 def test_the_index_has_every_verb_layer_key_and_message():
     text = (ROOT / "docs" / "names.md").read_text(encoding="utf-8")
     verbs, layers, keys, messages = text.split("\n## ")[1:]
-    assert set(re.findall(r"`(\w+)`", verbs)) == set(VERBS)
-    assert set(re.findall(r"`(\w+)`", layers)) == set(Layer.known_keys())
+    assert set(re.findall(r"`(\w+)`", verbs)) == set(VERBS), WRITTEN
+    assert set(re.findall(r"`(\w+)`", layers)) == set(Layer.known_keys()), WRITTEN
     known = {key for entry in kinds_within(Spec) for key in known_keys(entry)}
-    assert set(re.findall(r"^\| `(.+?)` \|", keys, re.MULTILINE)) == known
-    assert set(re.findall(r"`(\w+)`", messages)) == {each.code for each in all_messages()}
+    assert set(re.findall(r"^\| `(.+?)` \|", keys, re.MULTILINE)) == known, WRITTEN
+    assert set(re.findall(r"`(\w+)`", messages)) == {each.code for each in all_messages()}, WRITTEN
 
 
 def test_every_page_is_in_the_navigation():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from compiler.differentiation.forward_mode import tangents
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.builder import GraphBuilder
@@ -185,7 +185,7 @@ def test_generated_c_and_its_status(option: str, tmp_path: Path) -> None:
         wanted[i, 2 * i : 2 * i + 2] = slopes
     found, status = step.linearize(given)
     assert agrees(found["D"], wanted)
-    assert status == Status.SLOPE_NOT_FINITE
+    assert status == StatusBit.SLOPE_NOT_FINITE
     fine = dict.fromkeys(given, 0.25)
     found, status = step.linearize(fine)
     assert np.isfinite(found["D"]).all()

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from msnn.agreement.agreement import Agreement
 from msnn.agreement.report import agreement_table, agreement_values
 from msnn.errors.failures import MissingExtraError
 from msnn.exports import check
@@ -70,3 +72,14 @@ def test_a_record_that_fails_is_a_failure_of_its_target(
     found = check_exports(model, [(plan, written)], {}, tmp_path)
     assert found.first_error is not None
     assert not found.rows
+
+
+def test_a_target_that_draws_its_samples_reads_no_data(tmp_path: Path) -> None:
+    spec = tmp_path / "m.msnn.yaml"
+    spec.write_text(SPEC + "data: {source: {train: none.csv}}\n")
+    model = load_model(spec)
+    (plan,) = plan_exports(model, ["c"], Findings())
+    same = Agreement("c", "float32", 1, None, 0.0, None, None, (), {}, (), {})
+    drawing = replace(plan, target=replace(plan.target, compare=lambda *_: same))
+    found = check_exports(model, [(drawing, Written(tmp_path, ()))], {}, tmp_path)
+    assert (found.origin, found.rows, found.failures) == ("drawn samples", (same,), ())

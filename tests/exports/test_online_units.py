@@ -61,6 +61,11 @@ def plan_of(text: str, folder: Path, dtype: str = "float64") -> AnyPlan:
     return plan
 
 
+def without_blocks(text: str) -> str:
+    """A spec without what controllers in C do not have (E1142)."""
+    return re.sub("^  blocks: .*$", "", text, flags=re.MULTILINE)
+
+
 def written(plan: AnyPlan, folder: Path) -> Written:
     return write_export(plan, initial_weights(plan.program), folder)
 
@@ -115,7 +120,7 @@ def test_fmpy_finds_nothing(
     if text is None:
         PROBLEMS[name].model(name, tmp_path)
         text = (tmp_path / f"{name}.msnn.yaml").read_text(encoding="utf-8")
-        text = re.sub("^  blocks: .*$", "", text, flags=re.MULTILINE)  # not exported (E1142)
+        text = without_blocks(text)
     files = written(plan_of(text, tmp_path, dtype), tmp_path / "out")
     found = archives(files)
     assert len(found) in (2, 4)
@@ -180,7 +185,8 @@ def test_samples_of_memory_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyP
     for path in archives(written(plan_of(DELAYED, tmp_path), tmp_path / "out")):
         if path.name.endswith("fmi2.fmu"):  # FMI 3.0 has arrays, whose elements have no text
             known = {
-                v.name: v.description for v in read_model_description(str(path)).modelVariables
+                v.name: v.description or ""
+                for v in read_model_description(str(path)).modelVariables
             }
             ends = [known[name].rpartition(" ")[2] for name in ("u.history[1]", "u.history[2]")]
             assert ends == ["t-2", "t-1"]
@@ -237,6 +243,42 @@ def test_controllers_share_nothing_and_go_on_from_a_saved_state(exported: Writte
             assert [solved(other, k, 19.0 + k) for k in range(4)] == continued
 
 
+def filtered(unit: FmuInstance, number: int, seen: float) -> tuple[bytes, bytes]:
+    """Estimate and deviation of a step."""
+    unit.set(reference(unit, "heat"), np.array(30.0))
+    unit.set(reference(unit, "measured.room"), np.array(seen))
+    unit.step(number, 2.0)
+    room, std = (unit.get(reference(unit, name), ()) for name in ("room", "std.room"))
+    return room.tobytes(), std.tobytes()
+
+
+def test_filters_share_nothing_and_go_on_from_a_saved_state(exported: Written) -> None:
+    with units(exported, "ekf") as both, units(exported, "ekf") as others:
+        for one, other in zip(both, others, strict=True):
+
+            def begun(unit: FmuInstance, room: float) -> None:
+                unit.initialise()
+                unit.set(reference(unit, "start.room"), np.array(room))
+                unit.begin()
+
+            alone: list[list[tuple[bytes, bytes]]] = []
+            for unit, room in ((one, 15.0), (other, 18.0)):
+                begun(unit, room)
+                alone.append([filtered(unit, k, room + 0.1 * k) for k in range(8)])
+            begun(one, 15.0)
+            begun(other, 18.0)
+            together = [
+                (filtered(one, k, 15.0 + 0.1 * k), filtered(other, k, 18.0 + 0.1 * k))
+                for k in range(8)
+            ]
+            assert together == list(zip(*alone, strict=True))
+            assert alone[0] != alone[1]
+            state = one.state
+            continued = [filtered(one, k, 16.0) for k in range(4)]
+            other.state = state
+            assert [filtered(other, k, 16.0) for k in range(4)] == continued
+
+
 def test_an_unmeasured_sample_leaves_the_prediction(exported: Written) -> None:
     """NaN is no measurement: the deviation grows, the estimate is that of the model."""
     with units(exported, "ekf") as both:
@@ -276,6 +318,18 @@ def test_a_register_that_nobody_sets_holds_what_the_input_is(tmp_path: Path) -> 
             unit.step(0, 1.0)
             assert unit.count(reference(unit, "status")) == 0
             assert unit.get(reference(unit, "u.history"), (2,)).tolist() == [0.5, 0.5]
+
+
+def test_solves_leave_memory_where_it_was(exported: Written) -> None:
+    """Ten thousand; `benchmarks/fmu/gallery.py` takes a million."""
+    with units(exported, "mpc") as both:
+        for unit in both:
+            unit.initialise()
+            unit.begin()
+            solved(unit, 0, 10.0)
+            before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+            unit.step(1, 2e4)
+            assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1024  # KiB
 
 
 def test_steps_leave_memory_where_it_was(exported: Written) -> None:

@@ -136,6 +136,28 @@ def test_parameters_are_taken_or_refused_together(tmp_path: Path) -> None:
     assert "warning a message has not 2 numbers and is left out" in found
 
 
+def test_a_node_answers_with_the_parameters_that_it_computes_with(tmp_path: Path) -> None:
+    """What a launch gives is judged as what is set: a refused value is not declared either."""
+    plan = plan_of(saved(PLANT, tmp_path), "export.c.params=tunable")
+    program = built(written(plan, tmp_path / "out"), "plant")
+    wrong = ["k:=4,9.5", "T:=nan", "start.m:=2", "start.slope:=1,1"]
+    asked = ["get k", "get T", "get start.m", "get start.slope"]
+    found = said(program, asked, *wrong)
+    errors = [line for line in found if line.startswith("error ")]
+    end = "could not be set: {}: what was exported is used"
+    assert errors == [
+        f"error parameter 'k' {end.format('k is not finite, or outside [0, 9]')}",
+        f"error parameter 'T' {end.format('T is not finite')}",
+        f"error parameter 'start.slope' {end.format('another number of values than 3')}",
+    ]
+    assert [published(found, name)[0].tolist() for name in ("k", "T", "start.m")] == [
+        *([2.0, 3.0], [21.5], [2.0])
+    ]
+    assert published(found, "start.slope").shape == (1, 3)
+    found = said(program, ["get k", "set k 1 2", "get k", "set k 1 99", "get k"], "k:=4,5")
+    assert published(found, "k").tolist() == [[4.0, 5.0], [1.0, 2.0], [1.0, 2.0]]
+
+
 def test_a_model_without_memory_steps_at_each_message(tmp_path: Path) -> None:
     """Names that differ in underscores alone, which ROS does not allow to be repeated, stay two."""
     plan = plan_of(saved(STATIC, tmp_path), "export.c.params=tunable")

@@ -11,7 +11,7 @@ import pytest
 from compiler.fixed_point.compile_integers import integer_program
 from compiler.fixed_point.equalities import golden_equalities
 from compiler.fixed_point.integers.program import Q15, Q31
-from compiler.fixed_point.lowering.elementwise import Elementwise
+from compiler.fixed_point.lowering.elementwise import ElementwiseForms
 from compiler.fixed_point.lowering.forms import Form
 from compiler.fixed_point.lowering.thresholds import Decided, IntegerCondition
 from compiler.ir.ops import Relation
@@ -84,17 +84,17 @@ def test_a_lowering_that_decides_otherwise_at_equality_is_found_by_check(
     It says so where both sides are exact; a sum in float64 may fall on either side.
     """
     require_tool("gcc", "apt-get install gcc")
-    plain = Elementwise.condition
+    plain = ElementwiseForms.condition
 
     def condition(
-        self: Elementwise, which: Relation, left: Form, right: Form
+        self: ElementwiseForms, which: Relation, left: Form, right: Form
     ) -> IntegerCondition | Decided:
         other = Relation(OTHER[which.value]) if which is relation else which
         return plain(self, other, left, right)
 
     plan = planned(fixed_model(tmp_path, SPEC, "q15"))
     assert checked(plan, {}, tmp_path / "right").agrees
-    monkeypatch.setattr(Elementwise, "condition", condition)
+    monkeypatch.setattr(ElementwiseForms, "condition", condition)
     found = checked(plan, {}, tmp_path / "wrong")
     assert found.bits == 0
     (fault, *_) = found.faults

@@ -10,7 +10,7 @@ import pytest
 
 from compiler.fixed_point import compile_integers
 from compiler.fixed_point.integers.builder import IntegerBuilder
-from compiler.fixed_point.lowering.elementwise import Elementwise
+from compiler.fixed_point.lowering.elementwise import ElementwiseForms
 from compiler.fixed_point.lowering.forms import Form
 from compiler.fixed_point.lowering.thresholds import Decided, IntegerCondition
 from compiler.ir.ops import Relation
@@ -57,24 +57,24 @@ def test_no_step_of_a_random_model_is_either(seed: int, tmp_path: Path) -> None:
 
 
 def _wrong_scale(patch: pytest.MonkeyPatch) -> None:
-    plain = Elementwise.quotient
+    plain = ElementwiseForms.quotient
 
-    def quotient(self: Elementwise, left: Form, right: Form) -> Form:
+    def quotient(self: ElementwiseForms, left: Form, right: Form) -> Form:
         return plain(self, left, right).times(1.001)
 
-    patch.setattr(Elementwise, "quotient", quotient)
+    patch.setattr(ElementwiseForms, "quotient", quotient)
 
 
 def _other_choice(patch: pytest.MonkeyPatch) -> None:
-    plain = Elementwise.condition
+    plain = ElementwiseForms.condition
     other = {Relation.GREATER: Relation.LESS}
 
     def condition(
-        self: Elementwise, relation: Relation, left: Form, right: Form
+        self: ElementwiseForms, relation: Relation, left: Form, right: Form
     ) -> IntegerCondition | Decided:
         return plain(self, other.get(relation, relation), left, right)
 
-    patch.setattr(Elementwise, "condition", condition)
+    patch.setattr(ElementwiseForms, "condition", condition)
 
 
 def _shifted_product(patch: pytest.MonkeyPatch) -> None:

@@ -64,8 +64,12 @@ def deviations(
     model = msnn.load(written.spec)
     names = written.model.names
     log = {names["input"][old]: values for old, values in record.log.items()}
-    log = {name: values for name, values in log.items() if name in _columns(model)}
-    rows = len(next(iter(record.outputs.values())))
+    rows = max(map(len, record.outputs.values()), default=0)
+    shapes = {s.name: tuple(a.size for a in s.axes) for s in model.program.signals}
+    # what the peer was not given begins at 0
+    length = max((len(values) for values in log.values()), default=record.first + rows + 1)
+    nothing = {name: np.zeros((length, *shape)) for name, shape in shapes.items()}
+    log = nothing | {name: values for name, values in log.items() if name in shapes}
     (probe,) = msnn.simulate(model, log, written.weights, engine=engine)
     start = record.first - probe.first
     assert start >= 0, "the import looks back further than nnodely"
@@ -84,7 +88,3 @@ def deviations(
         got = got.reshape(wanted.shape)
         found[old] = float(np.max(np.abs(got - wanted)) / max(1.0, float(np.max(np.abs(wanted)))))
     return found
-
-
-def _columns(model: msnn.Model) -> set[str]:
-    return {signal.name for signal in model.program.signals}

@@ -81,6 +81,12 @@ def test_losses_read_targets_that_the_step_does_not(tmp_path: Path) -> None:
     assert [loss.name for loss in model.program.losses] == ["first", "second", "third"]
 
 
+def test_a_model_that_is_only_trained_has_what_its_loss_compares_as_output(tmp_path: Path) -> None:
+    spec = _spec("only_trained", tmp_path)
+    assert "outputs:\n  Add20: Fir16 + PLinear4(x)\n" in spec
+    assert 'fit: "mse(target[t+1], Add20)"' in spec
+
+
 @pytest.mark.parametrize(
     ("name", "code"),
     [

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from compiler.fixed_point.compile_integers import integer_program
 from compiler.fixed_point.integers.interpret import FixedStatus, initial, step
 from compiler.fixed_point.integers.program import Q15, IntegerProgram
@@ -128,7 +128,7 @@ def test_c_reports_equations_outside_their_range(
     program = retime(program, fixed_parameters=True) if retimed else program
     options = COptions(dtype=dtype, constant_time=constant_time)
     vectors = golden(program, options, 80, seed=4)
-    left = (vectors.status & Status.EQUATION_OUT_OF_RANGE) != 0
+    left = (vectors.status & StatusBit.EQUATION_OUT_OF_RANGE) != 0
     assert left.any()
     assert not left.all()
     outputs, status = replay(built(program, tmp_path, options), vectors)
@@ -144,8 +144,8 @@ def test_c_reports_the_step_in_which_a_value_leaves(tmp_path: Path) -> None:
     step = built(program, tmp_path, COptions(dtype="float64"))
     step.reset({})
     outputs, status = step.run({"u": np.array([0.5, 0.6, -0.5, -0.51, np.nan])}, 5)
-    outside = int(Status.EQUATION_OUT_OF_RANGE)
-    assert status.tolist() == [0, outside, 0, outside, outside | int(Status.NOT_A_NUMBER)]
+    outside = int(StatusBit.EQUATION_OUT_OF_RANGE)
+    assert status.tolist() == [0, outside, 0, outside, outside | int(StatusBit.NOT_A_NUMBER)]
     np.testing.assert_array_equal(outputs["y"], [1.0, 1.2, -1.0, -1.02, np.nan])
 
 

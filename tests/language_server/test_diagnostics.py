@@ -11,7 +11,7 @@ import pytest
 
 from msnn.cli.application import run
 from msnn.language_server.examine import examine
-from msnn.language_server.positions import START, Position, Range
+from msnn.language_server.positions import START, Position, TextRange
 from msnn.language_server.problems import Problem, problems_of
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
@@ -53,14 +53,14 @@ def _wanted(record: Mapping[str, Any], path: Path, text: str) -> tuple[Any, ...]
     return record["code"], record["severity"], record["message"], range
 
 
-def _range(place: Mapping[str, int], text: str) -> Range:
+def _range(place: Mapping[str, int], text: str) -> TextRange:
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     ends = ((place[f"{end}line"], place[f"{end}column"]) for end in ("", "end_"))
     start, end = (
         Position(line - 1, len(lines[line - 1][: column - 1].encode("utf-16-le")) // 2)
         for line, column in ends
     )
-    return Range(start, end)
+    return TextRange(start, end)
 
 
 def test_an_open_sub_model_holds_as_it_is_typed(tmp_path: Path):

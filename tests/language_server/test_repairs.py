@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from msnn.language_server.examine import Examined, examine
-from msnn.language_server.positions import START, Position, Range
+from msnn.language_server.positions import START, Position, TextRange
 from msnn.language_server.problems import Repair, problems_of, repairs_of
 from spec_schema.diagnostics.source import SourceText
 from tests.language_server.test_diagnostics import SPECS, text_of
 
-_EVERYTHING = Range(START.start, Position(10**6, 0))
+_EVERYTHING = TextRange(START.start, Position(10**6, 0))
 
 
 def test_every_repair_of_a_broken_spec_repairs_it():
@@ -36,7 +36,7 @@ def test_only_a_problem_that_is_selected_is_repaired(tmp_path: Path):
     text = "msnn: 1\nname: m\ninputs: {u: {}}\noutputs:\n  y: sni(u)\n  z: u ^ 2\n"
     path = tmp_path / "m.msnn.yaml"
     problems = problems_of(examine(str(path), text, {}), str(path))
-    line = Range(Position(5, 0), Position(5, 9))
+    line = TextRange(Position(5, 0), Position(5, 9))
     assert [repair.text for repair in repairs_of(problems, str(path), line)] == ["**"]
 
 
@@ -46,7 +46,7 @@ def test_a_place_counts_utf_16_units(tmp_path: Path, line_end: str):
     text = line_end.join(lines)
     path = tmp_path / "m.msnn.yaml"
     (repair,) = repairs(examine(str(path), text, {}), path)
-    assert repair.problem.range == Range(Position(3, 31), Position(3, 33))
+    assert repair.problem.range == TextRange(Position(3, 31), Position(3, 33))
     assert "expr: u}" in with_repair(text, repair)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from msnn.model.model_data import read_data
 from msnn.project.workflow_checks import checked_model
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import SourceText
+from tests.conditions import require_tool
 
 FOLDER = Path(__file__).parent
 BASE = (FOLDER / "plant.msnn.yaml").read_text(encoding="utf-8")
@@ -111,6 +113,21 @@ def test_data_are_read_or_repaired(case: dict[str, Any], tmp_path: Path) -> None
             else:
                 text = followed(text, fault)
     assert read(text, table, tmp_path) == ()
+
+
+@pytest.mark.parametrize("encoding", ["windows-1252", "utf-16"])
+def test_a_table_of_another_encoding_is_converted(encoding: str, tmp_path: Path) -> None:
+    require_tool("iconv", install="apt install libc-bin")
+    table = GOOD.replace("time,F,x\n", "time,F,x,Größe\n").replace(",0\n", ",0,1\n")
+    assert faults(BASE, tmp_path) == ()
+    log = tmp_path / "log.csv"
+    log.write_bytes(table.encode(encoding))
+    with pytest.raises(SpecError) as caught:
+        read_data(msnn.load(tmp_path / "plant.msnn.yaml"), None, "training")
+    (fault,) = caught.value.diagnostics
+    command = re.findall(r"`(iconv [^`]+)`", fault.help or "")[0]
+    subprocess.run(["bash", "-c", command], check=True, cwd=tmp_path)
+    assert read(BASE, (tmp_path / "utf8.csv").read_text(encoding="utf-8"), tmp_path) == ()
 
 
 def test_there_are_sixty() -> None:

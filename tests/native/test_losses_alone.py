@@ -10,7 +10,7 @@ import pytest
 from backends.native import kernel as kernel_module
 from backends.native.compile_kernel import Built
 from backends.native.kernel import Kernel
-from backends.native.rollouts import sensitivity_kernel as sensitivity_module
+from backends.native.rollouts import lane_library
 from backends.native.variables import flat
 from compiler.passes.close_loop import close_loop
 from msnn.training.train import TrainingOptions, train
@@ -59,7 +59,7 @@ def test_standard_errors_build_no_kernel_of_losses(
         return right(source, on_lanes=on_lanes)
 
     monkeypatch.setattr(kernel_module, "compiled_kernel", noted)
-    monkeypatch.setattr(sensitivity_module, "compiled_kernel", noted)
+    monkeypatch.setattr(lane_library, "compiled_kernel", noted)
     program, spec = gain(f"  - {stage}\n")
     series = dataset(gain_series(150), train=[70], val=[40])
     result = train(program, series, spec.train, TrainingOptions(runs=tmp_path))

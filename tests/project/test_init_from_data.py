@@ -185,6 +185,23 @@ def test_dates_give_the_sample_time(tmp_path: Path):
     assert run.places.time is not None
 
 
+@pytest.mark.parametrize("days", [1, 2])
+def test_days_without_a_time_of_day_are_no_time(days: int, tmp_path: Path):
+    file = tmp_path / "log.csv"
+    rows = (f"2026-11-{22 + days * row // 300},17:00:00,{row % 7},{row % 5}" for row in range(300))
+    file.write_text("\n".join(["date,clock,u,y", *rows]))
+    found = time_of(columns_of(file))
+    assert (found.column, found.step) == (None, 1.0)
+    assert "put both into one column" in found.notes[0]
+
+
+def test_days_are_the_time_of_rows_that_are_days_apart(tmp_path: Path):
+    file = tmp_path / "log.csv"
+    rows = (f"2026-11-{row:02},{row % 7},{row % 5}" for row in range(1, 29))
+    file.write_text("\n".join(["date,u,y", *rows]))
+    assert time_of(columns_of(file)).step == 86400.0
+
+
 def test_a_workbook_makes_a_spec(tmp_path: Path):
     book = openpyxl.Workbook()
     sheet: Any = book.active

@@ -15,6 +15,7 @@ from spec_schema.expressions.tree import Binary, Call, Duration, ListLiteral, Na
 from spec_schema.fields.entry import Entry
 from spec_schema.reading.reader import ReadResult, read_spec
 from spec_schema.sections.data.splits import Blocks, Split
+from spec_schema.sections.estimation import Estimator
 from spec_schema.sections.integrators import Integrator
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.values import NormalInitializer
@@ -38,10 +39,11 @@ def test_draft_is_read(name: str) -> None:
     assert read_spec(DRAFTS / name).spec.outputs
 
 
-# A spec has one integrator and one way to split only.
+# A spec has one integrator, one way to split and one estimator only.
 _ALTERNATIVES: dict[type[Entry], set[str]] = {
     Integrator: {"euler", "midpoint", "semi_implicit", "linear_implicit"},
     Split: {"k", "fold"},
+    Estimator: {"ekf"},
 }
 
 
@@ -56,7 +58,7 @@ def test_complete_spec_uses_every_key() -> None:
         assert not unused, f"{kind.__name__}: use {unused} in tests/spec_schema/good/complete.yaml"
     every = {kind for kind in _subclasses(Entry) if kind.__module__.startswith("spec_schema.")}
     never_written = {"Variant", "Layout", "TargetEntry", "FloatTargetEntry", "Euler", "Midpoint"}
-    never_written |= {"SemiImplicit", "LinearImplicit", "OptimizerOptions"}
+    never_written |= {"SemiImplicit", "LinearImplicit", "OptimizerOptions", "KalmanFilter"}
     missing = {kind.__name__ for kind in every - set(used)}
     assert missing == never_written, "use these in tests/spec_schema/good/complete.yaml"
 

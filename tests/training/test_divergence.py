@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from msnn.model.weights.weights_file import read_weights
-from msnn.training.train import TrainingDivergedError, TrainingOptions, train
+from msnn.training.records.training_options import TrainingOptions
+from msnn.training.train import train
+from msnn.training.training_result import TrainingDivergedError
 from tests.training.cases import compiled, dataset
 
 TEXT = """msnn: 1

@@ -14,7 +14,7 @@ import msnn
 from msnn.model.model import Model
 from msnn.training.folds import FoldsResult, folds_table, of_fold
 from msnn.training.records.progress import EpochEnd, Silent, StageEnd, StageStart
-from msnn.training.train import TrainingDivergedError, TrainingInterruptedError
+from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from tests.training.cases import GAIN, gain_series
 

@@ -94,6 +94,26 @@ def test_a_filter_alone_is_verified(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert [figure["of"] for figure in figures] == ["correct", "predict"]
 
 
+def test_a_window_is_verified(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    require(GCC, CLANG, ARM_GCC, ARM_QEMU)
+    text = re.sub(r"mpc:\n  horizon.*?(?=estimator)", "", PLANT, flags=re.DOTALL)
+    folder = exported(tmp_path, text.replace("ekf: {", "mhe: {horizon: 3, "))
+    code, said = verified(capsys, folder, "--targets", "host,m4")
+    assert code == 0, said
+    board = said["golden solves", "Cortex-M4F -Os"]
+    assert [figure["of"] for figure in board["figures"]] == ["correct", "predict"]
+    assert "instructions a correction" in board["detail"]
+    source = folder / "src" / "plant_mhe_window.c"
+    c = source.read_text(encoding="utf-8")
+    assert c.count("if (c->residual <= TOLERANCE) {") == 1
+    source.write_text(c.replace("if (c->residual <= TOLERANCE) {", "{"))
+    model = read_exported_controller(folder)
+    assert model is not None
+    (step,) = [s for s in online_host_checks(model) if s.name == "drawn numbers"]
+    found = step.result(tmp_path / "drawn")
+    assert any("solved though the residual" in line for line in found.findings), found
+
+
 FAULTS = {
     "another rounding": (
         "plant_ekf.c",

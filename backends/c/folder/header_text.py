@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from backends.c.interface.interface import Interface
-from backends.c.interface.status import MEANING, SelfTest, Status, status_macro
+from backends.c.interface.status import MEANING, SelfTestBit, StatusBit, status_macro
 from backends.c.interface.status_bits import selftest_bits, step_bits
 from backends.c.interface.structs import Struct, StructField, structs
 from backends.c_language.comments import string_literal, string_size
@@ -78,7 +78,7 @@ def _text(text: str) -> dict[str, object]:
     return {"literal": literal, "size": string_size(text)}
 
 
-def _bit(interface: Interface, bit: Status | SelfTest) -> dict[str, str]:
+def _bit(interface: Interface, bit: StatusBit | SelfTestBit) -> dict[str, str]:
     macro, value = status_macro(interface.prefix, bit), f"{int(bit)}U"
     return {"comment": comment(MEANING[bit]), "definition": f"#define {macro} {value}"}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from backends.c.interface.status import Status, status_macro
+from backends.c.interface.status import StatusBit, status_macro
 from backends.c_language.functions import FunctionTable
 from backends.c_language.helper_functions import is_nan, one_if
 from backends.c_language.tree import (
@@ -26,7 +26,7 @@ _OUTSIDE, _UNORDERED = Name("outside"), Name("unordered")
 def constant_time_check(policy: InvalidPolicy, table: FunctionTable) -> tuple[Statement, ...]:
     """The body of the function that checks x; the arguments are those of the other form."""
 
-    def bits(bit: Status, count: Expression) -> Statement:
+    def bits(bit: StatusBit, count: Expression) -> Statement:
         value = Binary("*", count, Name(status_macro(table.prefix, bit)))
         return SetBits(Unary("*", Name("status")), value)
 
@@ -37,19 +37,19 @@ def constant_time_check(policy: InvalidPolicy, table: FunctionTable) -> tuple[St
         _count(_OUTSIDE, table.helper("outside", (_X, _LOW, _HIGH))),
         _count(_UNORDERED, one_if(table.truth(is_nan(_X)))),
     )
-    unordered = bits(Status.NOT_A_NUMBER, _UNORDERED)
+    unordered = bits(StatusBit.NOT_A_NUMBER, _UNORDERED)
     match policy:
         case "flag":
             ordered = Binary("-", _OUTSIDE, _UNORDERED)
-            return (*found, bits(Status.OUT_OF_RANGE, ordered), unordered)
+            return (*found, bits(StatusBit.OUT_OF_RANGE, ordered), unordered)
         case "clamp":
             number = select(Binary("!=", _UNORDERED, Unsigned(0)), _INSTEAD, _X)
             raised = select(table.truth(Binary("<", _X, _LOW)), _LOW, number)
             result = Return(select(table.truth(Binary(">", _X, _HIGH)), _HIGH, raised))
-            return (*found, bits(Status.CLAMPED, _OUTSIDE), unordered, result)
+            return (*found, bits(StatusBit.CLAMPED, _OUTSIDE), unordered, result)
         case "hold":
             result = Return(select(Binary("!=", _OUTSIDE, Unsigned(0)), _INSTEAD, _X))
-            return (*found, bits(Status.HELD, _OUTSIDE), unordered, result)
+            return (*found, bits(StatusBit.HELD, _OUTSIDE), unordered, result)
         case "trust":
             return ()
 

@@ -11,7 +11,7 @@ from backends.c.functions.constant_time_checks import constant_time_check
 from backends.c.functions.valid_range import within
 from backends.c.interface.interface import Field, InputField, Interface
 from backends.c.interface.state_checks import largest
-from backends.c.interface.status import Status, status_macro
+from backends.c.interface.status import StatusBit, status_macro
 from backends.c_language.functions import FunctionTable
 from backends.c_language.literals import Dtype
 from backends.c_language.places import ArrayView
@@ -52,6 +52,7 @@ def _finite(limits: tuple[float, float] | None, dtype: Dtype) -> tuple[float, fl
     if limits is None:
         return -most, most
     low, high = limits
+    # a limit of ±∞ still refuses ±∞: infinite inputs are never valid
     return max(low, -most), min(high, most)
 
 
@@ -102,6 +103,7 @@ def checked_window(
         return _filled(check, field.identifier, scope, unroll)
     valid = ArrayView.array(scope.array(field.identifier, field.size), field.shape)
     axis, samples = len(field.shape) - 1, field.shape[-1]
+    # sample by sample along time, as each falls back to the corrected one before it
     first = replace(check, given=check.given.sliced(axis, 0, 1))
     _fill(first, valid.sliced(axis, 0, 1), scope, unroll)
     later = replace(
@@ -161,8 +163,10 @@ class _InputCheck:
     def where_invalid(self, at: Indices, statement: Statement, scope: Scope) -> None:
         """Writes the statement with the call, under the test whether there is need of it."""
         if self.functions.constant_time:
+            # always called: a branch would let the time tell valid from invalid
             scope.add(statement)
             return
+        # a comparison inline and a call for what is wrong: valid values, nearly all, take no call
         valid = within(self.given.element(at), *self._limits, self.functions)
         scope.add(If(Unary("!", valid), (statement,)))
 
@@ -218,26 +222,27 @@ _OUTSIDE = Binary("||", _BELOW, _ABOVE)
 """False for NaN, as every comparison with it is."""
 
 
-def _bit(prefix: str, bit: Status) -> Statement:
+def _bit(prefix: str, bit: StatusBit) -> Statement:
     return SetBits(Unary("*", Name("status")), Name(status_macro(prefix, bit)))
 
 
 def _flagged(prefix: str) -> tuple[Statement, ...]:
-    outside = _bit(prefix, Status.OUT_OF_RANGE)
-    return (If(_OUTSIDE, (outside,), (_bit(prefix, Status.NOT_A_NUMBER),)),)
+    outside = _bit(prefix, StatusBit.OUT_OF_RANGE)
+    return (If(_OUTSIDE, (outside,), (_bit(prefix, StatusBit.NOT_A_NUMBER),)),)
 
 
 def _clamped(prefix: str) -> tuple[Statement, ...]:
     to_low, to_high = Assign(_RESULT, _LOW), Assign(_RESULT, _HIGH)
-    unordered = (_bit(prefix, Status.NOT_A_NUMBER),)
+    # neither above nor below: NaN, which has no nearest limit
+    unordered = (_bit(prefix, StatusBit.NOT_A_NUMBER),)
     nearest = If(_ABOVE, (to_high,), (If(_BELOW, (to_low,), unordered),))
     given = Declare(CType.REAL, _RESULT.text, _INSTEAD)
-    return (given, _bit(prefix, Status.CLAMPED), nearest, Return(_RESULT))
+    return (given, _bit(prefix, StatusBit.CLAMPED), nearest, Return(_RESULT))
 
 
 def _held(prefix: str) -> tuple[Statement, ...]:
-    unordered = If(Unary("!", _OUTSIDE), (_bit(prefix, Status.NOT_A_NUMBER),))
-    return (_bit(prefix, Status.HELD), unordered, Return(_INSTEAD))
+    unordered = If(Unary("!", _OUTSIDE), (_bit(prefix, StatusBit.NOT_A_NUMBER),))
+    return (_bit(prefix, StatusBit.HELD), unordered, Return(_INSTEAD))
 
 
 def _check(prefix: str, policy: InvalidPolicy, body: tuple[Statement, ...]) -> Function:

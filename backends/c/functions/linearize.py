@@ -11,7 +11,7 @@ from backends.c.functions.number_runs import number_runs
 from backends.c.functions.state_reports import report_unready
 from backends.c.functions.valid_range import report_outside
 from backends.c.interface.jacobian_interface import OUT, JacobianInterface, MatrixField
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.c_language.places import ArrayView, Index
 from backends.c_language.tree import Argument, CType, Declare, Discard, Function, Name, Real, Return
 from backends.c_lowering.graph import GraphLowering
@@ -103,7 +103,7 @@ class _LinearizeWriter(FunctionWriter):
         largest = float(np.finfo(self.interface.options.dtype).max)
         for field, block in blocks:
             place = _entries(field, block, graph)
-            report_outside(self, place, (-largest, largest), Status.SLOPE_NOT_FINITE)
+            report_outside(self, place, (-largest, largest), StatusBit.SLOPE_NOT_FINITE)
 
     def write_known(self, field: MatrixField) -> None:
         """Entries that are always the same."""

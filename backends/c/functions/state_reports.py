@@ -7,7 +7,7 @@ import math
 from backends.c.functions.function_writer import FunctionWriter
 from backends.c.functions.valid_range import report_outside, within
 from backends.c.interface.state_checks import StateCheck
-from backends.c.interface.status import Status, status_macro
+from backends.c.interface.status import StatusBit, status_macro
 from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import Scope
 from backends.c_language.tree import (
@@ -46,7 +46,7 @@ def report_unready(writer: FunctionWriter) -> None:
     interface = writer.interface
     if not interface.has_state:
         return
-    bit = Name(status_macro(interface.prefix, Status.UNINITIALISED))
+    bit = Name(status_macro(interface.prefix, StatusBit.UNINITIALISED))
     unready = Binary("!=", Member("s", interface.ready), Unsigned(INITIALISED))
     if interface.options.constant_time:
         known = writer.model.functions.truth(unready)
@@ -57,7 +57,7 @@ def report_unready(writer: FunctionWriter) -> None:
 
 def report_not_a_number(writer: FunctionWriter, values: ArrayView) -> None:
     """Sets a bit where the next value of a saturated state is NaN."""
-    report_outside(writer, values, (-math.inf, math.inf), Status.STATE_OUT_OF_RANGE)
+    report_outside(writer, values, (-math.inf, math.inf), StatusBit.STATE_OUT_OF_RANGE)
 
 
 def report_first_states(writer: FunctionWriter) -> None:
@@ -137,5 +137,5 @@ def _restart_in_constant_time(
     scope.add(SetBits(Name("status"), Binary("*", left, macro)))
 
 
-def _bit(writer: FunctionWriter, bit: Status) -> Statement:
+def _bit(writer: FunctionWriter, bit: StatusBit) -> Statement:
     return SetBits(Name("status"), Name(status_macro(writer.interface.prefix, bit)))

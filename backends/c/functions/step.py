@@ -13,7 +13,7 @@ from backends.c.functions.state_reports import (
     report_unready,
 )
 from backends.c.functions.valid_range import report_outside
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.c.interface.structs import step_text
 from backends.c_language.places import ArrayView
 from backends.c_language.tree import (
@@ -135,7 +135,7 @@ class _StepWriter(FunctionWriter):
             low, high = entry.range
             self.comment(f"expected of {entry.name}: {low:.9g} .. {high:.9g}")
             value = lowered.place(entry.node, f"{entry.name}_checked")
-            report_outside(self, value, entry.range, Status.EQUATION_OUT_OF_RANGE)
+            report_outside(self, value, entry.range, StatusBit.EQUATION_OUT_OF_RANGE)
 
     def check_saturated(self, program: Program, lowered: GraphLowering) -> None:
         """Reports saturated states that keep their value because the next one is NaN."""

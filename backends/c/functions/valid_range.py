@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from backends.c.functions.function_writer import FunctionWriter
-from backends.c.interface.status import Status, status_macro
+from backends.c.interface.status import StatusBit, status_macro
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import Scope
@@ -18,7 +18,7 @@ def within(value: Expression, low: float, high: float, functions: FunctionTable)
 
 
 def report_outside(
-    writer: FunctionWriter, values: ArrayView, limits: tuple[float, float], bit: Status
+    writer: FunctionWriter, values: ArrayView, limits: tuple[float, float], bit: StatusBit
 ) -> None:
     """Sets a bit of the status where an element is not within the limits, as NaN never is."""
     low, high = limits

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from backends.c.functions.state_reports import BUFFERS_EMPTY, STATES_UNSET
 from backends.c.interface.interface import Field, Interface
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.c.selftest.vectors.first_steps import emptied, filled_by_first
 from backends.c.selftest.vectors.log_of_steps import log_of_steps
 from backends.c.selftest.vectors.policy_reference import (
@@ -82,7 +82,7 @@ class InterpretedStep:
 
     def reset(self, windows: Mapping[str, ArrayLike]) -> int:
         """Sets all states, from samples around the first step; its status bits."""
-        bits = Status(0)
+        bits = StatusBit(0)
         ports = {field.name: port for field, port in self._interface.windows}
         row = max([0, *(-port.first for port in ports.values())])
         log: dict[str, Array] = {}
@@ -103,7 +103,7 @@ class InterpretedStep:
 
     def step(self) -> int:
         """Outputs of the inputs that stand in `inputs`; status bits."""
-        bits = Status(0)
+        bits = StatusBit(0)
         for input in self._interface.inputs:
             name, signal = input.field.name, input.port.signal
             given = self._given[name].copy()
@@ -112,7 +112,7 @@ class InterpretedStep:
         once = {name: value[np.newaxis] for name, value in self._seen.items()}
         log, row = log_of_steps(self._interface, once, 1)
         if self.waiting & STATES_UNSET:
-            bits |= Status.UNINITIALISED
+            bits |= StatusBit.UNINITIALISED
         if self.waiting & BUFFERS_EMPTY:
             self._states = filled_by_first(
                 self._judge, self._interface, self._states, (log, row), [0]

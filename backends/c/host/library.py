@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from backends.c.host.struct_memory import NUMBERS, Array, StateStruct, Struct
+from backends.c.host.struct_memory import NUMBERS, Array, StateStruct, StructMemory
 
 
 class CStep:
@@ -35,7 +35,9 @@ class CStep:
         """Of inputs and outputs; in fixed point they are words."""
         self.status_bits: dict[str, int] = layout["status"]
         """Bits of step and self-test by the names of their macros."""
-        self._structs = {name: Struct(fields, types) for name, fields in layout["structs"].items()}
+        self._structs = {
+            name: StructMemory(fields, types) for name, fields in layout["structs"].items()
+        }
         self._states = StateStruct(layout)
         self._library = library
         self._state = self._states.struct.new(1)

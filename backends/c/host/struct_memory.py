@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[Any]
 
 
-class Struct:
+class StructMemory:
     """A struct of the header as a numpy type; `align` places fields as C compilers do."""
 
     def __init__(self, fields: list[dict[str, Any]], types: Mapping[str, str]) -> None:
@@ -64,7 +64,7 @@ class StateStruct:
     """
 
     def __init__(self, layout: Mapping[str, Any]) -> None:
-        self.struct = Struct(layout["structs"]["state"], NUMBERS[layout["dtype"]])
+        self.struct = StructMemory(layout["structs"]["state"], NUMBERS[layout["dtype"]])
         self._states: list[dict[str, Any]] = layout.get("states", [])
 
     def values(self, memory: Any) -> dict[str, Array]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
 from backends.c.interface.jacobian_metadata import jacobian_metadata
-from backends.c.interface.status import MEANING, SelfTest, status_macro
+from backends.c.interface.status import MEANING, SelfTestBit, status_macro
 from backends.c.interface.structs import StructField, structs
 from backends.c_lowering.state_memory import (
     DelayLine,
@@ -50,7 +50,7 @@ def layout_metadata(
         "status": {
             status_macro(interface.prefix, bit): int(bit)
             for bit in MEANING
-            if interface.calibrates or bit is not SelfTest.CHECKSUM_DIFFERS
+            if interface.calibrates or bit is not SelfTestBit.CHECKSUM_DIFFERS
         },
         "on_invalid": {
             input.field.identifier: input.port.signal.on_invalid for input in interface.inputs

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.c_language.literals import Dtype
 from backends.c_language.places import ArrayView
 from backends.c_lowering.state_memory import InPlace, PlainState, StateMemory
@@ -29,7 +29,7 @@ class StateCheck:
 
     memory: StateMemory
     limits: tuple[float, float]
-    bit: Status
+    bit: StatusBit
 
     @property
     def place(self) -> ArrayView:
@@ -56,10 +56,10 @@ def state_checks(
     for memory in memories:
         state = memory.state
         if isinstance(memory, PlainState) and state.range is not None:
-            found.append(StateCheck(memory, state.range, Status.STATE_OUT_OF_RANGE))
+            found.append(StateCheck(memory, state.range, StatusBit.STATE_OUT_OF_RANGE))
         elif isinstance(state.origin, Declared) or _feeds_itself(program, state, in_place):
             finite = (-largest(dtype), largest(dtype))
-            found.append(StateCheck(memory, finite, Status.STATE_NOT_FINITE))
+            found.append(StateCheck(memory, finite, StatusBit.STATE_NOT_FINITE))
     return tuple(found)
 
 

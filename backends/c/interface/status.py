@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntFlag
 
 
-class Status(IntFlag):
+class StatusBit(IntFlag):
     """Bits of what step, reset and linearize return; 0 means that nothing was out of order."""
 
     OUT_OF_RANGE = 1
@@ -19,7 +19,7 @@ class Status(IntFlag):
     SLOPE_NOT_FINITE = 8192  # beyond those of the self-test
 
 
-class SelfTest(IntFlag):
+class SelfTestBit(IntFlag):
     """Bits of the self-test's result."""
 
     STEP_DIFFERS = 256
@@ -30,28 +30,30 @@ class SelfTest(IntFlag):
     CHECKSUM_DIFFERS = 8192
 
 
-MEANING: dict[Status | SelfTest, str] = {
-    Status.OUT_OF_RANGE: "an input was outside its range and was used as it is",
-    Status.NOT_A_NUMBER: "an input was NaN",
-    Status.CLAMPED: "an input was moved to the nearest limit, NaN to the valid value nearest to 0",
-    Status.HELD: "an input was replaced by its last valid value",
-    Status.STATE_OUT_OF_RANGE: "a state left its range",
-    Status.UNINITIALISED: "neither init nor reset was called, or a state waits for reset",
-    Status.EQUATION_OUT_OF_RANGE: "an equation was outside its range",
-    Status.STATE_NOT_FINITE: "a state without a range is NaN or infinite; init or reset ends that",
-    Status.SLOPE_NOT_FINITE: "a slope that linearize gave is infinite or NaN",
-    SelfTest.STEP_DIFFERS: "a golden step gave other numbers",
-    SelfTest.KERNEL_DIFFERS: "a mathematical function gave other numbers",
-    SelfTest.CONTRACTED: "the compiler fuses multiplications with additions",
-    SelfTest.NO_SUBNORMALS: "the processor flushes subnormal numbers to zero",
-    SelfTest.HELPER_DIFFERS: "a vector held other numbers than its struct, or the sample time is "
-    "another",
-    SelfTest.CHECKSUM_DIFFERS: "the values for calibration are not those of their checksum",
+MEANING: dict[StatusBit | SelfTestBit, str] = {
+    StatusBit.OUT_OF_RANGE: "an input was outside its range and was used as it is",
+    StatusBit.NOT_A_NUMBER: "an input was NaN",
+    StatusBit.CLAMPED: "an input was moved to the nearest limit, NaN to the valid value nearest to "
+    "0",
+    StatusBit.HELD: "an input was replaced by its last valid value",
+    StatusBit.STATE_OUT_OF_RANGE: "a state left its range",
+    StatusBit.UNINITIALISED: "neither init nor reset was called, or a state waits for reset",
+    StatusBit.EQUATION_OUT_OF_RANGE: "an equation was outside its range",
+    StatusBit.STATE_NOT_FINITE: "a state without a range is NaN or infinite; init or reset ends "
+    "that",
+    StatusBit.SLOPE_NOT_FINITE: "a slope that linearize gave is infinite or NaN",
+    SelfTestBit.STEP_DIFFERS: "a golden step gave other numbers",
+    SelfTestBit.KERNEL_DIFFERS: "a mathematical function gave other numbers",
+    SelfTestBit.CONTRACTED: "the compiler fuses multiplications with additions",
+    SelfTestBit.NO_SUBNORMALS: "the processor flushes subnormal numbers to zero",
+    SelfTestBit.HELPER_DIFFERS: "a vector held other numbers than its struct, or the sample time "
+    "is another",
+    SelfTestBit.CHECKSUM_DIFFERS: "the values for calibration are not those of their checksum",
 }
 
 
-def status_macro(prefix: str, bit: Status | SelfTest) -> str:
+def status_macro(prefix: str, bit: StatusBit | SelfTestBit) -> str:
     """The macro of a bit: `VEH_STATUS_CLAMPED`."""
     assert bit.name is not None
-    kind = "STATUS" if isinstance(bit, Status) else "SELFTEST"
+    kind = "STATUS" if isinstance(bit, StatusBit) else "SELFTEST"
     return f"{prefix.upper()}_{kind}_{bit.name}"

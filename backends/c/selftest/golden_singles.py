@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.c.selftest.singles.decisions import Decisions
 from backends.c.selftest.singles.telling_steps import telling_steps
 from backends.c.selftest.singles.trial_steps import TrialSteps, joined_trials
@@ -107,9 +107,9 @@ def golden_singles(
     )
 
 
-def _input_bits(interface: Interface, inputs: Mapping[str, Array]) -> Status:
+def _input_bits(interface: Interface, inputs: Mapping[str, Array]) -> StatusBit:
     """What the policies say; they replace nothing."""
-    bits = Status(0)
+    bits = StatusBit(0)
     for input in interface.inputs:
         name, dtype = input.field.name, interface.options.dtype
         held = first_held(input.port.signal, input.field.shape, dtype)

@@ -37,6 +37,8 @@ class Echo:
 
 def echoes(step: TrainingStep) -> tuple[Echo, ...]:
     """The addends that can be collected; none where the start learns from adjoints of buffers."""
+    # the start would ask for the adjoint of every sample that the buffer begins with, and those
+    # that are collected late are complete for the newest sample alone
     if step.reverse_start.gradients.parameters:
         return ()
     return tuple(_echoes(step))
@@ -51,6 +53,7 @@ def _echoes(step: TrainingStep) -> Iterator[Echo]:
         for addend in sums.of(gradient):
             node = graph[addend]
             if isinstance(node.op, Multiply):
+                # a product has no order: either operand may be the parameter
                 for source, taps in (node.args, node.args[::-1]):
                     before = _before_window(graph, source)
                     if before is not None and _is_parameter(graph, taps):
@@ -64,6 +67,7 @@ def _before_window(graph: Graph, node: NodeId) -> NodeId | None:
     if not isinstance(op, Broadcast):
         return None
     axes = graph[node].type.axes
+    # along other axes the sum over the spread would have to come first
     spread = graph[args[0]].type.axes == axes[:-1] and axes[-1].name == WINDOW
     return args[0] if spread else None
 

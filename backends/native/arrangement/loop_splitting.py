@@ -86,6 +86,7 @@ def phases(step: TrainingStep) -> Phases:
                 # hashes
                 rows |= dict.fromkeys(factors)
             else:
+                # no room, or it does not pay: the reverse step adds this one at every step
                 direct.append((parameter, addend))
     # late products are not roots: the reverse step computes their factors only
     roots = [*found.states.values(), *rows, *(node for _, node in direct)]
@@ -116,6 +117,7 @@ class Addends:
         waiting = [node]
         while waiting:
             term = waiting.pop()
+            # a partial sum that somebody else reads must be made anyway: it counts as one addend
             if isinstance(self._graph[term].op, ops.Add) and self._demands[term] == 1:
                 # a stack gives the last one back first: reversed, the addends keep their order
                 waiting += reversed(self._graph[term].args)
@@ -144,6 +146,7 @@ class _Room:
 
     def take(self, graph: Graph, nodes: Iterable[NodeId]) -> bool:
         """Takes the elements of these nodes if there is room for all."""
+        # a factor of two late gradients takes its row once
         new = [node for node in nodes if node not in self._taken]
         size = sum(graph[node].type.size for node in new)
         if size > self._left:
@@ -189,6 +192,7 @@ def view_leaf(graph: Graph, node: NodeId) -> NodeId | None:
             return view_leaf(graph, graph[node].args[0])
         case ops.Reshape():
             source = graph[node].args[0]
+            # other reshapes change the order of the numbers in memory, and a view has fixed strides
             moved = only_units_moved(graph[source].type, graph[node].type)
             return view_leaf(graph, source) if moved else None
         case _:
@@ -211,6 +215,7 @@ def _factors_to_keep(graph: Graph, node: NodeId) -> list[NodeId] | None:
     if not isinstance(graph[node].op, ops.Multiply | ops.Contract):
         return None
     needed = {graph.unrepeated(a) for a in graph[node].args if view_leaf(graph, a) is None}
+    # keeping a vector to save adding a matrix pays: n numbers a step in place of n²
     size = sum(graph[factor].type.size for factor in needed)
     return sorted(needed) if size * _LEAST_SHARE <= graph[node].type.size else None
 
@@ -265,6 +270,7 @@ def _cost(graph: Graph, index: NodeId, costs: list[float]) -> float:
         case ops.Divide():
             own = 4.0 * node.type.size
         case ops.Reduction():
+            # of a sum the operands are many, not the result
             own = float(max(graph[arg].type.size for arg in node.args))
         case _:
             own = float(node.type.size)

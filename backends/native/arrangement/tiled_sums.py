@@ -53,6 +53,7 @@ class Factor:
     axes: tuple[str, ...]
 
     def element(self, time: Index, indices: Indices) -> Expression:
+        # rows of one array are equally far apart, so two of them tell the distance of all
         step = self.second.offset.constant - self.first.offset.constant
         at = replace(self.first, offset=self.first.offset.plus(time.times(step)))
         return at.element([indices[axis] for axis in self.axes])
@@ -99,6 +100,7 @@ class TiledSum:
             # over the time the loads of both axes repeat at each time; else the times are the other
             # side
             first = long[0] if self.over_time else long[-1]
+            # two axes: a tile of 5 × 4 loads 9 numbers for 20 products, a row of 20 would load 21
             tiles[first] = _even(self.sizes[first], _BESIDE)
             if self.over_time:
                 tiles[long[1]] = _even(self.sizes[long[1]], _RESULTS // tiles[first])
@@ -128,6 +130,7 @@ class TiledSum:
                 start = {**begin, axis: counter.times(tile)}
                 self._nest(start, others, tiles, times, inner, store)
         if over:
+            # what is left over is a tile of its own size behind the full ones
             start = {**begin, axis: Index(size - over)}
             self._nest(start, others, {**tiles, axis: over}, times, scope, store)
 
@@ -144,6 +147,8 @@ class TiledSum:
             }
             if not self.over_time:
                 indices[MOMENT] = now.plus(Index(time))
+            # a variable a result, not an array: compilers keep only named values in registers for
+            # sure
             results.append((indices, scope.variable("sum", Real(0.0))))
         # sums over the time grow across all of it; else each time has sums of its own
         inner = scope.inner() if self.over_time else scope

@@ -28,7 +28,7 @@ class KeptKernel:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class CacheLimits:
     """What may stay; None for no limit. `Limits(days=0)` keeps nothing."""
 
     days: float | None = None
@@ -39,11 +39,13 @@ class Limits:
 
 def kept_kernels(folder: Path) -> list[KeptKernel]:
     """The kernels in a folder, the one that was used last first."""
+    # MSNN_CACHE may lead to a folder with somebody's other libraries: nothing of theirs is counted
+    # or removed
     keys = {path.stem for path in folder.glob("*.so") if _OF_KERNELS.fullmatch(path.name)}
     return sorted((_kernel(folder, key) for key in keys), key=lambda kernel: -kernel.used)
 
 
-def clean(folder: Path, limits: Limits) -> Sequence[KeptKernel]:
+def clean(folder: Path, limits: CacheLimits) -> Sequence[KeptKernel]:
     """Removes kernels beyond the limits and what killed processes left; the kernels removed.
 
     A kernel that another process has loaded stays in its memory.
@@ -51,6 +53,7 @@ def clean(folder: Path, limits: Limits) -> Sequence[KeptKernel]:
     now, room = time.time(), _bytes(limits.megabytes)
     removed: list[KeptKernel] = []
     for kernel in kept_kernels(folder):
+        # the newest first, so that what is beyond the limit was used longest ago
         room -= kernel.size
         too_old = limits.days is not None and now - kernel.used >= limits.days * _A_DAY
         if too_old or room < 0:
@@ -75,6 +78,7 @@ def _kernel(folder: Path, key: str) -> KeptKernel:
     for suffix in (".so", ".sha256", ".checked"):
         path = folder / f"{key}{suffix}"
         with suppress(OSError):
+            # of a link itself: whatever it leads to is not ours
             found = path.lstat()
             files.append(path)
             size, used = size + found.st_size, max(used, found.st_mtime)
@@ -88,6 +92,8 @@ def _left_over(folder: Path, now: float) -> list[Path]:
         named = _OF_KERNELS.fullmatch(path.name)
         if named is None:
             continue
+        # notes live as long as their kernel; locks and folders of builds only as long as somebody
+        # builds
         lasting = not path.name.startswith(".") and path.suffix != ".lock"
         if lasting and (folder / f"{named[1]}.so").exists():
             continue

@@ -49,6 +49,7 @@ def kernel_folder() -> KernelFolder:
         refused = _refusal(folder)
         if refused is None:
             return KernelFolder(folder, first)
+        # people are told of the folder that they wanted, not of the last one that was tried
         first = first or refused
     return KernelFolder(None, first)
 
@@ -66,11 +67,14 @@ def opened(folder: Path) -> tuple[Path, str | None]:
     real = Path(os.path.realpath(folder))
     missing = [place for place in (real, *real.parents) if not place.exists()]
     if missing:
+        # asked before anything is made: a folder made inside somebody else's could be swapped at
+        # once
         reason = why_folder_is_not_trusted(missing[-1].parent, is_above=True)
         if reason is not None:
             return real, reason
     for place in reversed(missing):
         with suppress(FileExistsError):
+            # one by one: `parents=True` would give the folders above the mode of the umask
             place.mkdir(mode=0o700)
     return real, why_folder_is_not_trusted(real)
 
@@ -78,6 +82,7 @@ def opened(folder: Path) -> tuple[Path, str | None]:
 def has_room(folder: Path) -> None:
     """Raises OSError where a kernel cannot be written."""
     with tempfile.TemporaryFile(dir=folder, prefix=".room-") as file:
+        # random bytes: file systems that compress take zeros for nothing
         file.write(os.urandom(_ROOM))
 
 

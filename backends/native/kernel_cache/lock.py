@@ -28,6 +28,8 @@ def locked(path: Path, limit: float) -> Generator[None]:
     descriptors: list[int] = []
 
     def taken() -> bool:
+        # opened anew at each try: the file that the last try opened may have been removed by its
+        # holder
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
         if not _is_ours(path, descriptor):
             os.close(descriptor)
@@ -41,6 +43,8 @@ def locked(path: Path, limit: float) -> Generator[None]:
     finally:
         for descriptor in descriptors:
             with suppress(FileNotFoundError):
+                # removed while it is held, so that nobody locks the name of a file that is about to
+                # go
                 path.unlink()
             os.close(descriptor)
 

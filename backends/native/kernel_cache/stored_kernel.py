@@ -69,6 +69,7 @@ class StoredKernel:
         OSError where the folder takes no files.
         """
         with locked(self.folder / f"{self.key}.lock", 2 * compiler_limit()):
+            # looked at again under the lock: the holder before has probably built the same
             found = self.whole()
             if found is not None:
                 return found
@@ -81,6 +82,8 @@ class StoredKernel:
                 build(library, Path(place))
                 bytes_ = library.read_bytes()
             found = hashlib.sha256(bytes_).hexdigest()
+            # before the new bytes: a seal must never stand beside others than those that were
+            # compared
             self.seal.unlink(missing_ok=True)
             _write(self.library, bytes_)
             _write(self.digest, found.encode())
@@ -99,6 +102,7 @@ class StoredKernel:
 def _read(path: Path) -> bytes | None:
     """The bytes of a file that only this user could write, or None."""
     try:
+        # a link would lead past the trusted folder, and a pipe of that name would wait for a writer
         descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:
         return None

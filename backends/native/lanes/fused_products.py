@@ -79,6 +79,7 @@ def _expression(expression: Expression) -> Expression:
                 return Call(FUSED, (*factors, _expression(left)))
             if (factors := _factors(left)) is not None:
                 added = _expression(right)
+                # a·b − c is fused(a, b, −c)
                 return Call(FUSED, (*factors, Unary("-", added) if negative else added))
             return Binary(operator, _expression(left), _expression(right))
         case Binary(operator, left, right):
@@ -103,6 +104,7 @@ def _factors(
         case Unary("-", operand):
             return _factors(operand, negative=not negative)
         case Binary("*", left, right):
+            # the sign goes to a factor: −(a·b) rounded is (−a)·b rounded
             first = _expression(left)
             return Unary("-", first) if negative else first, _expression(right)
         case _:

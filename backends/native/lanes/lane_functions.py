@@ -56,6 +56,7 @@ class LaneWriter:
         self.graph = graph
         self.time = Index()
         """The time of what is read, in samples after the rows that the function is given."""
+        # names of the spec become names in C: arguments come first, and locals give way to them
         self.scope = Scope(LocalNames("msnn"))
         for tape in (*memory.signals.values(), *memory.buffers.values()):
             self.scope.reserve(tape.name)
@@ -90,6 +91,7 @@ class LaneWriter:
         tape = self.memory.buffers[op.state]
         count = tape.last + 1
         row = self._now(tape.place(newest.shape, tape.last, None), tape.elements)
+        # the step often computed the sample where it belongs
         if row != newest:
             copy_value(newest, row, scope, UNROLL)
         return self._now(tape.place((*newest.shape, count), 0, count), tape.elements)
@@ -176,6 +178,7 @@ class LaneWriter:
         args = product.args
         until = Graph(self.graph.nodes[: max(args) + 1])
         moved: list[list[ArrayView]] = []
+        # lowered at two times: the difference of the places tells how far rows are apart (`Factor`)
         for time in (0, 1):
             self.time = Index(time)
             lowered = GraphLowering(until, args, self, self.scope, self.locals)

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.native.compile_kernel import compiled_kernel
 from backends.native.kernel_data import KernelData
-from backends.native.kernel_structs import aligned, pointer
-from backends.native.lanes.lane_groups import LANES, Groups, Rows, group_type
+from backends.native.kernel_structs import pointer
+from backends.native.lanes.lane_groups import Groups, Rows, group_type
+from backends.native.rollouts.lane_library import DTYPE, WIDTH, LaneLibrary
 from backends.native.rollouts.rollout_source import rollout_source
 from compiler.ir.program import Program
 
 FloatArray = NDArray[np.float64]
 
-_DTYPE = np.dtype(np.float64)
-_LANES = LANES["float64"]
 _AT_ONCE = 1 << 14
 """Steps of groups that one call runs: a multiple of SEGMENT of templates/native/rollouts.c.j2."""
-_LANE_ROWS = np.dtype([("steps", np.int64, (_LANES,)), ("row", np.int64, (_LANES,))])
+_LANE_ROWS = np.dtype([("steps", np.int64, (WIDTH,)), ("row", np.int64, (WIDTH,))])
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,27 +32,14 @@ class Rolled:
     counts: FloatArray
 
 
-class RolloutKernel:
+class RolloutKernel(LaneLibrary):
     """The outputs and losses of one closed program, compiled here. Raises CompilerMissingError."""
 
     def __init__(self, program: Program) -> None:
         made = rollout_source(program)
-        self.program, self.source, self._width = program, made.source, made.width
-        self.lanes, self.dtype = _LANES, _DTYPE
-        self.built = compiled_kernel(self.source.text, on_lanes=True)
-        self._library = self.built.library
-        self._library.msnn_work_lanes.restype = ctypes.c_int64
-        self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
+        super().__init__(made.source)
+        self.program, self._width = program, made.width
         self._library.msnn_rollouts.restype = None
-
-    def data(
-        self,
-        series: Mapping[str, FloatArray],
-        skip: int = 0,
-        scored: Mapping[str, NDArray[np.bool_]] | None = None,
-    ) -> KernelData:
-        """The logs as the kernel reads them; `skip` and `scored` are for the losses."""
-        return KernelData(self.source, _DTYPE, series, skip, scored)
 
     def run(
         self,
@@ -73,9 +58,8 @@ class RolloutKernel:
             np.empty((int(steps.sum()), self._width)), np.zeros(losses), np.zeros(losses)
         )
         groups, rows = _groups(starts, steps)
-        lanes = self._library.msnn_work_lanes(int(steps.max(initial=0)))
-        work = aligned(lanes * _LANES * _DTYPE.itemsize)
-        theta = np.ascontiguousarray(physical, _DTYPE)
+        work = self._work(int(steps.max(initial=0)))
+        theta = np.ascontiguousarray(physical, DTYPE)
         for first, stop, begin, end in _calls(groups["steps"]):
             self._library.msnn_rollouts(
                 ctypes.byref(data.problem),
@@ -97,11 +81,11 @@ class RolloutKernel:
 def _groups(starts: Rows, steps: Rows) -> tuple[Groups, NDArray[np.void]]:
     """Rollouts of about one length side by side; lanes left over repeat one and have no steps."""
     order = np.argsort(-steps, kind="stable")
-    count = -(-len(order) // _LANES)
-    place = np.arange(count * _LANES).reshape(count, _LANES)
+    count = -(-len(order) // WIDTH)
+    place = np.arange(count * WIDTH).reshape(count, WIDTH)
     members = order[np.minimum(place, len(order) - 1)]
     used = place < len(order)
-    groups = np.zeros(count, group_type(_LANES, _DTYPE))
+    groups = np.zeros(count, group_type(WIDTH, DTYPE))
     groups["start"], groups["used"] = starts[members], -used.astype(np.int64)
     groups["steps"] = steps[members[:, 0]]
     rows = np.zeros(count, _LANE_ROWS)

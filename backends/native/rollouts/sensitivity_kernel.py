@@ -5,23 +5,20 @@ from __future__ import annotations
 import ctypes
 import re
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backends.gauss_newton_products import Products
-from backends.native.compile_kernel import compiled_kernel
 from backends.native.kernel_data import KernelData
-from backends.native.kernel_structs import aligned, pointer
-from backends.native.lanes.lane_groups import LANES, Rows, group_type, lane_groups
+from backends.native.kernel_structs import pointer
+from backends.native.lanes.lane_groups import Rows, group_type, lane_groups
+from backends.native.rollouts.lane_library import DTYPE, WIDTH, LaneLibrary
 from backends.native.rollouts.sensitivity_source import sensitivity_source
 from compiler.differentiation.sensitivities import Sensitivities
 
 FloatArray = NDArray[np.float64]
-
-_DTYPE = np.dtype(np.float64)
-
 
 STACK = 4 * 2**20
 """Bytes that slopes may take on any stack: half of what threads usually have: compilers spill."""
@@ -34,7 +31,7 @@ class StackTooSmallError(Exception):
     """The slopes of one step need more stack than a thread is given."""
 
 
-class SensitivityKernel:
+class SensitivityKernel(LaneLibrary):
     """One program with its sensitivities, compiled here.
 
     Raises CompilerMissingError and StackTooSmallError.
@@ -42,27 +39,15 @@ class SensitivityKernel:
 
     def __init__(self, found: Sensitivities) -> None:
         made = sensitivity_source(found)
-        self.source, self._width, self._marked = made.source, made.width, made.marked
-        self.numbers = found.numbers
-        self.dtype, self.lanes = _DTYPE, LANES["float64"]
-        self._groups = group_type(LANES["float64"], _DTYPE)
-        self._stack = _stack(self.source.text, self.lanes * _DTYPE.itemsize)
+        # before the compiler is called: what would not run need not be built
+        self._stack = _stack(made.source.text, WIDTH * DTYPE.itemsize)
         if self._stack > LARGEST_STACK:
             raise StackTooSmallError(f"a step needs {self._stack / 2**20:.1f} MiB of stack")
-        self.built = compiled_kernel(self.source.text, on_lanes=True)
-        self._library = self.built.library
-        self._library.msnn_work_lanes.restype = ctypes.c_int64
-        self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
+        super().__init__(made.source)
+        self.numbers = found.numbers
+        self._width, self._marked = made.width, made.marked
+        self._groups = group_type(WIDTH, DTYPE)
         self._library.msnn_products.restype = None
-
-    def data(
-        self,
-        series: Mapping[str, FloatArray],
-        skip: int = 0,
-        scored: Mapping[str, NDArray[np.bool_]] | None = None,
-    ) -> KernelData:
-        """The logs as the kernel reads them."""
-        return KernelData(self.source, _DTYPE, series, skip, scored)
 
     def products(
         self, data: KernelData, starts: Rows, steps: Rows, physical: FloatArray
@@ -72,9 +57,8 @@ class SensitivityKernel:
         losses, width, numbers = len(self.source.losses), self._width, self.numbers
         sums, counts = np.zeros(losses), np.zeros(losses)
         found = np.zeros((losses, width, width))
-        lanes = self._library.msnn_work_lanes(int(steps.max()))
-        work = aligned(lanes * LANES["float64"] * _DTYPE.itemsize)
-        theta = np.ascontiguousarray(physical, _DTYPE)
+        work = self._work(int(steps.max()))
+        theta = np.ascontiguousarray(physical, DTYPE)
 
         def add() -> None:
             self._library.msnn_products(

@@ -44,7 +44,7 @@ class FilterLibrary:
     @classmethod
     def of_folder(cls, folder: Path, library: Path) -> FilterLibrary:
         """A filter of what `write_filter` wrote and `build_library` compiled."""
-        (file,) = folder.glob("*_ekf.json")
+        (file,) = [*folder.glob("*_ekf.json"), *folder.glob("*_mhe.json")]
         return cls(json.loads(file.read_text(encoding="utf-8")), ctypes.CDLL(str(library)))
 
     @property

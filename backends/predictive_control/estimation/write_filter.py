@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -62,9 +62,39 @@ def filter_texts(
     problem: EstimationProblem, weights: Mapping[str, ArrayLike], prefix: str, dtype: Dtype
 ) -> dict[str, str]:
     """Texts by path."""
+    made = filter_sources(problem, weights, f"{prefix}_ekf", dtype)
+    golden = golden_steps(problem, weights, dtype)
+    bits = recorded_bits(golden, made.texts, made.name)
+    test = made.text("selftest.c.j2", "Self-test of the Kalman filter", golden=golden, bits=bits)
+    return dict(sorted({**made.texts, f"src/{made.name}_selftest.c": test}.items()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilterSources:
+    """The files of a filter without its self-test, and what its templates are given."""
+
+    name: str
+    texts: dict[str, str]
+    facts: dict[str, Any]
+    struct: list[StructMember]
+
+    def text(self, template: str, title: str, folder: str = "estimation", **more: Any) -> str:
+        """A template with these facts and more."""
+        named = Filter(self.facts["model"], self.name)
+        return render(template, named, title, folder, **(self.facts | more))
+
+
+def filter_sources(
+    problem: EstimationProblem,
+    weights: Mapping[str, ArrayLike],
+    name: str,
+    dtype: Dtype,
+    *,
+    around: bool = False,
+) -> FilterSources:
+    """The sources of a filter of this name; `around` for slopes at points that a caller gives."""
     judge = KalmanFilter(problem, weights)
     estimated = judge.numbers
-    name = f"{prefix}_ekf"
     numbers = Numbers(dtype)
     smallest = float(np.finfo(dtype).tiny)
     table = FunctionTable(FunctionNames(name, dtype, "own"))
@@ -76,9 +106,10 @@ def filter_texts(
     )
     moving = [int(i) for i in np.flatnonzero(judge.drift)]
     struct = _members(estimated.size, problem, measured, len(moving), numbers.real)
-    golden = golden_steps(problem, weights, dtype)
     signals = vector_of("innovation", [_innovation(problem, m.value) for m in problem.measured])
     facts: dict[str, Any] = {
+        "model": problem.program.name,
+        "around": around,
         **origin(problem.program.spec_hash),
         "about": numbers.comment(_about(problem)),
         "real": numbers.real,
@@ -116,18 +147,14 @@ def filter_texts(
             for parameter, bound in problem.parameters.items()
             if bound.minimum is not None or bound.maximum is not None
         ],
-        "golden": golden,
         "inputs": problem.inputs.size,
         "infinite": "INFINITY" if dtype == "float32" else "(double)INFINITY",
     }
 
-    def text(template: str, title: str, **more: Any) -> str:
-        named = Filter(problem.program.name, name)
-        return render(template, named, title, "estimation", **(facts | more))
-
+    made = FilterSources(name=name, texts={}, facts=facts, struct=struct)
     texts = {
-        f"include/{name}.h": text("header.h.j2", "Kalman filter"),
-        f"src/{name}.c": text("filter.c.j2", "Kalman filter"),
+        f"include/{name}.h": made.text("header.h.j2", "Kalman filter"),
+        f"src/{name}.c": made.text("filter.c.j2", "Kalman filter"),
         f"{name}.json": filter_description(
             name,
             dtype,
@@ -142,9 +169,7 @@ def filter_texts(
         kernels = c_sources(table.kernels, numbers.real, name)
         texts[f"src/{kernels.header_name}"] = kernels.header
         texts[f"src/{kernels.source_name}"] = kernels.source
-    bits = recorded_bits(golden, texts, name)
-    test = text("selftest.c.j2", "Self-test of the Kalman filter", bits=bits)
-    return dict(sorted({**texts, f"src/{name}_selftest.c": test}.items()))
+    return replace(made, texts=texts)
 
 
 def _members(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,11 +56,22 @@ def stages_of_problem(
     outputs = [name for name in places if any(name == output.name for output in program.outputs)]
     at_end = [path.value for path in rows.paths if not path.reads_control]
     at_end += [] if problem.terminal is None else [problem.terminal]
+    flat = problem.flat
     return Stages(
         stage=step_derivatives(
-            _with_outputs(program, outputs), inputs=controls, next_states=next_states
+            _with_outputs(program, outputs, flat),
+            inputs=controls,
+            next_states=next_states,
+            outputs=outputs,
+            flat=flat,
         ),
-        terminal=step_derivatives(_with_outputs(program, at_end), inputs=(), next_states=()),
+        terminal=step_derivatives(
+            _with_outputs(program, at_end, flat),
+            inputs=(),
+            next_states=(),
+            outputs=at_end,
+            flat=flat,
+        ),
         results=places,
         terminal_results=of_end,
         size=end,
@@ -83,5 +94,7 @@ def numbers_of(problem: ControlProblem, variables: Vector) -> NDArray[np.int64]:
     return np.concatenate([*parts, np.empty(0)]).astype(np.int64)
 
 
-def _with_outputs(program: Program, names: Sequence[str]) -> Program:
-    return replace(program, outputs=tuple(program.output(name) for name in names))
+def _with_outputs(program: Program, names: Sequence[str], flat: Collection[str]) -> Program:
+    """The program with outputs of these names, then those that are flat."""
+    more = [o for o in program.outputs if o.name in flat and o.name not in names]
+    return replace(program, outputs=(*(program.output(name) for name in names), *more))

@@ -15,7 +15,7 @@ jax.config.update("jax_enable_x64", True)
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from jax_sysid.models import Model  # noqa: E402
-from systems import SYSTEMS, first_values, processor_seconds, step  # noqa: E402
+from systems import SYSTEMS, beginning, first_values, processor_seconds, step  # noqa: E402
 
 system = SYSTEMS[sys.argv[1]]
 data = np.load(sys.argv[2])
@@ -33,15 +33,15 @@ def measured(x, u, params):
 
 
 def simulated(model, name):
-    found, _ = model.predict(np.zeros(system.states), data[f"{name}_u"][:, None])
+    found, _ = model.predict(data[f"{name}_x0"], data[f"{name}_u"][:, None])
     return np.asarray(found)[:, 0]
 
 
 seconds, computed = [], []
-for _ in range(2):
-    began, before = time.perf_counter(), processor_seconds()
+for fit in range(2):
+    began, before = beginning(fit)
     model = Model(system.states, 1, 1, state_fcn=following, output_fcn=measured)
-    model.init(params=[np.ones(len(first))], x0=np.zeros(system.states))
+    model.init(params=[np.ones(len(first))], x0=data["train_x0"])
     model.loss(rho_x0=0.0, rho_th=0.0, train_x0=False)
     model.optimization(adam_epochs=0, lbfgs_epochs=1000, iprint=-1)
     model.fit(data["train_y"][:, None], data["train_u"][:, None])

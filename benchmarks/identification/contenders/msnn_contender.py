@@ -12,7 +12,7 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).resolve().parents[3])]
 
-from systems import SYSTEMS, first_values, processor_seconds  # noqa: E402
+from systems import SYSTEMS, beginning, first_values, processor_seconds  # noqa: E402
 
 import msnn  # noqa: E402
 
@@ -46,8 +46,8 @@ with tempfile.TemporaryDirectory() as place:
     file = Path(place) / "system.msnn.yaml"
     file.write_text(text, encoding="utf-8")
     frames = {"train": {"u": data["train_u"], "y": data["train_y"]}}
-    for _ in range(2):
-        began, before = time.perf_counter(), processor_seconds()
+    for fit in range(2):
+        began, before = beginning(fit)
         model = msnn.load(file)
         found = msnn.train(model, frames, runs=None)
         seconds.append(time.perf_counter() - began)

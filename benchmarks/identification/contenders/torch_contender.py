@@ -12,7 +12,7 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from systems import SYSTEMS, first_values, processor_seconds, step
+from systems import SYSTEMS, beginning, first_values, processor_seconds, step
 
 torch.set_num_threads(1)
 system = SYSTEMS[sys.argv[1]]
@@ -23,7 +23,7 @@ first = torch.from_numpy(first_values(system))
 class Functions:
     """The words of numpy that the right-hand sides use."""
 
-    sqrt, abs = torch.sqrt, torch.abs
+    sqrt, abs, sin, tanh = torch.sqrt, torch.abs, torch.sin, torch.tanh
 
     @staticmethod
     def maximum(value, limit):
@@ -32,7 +32,7 @@ class Functions:
 
 def simulated(raw, name):
     values = list(raw * first)
-    x, found = [torch.zeros((), dtype=torch.float64)] * system.states, []
+    x, found = list(data[f"{name}_x0"]), []
     for u in data[f"{name}_u"]:
         found.append(x[system.output])
         x = step(system, Functions, x, u, values, system.sample_time)
@@ -59,7 +59,7 @@ def fitted():
     return raw.detach()
 
 
-began, before = time.perf_counter(), processor_seconds()
+began, before = beginning(0)
 raw = fitted()
 seconds = [time.perf_counter() - began]
 computed = [processor_seconds() - before]

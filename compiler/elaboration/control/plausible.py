@@ -18,13 +18,14 @@ LONG, TOO_LONG = 2**24, 2**28
 def check_plausible(problem: ControlProblem, section: OptimalControl, findings: Findings) -> None:
     """Reports what is refused and what is only strange."""
     if section.interior_point is not None:
-        _check_tolerance(section.interior_point, findings)
+        check_tolerance(section.interior_point, findings)
     _check_size(problem, section, findings)
     if not findings.failed:
         _check_signs(problem, section, findings)
 
 
-def _check_tolerance(solver: InteriorPoint, findings: Findings) -> None:
+def check_tolerance(solver: InteriorPoint, findings: Findings) -> None:
+    """Reports a tolerance below rounding."""
     if solver.tolerance is not None and solver.tolerance < LEAST_TOLERANCE:
         place = solver.place.key
         findings.report(errors.tolerance_of_rounding(solver.tolerance, LEAST_TOLERANCE, place))

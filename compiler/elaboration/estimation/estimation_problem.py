@@ -21,7 +21,7 @@ from spec_schema.errors import time as times
 from spec_schema.errors import units
 from spec_schema.errors.control import reversed_bound
 from spec_schema.errors.states import not_closable
-from spec_schema.sections.estimation import Estimator, KalmanFilter
+from spec_schema.sections.estimation import Estimator, KalmanFilter, MovingHorizon
 from spec_schema.sections.spec import Spec
 from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import Unit
@@ -36,10 +36,14 @@ def estimation_problem(spec: Spec, section: Estimator, program: Program) -> Esti
     Raises SpecError with every mistake of the section.
     """
     findings = Findings()
-    assert section.ekf is not None
-    problem = _problem(spec, section.ekf, section.place.key, program, findings)
+    problem = _problem(spec, section.choice, section.place.key, program, findings)
     findings.raise_errors()
     assert problem is not None
+    if section.mhe is not None:
+        from compiler.elaboration.estimation.moving_window import check_size
+
+        check_size(problem, section.mhe, findings)
+        findings.raise_errors()
     return problem
 
 
@@ -72,6 +76,12 @@ def _problem(
         )
         for name, std in section.measured.items()
     ]
+    window = None
+    if isinstance(section, MovingHorizon):
+        # a filter is read without the rooms of controllers
+        from compiler.elaboration.estimation.moving_window import moving_window
+
+        window = moving_window(section, step, findings)
     kept = {measurement.value for measurement in measured}
     step = replace(step, outputs=tuple(o for o in step.outputs if o.name in kept))
     return EstimationProblem(
@@ -81,6 +91,7 @@ def _problem(
         measured=tuple(measured),
         deviations=deviations,
         parameters=parameters,
+        window=window,
     )
 
 

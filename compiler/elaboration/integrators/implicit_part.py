@@ -43,6 +43,7 @@ class ImplicitPart:
         own = _diagonal(builder, self.equation, self.value)
         call = dynamics.get(self.slope)
         through = None if call is None else _only_diagonal(builder, call.torque, self.equation)
+        # M is solved by its structure only where h ∂τ/∂x is a number beside each of its diagonal
         if call is None or through is None:
             return self._eliminated(own, h)
         added = builder.multiply(h, builder.multiply(builder.negate(through), own))
@@ -56,6 +57,7 @@ class ImplicitPart:
         present = [gradient for gradient in found if gradient is not None]
         nonzero = nonzero_elements(builder.graph(), present)
         for index, gradient in enumerate(found):
+            # row i of I − h ∂f/∂τ · ∂τ/∂x, ∂τ/∂x a diagonal
             row: Row = {index: builder.constant(1.0)}
             if gradient is not None:
                 for column in np.flatnonzero(nonzero[gradient]).tolist():

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import NoReturn, assert_never
+from typing import assert_never
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.liveness import needed
 from compiler.ir.ops import Add
 from compiler.ir.program import NodeId
 from compiler.ir.types import Type
@@ -20,8 +19,8 @@ from compiler.lowering.places.fitted import fitted
 from compiler.lowering.scope import owner_of
 from compiler.lowering.unit_conflicts import report_unit_conflicts
 from spec_schema.diagnostics.source import Span
-from spec_schema.errors import calculus, robots, time
-from spec_schema.expressions.tree import Expression, Name
+from spec_schema.errors import calculus, time
+from spec_schema.expressions.tree import Expression
 from spec_schema.fields.located import Located
 from spec_schema.sections.integrators import (
     Euler,
@@ -32,7 +31,6 @@ from spec_schema.sections.integrators import (
     RungeKutta4,
     SemiImplicit,
 )
-from spec_schema.sections.signals import Equation
 from spec_schema.units.parser import parse_unit
 
 _SECOND = parse_unit("s")
@@ -171,15 +169,17 @@ class _Steps:
         """The state that feels the equation, implicit in it, first; then the others, as
         semi-implicit Euler does, at its new value: a position moves with the new velocity.
         """
-        from compiler.elaboration.integrators.implicit_part import (
-            ImplicitPart,  # most methods are explicit
-        )
+        # most methods are explicit
+        from compiler.elaboration.integrators.felt_state import felt_state
+        from compiler.elaboration.integrators.implicit_part import ImplicitPart
 
         builder = self.context.builder(STEP)
         # how the equation varies with one state alone: after a substep others depend on it
         apart = {name: builder.named(node, name) for name, node in values.items()}
         stage = self._stage(apart, self.end)
-        name, equation = self._felt(of, apart, stage)
+        name, equation = felt_state(
+            self.context, self.owner, of, apart, stage, lambda state: self._slope(state, stage)
+        )
         slope = self._slope(name, stage)
         part = ImplicitPart(builder, apart[name], slope, equation)
         expression = self.vector_field[name].expression
@@ -192,35 +192,6 @@ class _Steps:
                 slope = self._slope(other, self._stage(dict(moved), self.end))
                 moved |= self._moved({other: moved[other]}, {other: slope}, self.step_length)
         return moved
-
-    def _felt(self, of: Located[str], values: Values, stage: Environment) -> tuple[str, NodeId]:
-        """The state whose derivative reads the equation, and the equation's value."""
-        builder = self.context.builder(STEP)
-        full = f"{self.owner}.{of.value}" if self.owner else of.value
-        entry = self.context.names.declared(full, of.span).entry
-        if not isinstance(entry, Equation):
-            repair = "name the equation of the friction, such as `tau_f`"
-            self._refuse(of, "it is no equation", repair)
-        equation = lower(self.context, Name(full, of.span), stage)
-        axes = builder.type(equation).axes
-        found = [
-            name
-            for name, value in values.items()
-            if builder.type(value).axes == axes
-            and _depends(builder, equation, value)
-            and _depends(builder, self._slope(name, stage), equation)
-        ]
-        if len(found) != 1:
-            if found:
-                problem = f"the derivatives of {' and '.join(f'`{n}`' for n in found)} read it"
-            else:
-                problem = "no state of its dims is in it and has a derivative that reads it"
-            self._refuse(of, problem, "leave `of` out: then the whole system is implicit")
-        return found[0], equation
-
-    def _refuse(self, of: Located[str], problem: str, repair: str) -> NoReturn:
-        self.context.findings.report(robots.implicit_of_what(of.value, problem, of.span, repair))
-        raise LoweringFailed
 
     def _runge_kutta(self, values: Values) -> Values:
         """x + h/6 · (k₁ + 2(k₂ + k₃) + k₄), the classical method (Kutta 1901)."""
@@ -294,8 +265,3 @@ class _Steps:
             return builder.add(value, change)
         value, change, axes = builder.aligned(value, change)
         return builder.emit(Add(), (value, change), Type(axes, None))
-
-
-def _depends(builder: GraphBuilder, value: NodeId, on: NodeId) -> bool:
-    """Whether a value is made of another one."""
-    return needed(builder.graph(), (value,))[on]

@@ -84,8 +84,10 @@ def solved(builder: GraphBuilder, matrix: list[Row], right: list[NodeId]) -> lis
     size = len(matrix)
     for k in range(size):
         for i in range(k + 1, size):
+            # structurally 0: nothing to eliminate, and no node
             if k not in matrix[i]:
                 continue
+            # no pivoting: which row is largest is known only when the model runs (decision 0037)
             factor = _quotient(builder, matrix[i].pop(k), matrix[k][k])
             for j in [column for column in matrix[k] if column > k]:
                 product = builder.multiply(factor, matrix[k][j])
@@ -106,4 +108,5 @@ def difference(builder: GraphBuilder, left: NodeId | None, right: NodeId) -> Nod
 
 
 def _quotient(builder: GraphBuilder, left: NodeId, right: NodeId) -> NodeId:
+    # rows that depend on no state keep the 1 of I
     return left if builder.node(right).op == Constant((1.0,)) else builder.divide(left, right)

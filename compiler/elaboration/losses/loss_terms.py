@@ -13,7 +13,7 @@ from spec_schema.expressions.tree import Binary, Call, Expression, Name, Negate,
 
 
 @dataclass(frozen=True)
-class Term:
+class CostTerm:
     """`share` times a measure, or times an expression that is a cost already."""
 
     share: float
@@ -22,7 +22,7 @@ class Term:
     """The measure, None for a cost."""
 
 
-def terms_of(context: Context, expression: Expression) -> list[Term]:
+def terms_of(context: Context, expression: Expression) -> list[CostTerm]:
     """The terms of a loss. LoweringFailed for any other arithmetic.
 
     `mse(a, b) + 0.1 * mae(c) / 2` has the terms 1 · mse(a, b) and 0.05 · mae(c). An expression
@@ -30,11 +30,11 @@ def terms_of(context: Context, expression: Expression) -> list[Term]:
     """
     measure = _measure_in(context, expression)
     if measure is None:
-        return [Term(1.0, expression, None)]
+        return [CostTerm(1.0, expression, None)]
     match expression:
         case Call() as call if call is measure:
             assert isinstance(call.function, Name)
-            return [Term(1.0, call, call.function.name)]
+            return [CostTerm(1.0, call, call.function.name)]
         case Negate(operand=operand):
             return _scaled(-1.0, terms_of(context, operand))
         case Binary(operator=Operator.ADD | Operator.SUBTRACT as operator):
@@ -70,8 +70,8 @@ def _number(context: Context, expression: Expression) -> float:
     return number(context, expression, "the factor of a loss")
 
 
-def _scaled(factor: float, terms: list[Term]) -> list[Term]:
-    return [Term(factor * term.share, term.expression, term.function) for term in terms]
+def _scaled(factor: float, terms: list[CostTerm]) -> list[CostTerm]:
+    return [CostTerm(factor * term.share, term.expression, term.function) for term in terms]
 
 
 def _measure_in(context: Context, expression: Expression) -> Call | None:

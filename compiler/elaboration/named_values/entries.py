@@ -55,12 +55,14 @@ class Entries:
         stage = own.stage
         if isinstance(entry, Connected) and stage is not None and entry.is_held_for(stage.owner):
             own = own.without_stage()
+        # before the start what the spec says of the past wins over what could be evaluated (R5a)
         if own.part is EnvironmentPart.START and own.latest < 0 and entry.history is not None:
             return lower(self._context, entry.history, own)
         if own.is_elsewhere and own.part is EnvironmentPart.STEP:
             own = own.without_stage()
             recomputed = None
             if name not in self._active and not _has_own_past(entry):
+                # first choice: f(x)[t-1] is f of x[t-1], which needs memory for x alone
                 recomputed = self.tried(lambda: self._lowered(name, entry, own, span))
             if recomputed is not None:
                 return recomputed
@@ -93,9 +95,12 @@ class Entries:
         try:
             return lower_it()
         except LoweringFailed:
+            # a try that fails is no mistake of the user
             self._context.findings.forget(mark)
             del self._loops[loops:]
             for key in list(self._entries)[known:]:
+                # entries that did lower stay: they are right, and lowering them again would cost
+                # the time twice
                 if self._entries[key] is None:
                     del self._entries[key]
             return None
@@ -105,6 +110,7 @@ class Entries:
         if name in self._active:
             active = list(self._active)
             loop = active[active.index(name) :]
+            # the same loop entered at another of its equations has the same members
             if not any(set(loop) == known for known in self._loops):
                 self._context.findings.report(states.algebraic_loop((*loop, name), span))
                 self._loops.append(set(loop))
@@ -128,6 +134,7 @@ class Entries:
                 _agree_on_unit(self._context, builder, node, name, entry)
                 builder.name(node, name)
             self._entries[key] = node
+            # a gradient is taken of the values of a sample, not of those inside the integrator
             if own.stage is None:
                 self._lowerings.setdefault((name, own.part), []).append((own.time, node))
         finally:

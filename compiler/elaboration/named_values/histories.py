@@ -64,6 +64,8 @@ class Histories:
         self._lengths[name] = max(-first, self._lengths.get(name, 0))
         self._places.setdefault(name, span)
         known = self._known.get(name, Remembered(0))
+        # the longest look-back that this lowering has met so far or the last one has found: in the
+        # last lowering both are the same, and every window is cut from one buffer
         length = max(known.length, self._lengths[name])
         builder = self._context.builder(STEP)
         if last < 0:
@@ -72,6 +74,7 @@ class Histories:
             samples = builder.state(_buffer(name), type)
         else:
             samples = builder.window(_buffer(name), self._now(name, span), length)
+        # a buffer ends with t−1, a window with t: in both t+i stands at length + i
         part = builder.slice(samples, WINDOW, length + first, length + last + 1)
         return part if environment.window is not None else builder.element(part, WINDOW, 0)
 
@@ -192,9 +195,12 @@ class Histories:
             unit = entry.unit.value if entry.unit else None
             return builder.log(name, -length, -1, Type(wanted, unit))
         if isinstance(entry, Output) and entry.predicts is not None:
+            # the log of what is predicted, moved: the output at τ stands for the signal at τ+ahead
+            # (R5b)
             ahead = context.sampling.samples(entry.predicts.ahead)
             signal = entry.predicts.signal.value
             return builder.log(signal, ahead - length, ahead - 1, Type(wanted))
+        # over the log alone (R5c); where the expression needs the simulation there is no past
         node = context.names.tried(lambda: window_of(context, entry.expr, START, -length, -1))
         if node is None:
             return self._missing(name)

@@ -82,6 +82,7 @@ class Elaboration:
 
     def value(self, name: Name, environment: Environment) -> NodeId:
         """The node of a bare name."""
+        # arguments of a function come first: they hide entries of the spec
         argument = environment.arguments.get(name.name)
         if argument is not None:
             return argument_value(self.context, argument, environment)
@@ -93,10 +94,13 @@ class Elaboration:
         declared = self.declared(name.name, name.span)
         match declared.entry:
             case Signal() as signal:
+                # an input that is given between its samples moves while the integrator looks at it
+                # (decision 0208)
                 moving = self._at_a_stage(name.name, signal, environment)
                 if moving is not None:
                     return moving
                 logged = (
+                    # only the step sees what is simulated; losses and starts read the log (R6)
                     declared.kind is Kind.TARGET or environment.part is not EnvironmentPart.STEP
                 )
                 return self._signal(name.name, signal, name.span, environment, logged=logged)
@@ -134,6 +138,8 @@ class Elaboration:
 
     def member(self, member: Member, environment: Environment) -> NodeId:
         """`s.meas`: the log of a signal or state, whatever the step sees (R6); `phi.centers`."""
+        # members of sub-models have dots in their names, so the last dot need not be the one before
+        # `meas`
         base, _, rest = member.base.rpartition(".")
         if member.base not in self.context.scope and base in self.context.scope:  # `x.meas.meas`
             member = Member(base, f"{rest}.{member.name}", member.span)
@@ -165,6 +171,7 @@ class Elaboration:
             self.context.findings.report(names.no_member(member.base, member.name, member.span))
             raise LoweringFailed
         if isinstance(entry, State):
+            # whose log is read must be in the data (R6)
             self.context.measured.setdefault(member.base, entry)
         return self._signal(member.base, entry, member.span, environment, logged=True)
 

@@ -92,6 +92,7 @@ def reset(program: IntegerProgram, windows: Words) -> IntegerState:
     memories = {memory.name: _kept(memory, memory.start, values) for memory in program.memories}
     moved = any(checked[name] != list(windows[name]) for name in checked)
     said = FixedStatus.CLAMPED if moved else FixedStatus(0)
+    # what does not fit the word or its range is cut, and the status says so
     if any(memories[m.name] != [values[node] for node in m.start] for m in program.memories):
         said |= FixedStatus.STATE_SATURATED
     return IntegerState(memories, _first_held(program), said=said)
@@ -128,8 +129,10 @@ def step(program: IntegerProgram, state: IntegerState, inputs: Words) -> Integer
         following[memory.name] = _kept(memory, memory.next, values)
         if following[memory.name] != [values[n] for n in memory.next]:
             status |= FixedStatus.STATE_SATURATED
+            # `on_range: reset`: a state that leaves its range begins again
             if memory.restarts:
                 following[memory.name] = initial(program).memories[memory.name]
+    # all at once: a state that reads another one reads its value before the step (R4)
     state.memories = following
     outputs = {port.name: [values[n] for n in nodes] for port, nodes in program.outputs}
     return IntegerStep(outputs, status, values)
@@ -180,6 +183,7 @@ def _value(
         case Product():
             return args[0] * args[1]
         case RoundShift(bits):
+            # half up, also below 0: Python's >> rounds down like the arithmetic shift of C targets
             return (args[0] + (1 << (bits - 1))) >> bits
         case Smaller():
             return min(args)
@@ -189,7 +193,10 @@ def _value(
             return args[2] if relation.holds(args[0], args[1]) else args[3]
         case IntegerLookup(first, bits, table):
             place = args[0] - first
+            # cells are powers of two wide: the upper bits are the cell, the lower ones the place in
+            # it
             cell, part = place >> bits, place & ((1 << bits) - 1)
+            # between the two entries along a straight line, rounded half up
             rise = (table[cell + 1] - table[cell]) * part
             half = (1 << bits) >> 1
             return table[cell] + ((rise + half) >> bits)

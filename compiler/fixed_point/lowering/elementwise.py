@@ -18,7 +18,7 @@ from compiler.ir.ops import Relation
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 
 
-class Elementwise(Settler):
+class ElementwiseForms(Settler):
     """What makes nodes out of operations that end a linear form."""
 
     def quotient(self, left: Form, right: Form) -> Form:

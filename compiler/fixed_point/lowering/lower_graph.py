@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from compiler.fixed_point.integers.builder import CannotFitError
 from compiler.fixed_point.integers.program import Width
-from compiler.fixed_point.lowering.elementwise import Elementwise
+from compiler.fixed_point.lowering.elementwise import ElementwiseForms
 from compiler.fixed_point.lowering.forms import Form
 from compiler.fixed_point.lowering.settle import Ramp, Settler
 from compiler.fixed_point.lowering.thresholds import Decided, IntegerCondition
@@ -39,7 +39,7 @@ class UnsupportedError(Exception):
         self.what, self.span, self.why = what, span, why
 
 
-class Lowering(Elementwise):
+class Lowering(ElementwiseForms):
     """The values of one graph; what it reads comes from `reads` (signals, logs) and `states`."""
 
     def __init__(
@@ -133,6 +133,7 @@ class Lowering(Elementwise):
             case ops.Maximum():
                 return _each(self.greater, *values)
             case ops.Clamp():
+                # min after max, as C does: where the limits cross, the upper one wins
                 return _each(self.lesser, _each(self.greater, *values[:2]), values[2])
             case ops.Compare(relation):
                 found = _each(partial(self.condition, relation), *values)

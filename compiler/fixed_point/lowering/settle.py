@@ -122,6 +122,8 @@ class Settler:
             # a·b + a·c = a·(b + c): one product in place of two, by the factor that most products
             # have
             counts = Counter(node for monomial in rest for node in set(monomial))
+            # ramps last, as their sums are bounded by chains; the number of the node makes ties
+            # fall alike
             shared = max(counts, key=lambda node: (counts[node], node not in self.ramps, node))
             inner: dict[Monomial, float] = {}
             for monomial in [m for m in rest if shared in m]:
@@ -147,6 +149,7 @@ class Settler:
             # a coefficient must be a word itself: where one is not, the whole sum gets a coarser
             # scale
             excess = max(abs(c) for c, _ in scaled)
+            # powers of two are shifts: no coefficient has to fit a word
             if excess <= self.builder.width.largest_word or all(e is not None for e in exact):
                 break
             fraction -= 1
@@ -205,12 +208,15 @@ class Settler:
 
     def _largest_fraction(self, constant: float, terms: list[tuple[int, float]]) -> int:
         low, high = self._bounds(terms, integer=False)
+        # each product alone must fit as well as the sums: terms of opposite sign cancel only
+        # afterwards
         products = [max(abs(v * c) for v in self.builder.bounds(node)) for node, c in terms]
         reach = max(abs(low), abs(high), *products) + abs(constant)
         if not math.isfinite(reach):
             raise CannotFitError("is not bounded")
         if reach == 0.0:
             return 0
+        # rounded down: the largest value must fit, and _ROOM keeps what roundings add
         return math.floor(math.log2(_ROOM * self.builder.width.largest_sum / reach))
 
     def _fraction_of(self, constant: float, terms: list[tuple[int, float]]) -> int:
@@ -218,6 +224,8 @@ class Settler:
         whole, parts = constant.as_integer_ratio()
         if not whole:
             return -_FINEST
+        # a double is whole / parts with parts a power of two; trailing zeros of `whole` need no
+        # bits
         twos = (whole & -whole).bit_length() - 1
         reach = max(map(abs, self._bounds(terms, integer=False))) + abs(constant)
         return min(
@@ -256,6 +264,7 @@ class Settler:
         if exact is not None and fraction >= exact:
             return sign * 2 ** (fraction - exact), node
         if exact is not None:
+            # a finer word is rounded first, then taken once: the sign is the whole coefficient
             shifted = self.builder.to_fraction(node, self.builder[node].fraction - exact + fraction)
             return sign, shifted
         word = self.builder.as_word(node)

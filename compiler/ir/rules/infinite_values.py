@@ -86,6 +86,8 @@ class InfiniteValues:
             divisor_sign = _sign(node, [self._divisor_signs[arg] for arg in node.args])
             fixed = isinstance(node.op, ops.Constant | ops.ReadParameter)
             fixed = fixed or (bool(node.args) and all(self._fixed[arg] for arg in node.args))
+            # a learned divisor that is 0 makes the model itself infinite: its slopes are no news
+            # then
             if fixed and divisor_sign is Sign.ANY:
                 divisor_sign = Sign.NOT_ZERO
             unbounded = any(self._unbounded[arg] for arg in node.args)
@@ -109,12 +111,15 @@ class InfiniteValues:
             case ops.Apply(function) if function in _BOUNDED:
                 return Infinite.NEVER
             case ops.Clamp():
+                # a clamp cuts what is infinite down to its limits: only these count
                 return max(of[1:])
             case _ if Infinite.ALONE in of:
                 return Infinite.ALONE
             case ops.Negate() | ops.Named() | ops.Broadcast() | ops.Reshape() | ops.Slice():
                 return of[0]
             case ops.Divide():
+                # 1/x of any x is infinite together with the model; 1/√x or 1/x² is a slope of
+                # something finite
                 return _BY_DIVISOR.get(self._divisor_signs[node.args[1]], Infinite.NEVER)
             case ops.Apply("log") if self._signs[node.args[0]] < Sign.NOT_ZERO:
                 return Infinite.WITH_MODEL
@@ -136,7 +141,9 @@ def _sign(node: Node, of: list[Sign]) -> Sign:
         case ops.Constant(values) if node.type.kind == "real":
             return _of_numbers(values)
         case ops.Add():
+            # of terms that are not negative one positive is enough; opposite signs may cancel
             return max(of) if len(known) == len(of) else Sign.ANY
+        # a square
         case ops.Multiply() if node.args[0] == node.args[1]:
             return Sign.POSITIVE if of[0] >= Sign.NOT_ZERO else Sign.NOT_NEGATIVE
         case ops.Multiply() | ops.Divide():
@@ -153,6 +160,7 @@ def _sign(node: Node, of: list[Sign]) -> Sign:
             return of[0] if of[0] in known else Sign.ANY
         case ops.Contract():
             product = _of_product(of[0], of[1])
+            # a sum of numbers that are not 0 can be 0
             return product if product is not Sign.NOT_ZERO else Sign.ANY
         case ops.Apply(function):
             return _sign_of_function(function, of)

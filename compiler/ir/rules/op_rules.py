@@ -38,7 +38,7 @@ def broken_axes(axes: tuple[Axis, ...]) -> str | None:
     return None
 
 
-def broken_rule(node: Node, operands: tuple[Type, ...], sources: Sources) -> str | None:
+def broken_rule(node: Node, operands: tuple[Type, ...], sources: AxesOfSources) -> str | None:
     """Why the node is not legal after its operands, None if it is.
 
     Units are not looked at: they label values, and the front end has checked them.
@@ -103,7 +103,7 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: Sources) -> str
 
 
 @dataclass(frozen=True, slots=True)
-class Sources:
+class AxesOfSources:
     """Axes of what a graph may read, by name."""
 
     signals: Mapping[str, tuple[Axis, ...]]

@@ -27,7 +27,7 @@ from compiler.ir.program import (
     State,
     Tape,
 )
-from compiler.ir.rules.op_rules import LONGEST_NAME, Sources, broken_axes, broken_rule
+from compiler.ir.rules.op_rules import LONGEST_NAME, AxesOfSources, broken_axes, broken_rule
 from compiler.ir.types import UNNAMED, WINDOW, Axis, Type
 
 MOST_NODES = 1_000_000
@@ -75,7 +75,7 @@ def verify(program: Program) -> None:
         statistic = parameter.statistic
         known = statistic is None or signals.get(statistic.signal) == parameter.axes
         _require(known, f"parameter `{parameter.name}` is a statistic of no such signal")
-    sources = Sources(
+    sources = AxesOfSources(
         signals,
         {parameter.name: parameter.axes for parameter in program.parameters},
         {state.name: state.axes for state in program.states},
@@ -155,7 +155,7 @@ def _check_parameter(parameter: Parameter) -> None:
         _require(spread and parameter.learn, f"{what} has a prior that says nothing")
 
 
-def _check_graph(graph: Graph, sources: Sources) -> None:
+def _check_graph(graph: Graph, sources: AxesOfSources) -> None:
     _require(len(graph) <= MOST_NODES, f"a graph has more than {MOST_NODES} nodes")
     total = 0
     for index, node in graph:
@@ -213,7 +213,7 @@ def _check_expected(step: Graph, entry: Expected) -> None:
     _check_range(what, entry.range)
 
 
-def _check_fit(fit: Fit, sources: Sources) -> None:
+def _check_fit(fit: Fit, sources: AxesOfSources) -> None:
     what = f"the fit of `{fit.layer}`"
     _require(len(fit.argument) > 0, f"{what} has no argument")
     _check_graph(fit.argument, sources)

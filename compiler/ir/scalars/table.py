@@ -57,7 +57,7 @@ class Curvatures(Protocol):
     def __call__(self, b: Arithmetic[V], a: tuple[V, ...], v: V, /) -> tuple[V, V, V]: ...
 
 
-class Formula(Protocol):
+class FormulaOf(Protocol):
     """A function in terms of others, from its arguments `a`."""
 
     def __call__(self, b: Arithmetic[V], a: tuple[V, ...], /) -> V: ...
@@ -67,7 +67,7 @@ class Formula(Protocol):
 class ByFormula:
     """A definition in terms of other functions."""
 
-    formula: Formula
+    formula: FormulaOf
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ def _reduce_small(x: Real) -> tuple[Value, ...]:
     """x − count·π/2 after W. J. Cody and W. Waite, with π/2 in three words."""
     first, second, third = HALF_PI_PARTS[x.format]
     count = round_to_integer(x * TWO_OVER_PI[x.format][0]).named("count")
+    # exact: the first part of π/2 is so short that so many quarter turns of it round nothing
     near = (x - count * first).named("closer")
     part = (count * second).named("part")
     difference = (near - part).named("difference")

@@ -21,6 +21,7 @@ def polynomial(x: Real, coefficients: Sequence[float]) -> Real:
 
 def ordered_sum(larger: Real, smaller: Real) -> tuple[Real, Real]:
     """larger + smaller rounded, and the exact rest; |larger| ≥ |smaller| or larger = 0."""
+    # Dekker's fast two-sum (1971)
     total = larger + smaller
     return total, smaller - (total - larger)
 
@@ -28,6 +29,7 @@ def ordered_sum(larger: Real, smaller: Real) -> tuple[Real, Real]:
 def exact_sum(a: Real, b: Real) -> tuple[Real, Real]:
     """a + b rounded, and the exact rest, whichever is larger."""
     total = a + b
+    # Knuth's two-sum: six operations and no comparison of sizes
     part = total - a
     return total, (a - (total - part)) + (b - part)
 
@@ -35,6 +37,7 @@ def exact_sum(a: Real, b: Real) -> tuple[Real, Real]:
 def split(x: Real) -> tuple[Real, Real]:
     """x as an exact sum of two reals of half the digits each; |x| far below overflow."""
     shift = (x.format.digits + 1) // 2
+    # Veltkamp's splitting
     scaled = x * (2.0**shift + 1.0)
     high = scaled - (scaled - x)
     return high, x - high
@@ -45,6 +48,7 @@ def exact_product(a: Real, b: Real) -> tuple[Real, Real]:
     product = a * b
     a_high, a_low = split(a)
     b_high, b_low = split(b)
+    # Dekker's product: each of the four is exact, and so is each sum in this order
     rest = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
     return product, rest
 

@@ -20,6 +20,7 @@ from compiler.kernels.trace.values import Real, Value
 def round_to_integer(x: Real) -> Real:
     """The nearest integer, ties to even, for |x| ≤ 2^(digits − 2): the sum has no room for more."""
     shift = 1.5 * 2.0 ** (x.format.digits - 1)
+    # in IEEE arithmetic this is not x; -ffast-math would make it x, and the self-test tells
     return (x + shift) - shift
 
 
@@ -33,6 +34,7 @@ def reduce_exponential(x: Real) -> tuple[Real, Real, Real]:
     high = (x - count * ln_2_high).named("high")
     low = (count * ln_2_low).named("low")
     r = (high - low).named("r")
+    # what rounding took from r, exactly, as |high| ≥ |low|
     lost = (high - r) - low
     tail = (r * r * polynomial(r, EXPONENTIAL[x.format]) + lost).named("tail")
     s = (r + tail).named("s")
@@ -44,6 +46,7 @@ def small_power_of_two(count: Real, limit: int) -> Real:
     n = to_unsigned(count)
     if limit <= 31:
         return to_real(integer(count, 1) << n)
+    # 1 << n has 32 bits only: two shifts, whose product is exact
     half = n >> 1
     return to_real(integer(count, 1) << half) * to_real(integer(count, 1) << (n - half))
 
@@ -59,6 +62,7 @@ def scale_factors(count: Real) -> tuple[Real, Real]:
     entries = (count.format.overflow_exponent - smallest) // 32 + 1
     powers = tuple(2.0 ** (smallest + 32 * i) for i in range(entries))
     table = Table("powers", Kind.REAL, powers)
+    # n counts from the smallest exponent − 1: the half takes the 1 back
     first = to_real(integer(count, 1) << (n & 31)) * 0.5
     return first, look_up(table, n >> 5)
 
@@ -79,6 +83,7 @@ def _exp(x: Real) -> tuple[Value, ...]:
     def in_range() -> Real:
         return branch(x >= smallest, inside, lambda: constant(x, 0.0), "power")
 
+    # NaN fails the comparison too, and stays NaN where infinity is made
     return (branch(x <= largest, in_range, lambda: overflowed(x), "result"),)
 
 

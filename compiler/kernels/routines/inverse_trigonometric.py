@@ -23,6 +23,7 @@ def _half_angle(size: Real) -> tuple[Real, Real]:
     square = 0.5 * (1.0 - size)
     root = square_root(square).named("root")
     short, _ = split(root)
+    # √q − s = (q − s²)/(√q + s): s has half the digits, so that s² and the difference are exact
     missing = (square - short * short) / select(square > 0.0, root + short, 1.0)
     return short, missing + root * (square * polynomial(square, ARC_SINE[size.format]))
 
@@ -132,6 +133,7 @@ def _atan(x: Real) -> tuple[Value, ...]:
 
 def is_negative(x: Real, name: str) -> Truth:
     """Whether the sign bit of x is set, x no NaN."""
+    # no comparison tells −0 from 0, but 1/−0 is −∞
     sign = branch(abs(x) > 0.0, lambda: x, lambda: 1.0 / x, name)
     return sign < 0.0
 
@@ -144,6 +146,7 @@ def _atan2(y: Real, x: Real) -> tuple[Value, ...]:
     largest = x.format.largest
     both_infinite = (height > largest) & (width > largest)
     undecided = both_zero | both_infinite
+    # 0/0 and ∞/∞ would be NaN; C's atan2 has them on the axis and on the diagonal
     decided = select(both_zero, 0.0, 1.0)
     ratio = branch(undecided, lambda: decided, lambda: height / width, "ratio")
     angle = call(ATAN, ratio)

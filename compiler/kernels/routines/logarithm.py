@@ -13,6 +13,7 @@ from compiler.kernels.trace.values import Real, Value
 
 def normalise(x: Real) -> tuple[Real, Real]:
     """m, e with x = m·2^e exactly, 1 ≤ m < 2, e a whole number, for finite x ≥ 1."""
+    # by comparing and scaling: portable C has no look at the bits of a number
     mantissa = x
     parts: list[Real] = []
     step = x.format.overflow_exponent // 2
@@ -61,6 +62,7 @@ def _log(x: Real) -> tuple[Value, ...]:
 
     def inside() -> Real:
         f, exponent = reduce_logarithm(x)
+        # the small parts first: the sum with the largest one is the only rounding that counts
         return exponent * ln_2_high + (log_1p_rest(f, exponent * ln_2_low) + f)
 
     def not_finite_positive() -> Real:

@@ -30,6 +30,8 @@ def _logarithm_words(x: Real) -> tuple[Real, Real]:
 
     2s + s·(2/3·z + z²·P(z)) + e·ln 2 with s = f/(2 + f), z = s².
     """
+    # e^(y·ln x) makes relative errors of absolute ones: where y·ln x is in the hundreds, one word
+    # of ln x would leave two digits less
     f, exponent = reduce_logarithm(x)
     ln_2_high, ln_2_low = LN_2[x.format]
     third, third_rest = TWO_THIRDS[x.format]
@@ -87,6 +89,7 @@ def _split_exponent(size: Real) -> tuple[Truth, Truth]:
         return size - to_real(whole), to_real(whole & 1)
 
     def large() -> tuple[Value, ...]:
+        # from 2^digits on neighbours are 2 apart: all are even integers
         zero = constant(size, 0.0)
         return zero, zero
 
@@ -110,10 +113,12 @@ def _pow(x: Real, y: Real) -> tuple[Value, ...]:
         ordinary = (base > 0.0) & (base <= x.format.largest)
         magnitude = branch(ordinary, lambda: _finite_power(base, y), extreme, "magnitude")
         fractional, odd = _split_exponent(abs(y))
+        # by the sign bit: (−0)³ is −0, and (−0)⁻³ is −∞
         signed = select(is_negative(x, "side") & odd, -magnitude, magnitude)
         no_real_power = ((x < 0.0) & (x >= -x.format.largest)) & fractional
         return branch(no_real_power, lambda: (x - x) / (x - x), lambda: signed, "signed_value")
 
+    # also of NaN: C's pow(1, NaN) and pow(NaN, 0) are 1
     always_one = ((y <= 0.0) & (y >= 0.0)) | ((x <= 1.0) & (x >= 1.0))
     return (branch(always_one, lambda: constant(x, 1.0), general, "result"),)
 

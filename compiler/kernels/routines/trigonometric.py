@@ -26,6 +26,7 @@ def _cosine(high: Real, low: Real) -> Real:
     half = 0.5 * square
     whole = 1.0 - half
     rest = square * square * polynomial(square, COSINE[high.format])
+    # (1 − whole) − z/2 is exactly what `whole` lost in rounding
     return whole + (((1.0 - whole) - half) + (rest - high * low))
 
 
@@ -56,8 +57,10 @@ def _cos(x: Real) -> tuple[Value, ...]:
         high, low, quadrant = reduce_angle(size)
         odd = (quadrant & 1) > 0
         value = branch(odd, lambda: _sine(high, low), lambda: _cosine(high, low), "value")
+        # negative in the quadrants 1 and 2
         return select(((quadrant + 1) & 2) > 0, -value, value)
 
+    # ∞ − ∞ and NaN − NaN are NaN
     return (branch(size <= x.format.largest, general, lambda: x - x, "result"),)
 
 

@@ -72,6 +72,7 @@ def active_sums(graph: Graph, support: list[dict[str, NodeId]]) -> dict[NodeId, 
             for arg in node.args:
                 if node.op.axis in support[arg]:
                     found.setdefault(index, set()).add(support[arg][node.op.axis])
+    # two different sets along one axis are 0 at different places: no element may be left out
     return {index: next(iter(sets)) for index, sets in found.items() if len(sets) == 1}
 
 

@@ -140,6 +140,7 @@ def _sampled(
         case ops.Elementwise() | ops.Broadcast():
             return _of_operands(graph, node, sampled, fixed)
         case ops.Sum(axis) | ops.Contract(axis):
+            # a sum over the window mixes samples; one over another axis stays within each
             return None if axis == WINDOW else _of_operands(graph, node, sampled, fixed)
         case ops.Leaf() | ops.Window() | ops.Structure():
             return None
@@ -166,4 +167,5 @@ def _repeated(graph: Graph, index: NodeId) -> bool:
     node = graph[index]
     if node.type.window is None:
         return True
+    # weights of a window differ from sample to sample: moved, they would meet other samples
     return isinstance(node.op, ops.Broadcast) and graph[node.args[0]].type.window is None

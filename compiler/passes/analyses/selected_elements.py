@@ -39,6 +39,7 @@ class SelectedElements:
         self._needed: list[dict[Selection, None]] = [{} for _ in graph.nodes]
         for root in roots:
             self._needed[root][WHOLE] = None
+        # backwards: all users of a node have asked when it passes the question on
         for index in reversed(range(len(graph))):
             for selection in self._needed[index]:
                 self._ask(index, selection, asked)
@@ -54,6 +55,7 @@ class SelectedElements:
                 args = [made[key] for key in zip(node.args, operands, strict=False)]
                 with builder.at(node.span):
                     found = self._built(builder, index, selection, args, cuts)
+                # a part of a value is not the value that the spec names
                 if selection == WHOLE and node.label and builder.type(found) == node.type:
                     builder.name(found, node.label)
                 made[index, selection] = found
@@ -250,6 +252,7 @@ def _samples(
     """Samples of a signal, read no farther back than they are needed."""
     oldest, newest = chosen[WINDOW][0], chosen[WINDOW][-1]
     near = {WINDOW: tuple(range(oldest, newest + 1))}
+    # a window that reads less of the past needs less memory in what is exported
     read = replace(op, first=op.first + oldest, last=op.first + newest)
     found = builder.emit(read, (), node.type.with_axes(_axes(node, near)), node.span)
     return _gathered(builder, found, {**chosen, WINDOW: _moved(chosen[WINDOW], -oldest)})

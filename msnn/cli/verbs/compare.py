@@ -10,10 +10,18 @@ import typer
 
 from msnn.cli.arguments import (
     RUNS,
+    ComparedRuns,
+    CountsCost,
     DataRoot,
+    Folds,
+    Grid,
+    HeldOut,
+    Jobs,
     OutputFormat,
     PlotFile,
+    RankedBy,
     ResultFormat,
+    Seeds,
     Settings,
     refuse_undrawable,
 )
@@ -24,42 +32,16 @@ def compare(
         list[Path],
         typer.Argument(metavar="SPEC...", help="Specs, or folders of runs, to be compared."),
     ],
-    grid: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--grid",
-            metavar="KEY=V1,V2,...",
-            help="Every choice of a value of the specs; several span a grid.",
-        ),
-    ] = None,
+    grid: Grid = None,
     settings: Settings = None,
-    seeds: Annotated[
-        int, typer.Option(min=1, help="Train each so often, from other initial values and orders.")
-    ] = 1,
-    folds: Annotated[
-        bool, typer.Option("--folds", help="Train every fold of `split: {by: kfold, k}`.")
-    ] = False,
-    on: Annotated[
-        str, typer.Option(metavar="SET", help="The rows held out that they are compared on.")
-    ] = "val",
-    by: Annotated[
-        str | None,
-        typer.Option(
-            metavar="METRIC",
-            help="What ranks them: fit, y.fit, y.rmse:record; default: the first of `validate`.",
-        ),
-    ] = None,
-    cost: Annotated[
-        bool, typer.Option("--cost/--no-cost", help="Count instructions and bytes of the C.")
-    ] = True,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Trainings at once; default: one a processor.")
-    ] = None,
+    seeds: Seeds = 1,
+    folds: Folds = False,
+    on: HeldOut = "val",
+    by: RankedBy = None,
+    cost: CountsCost = True,
+    jobs: Jobs = None,
     data_root: DataRoot = None,
-    out: Annotated[
-        Path,
-        typer.Option("-o", "--out", metavar="FOLDER", help="Trainings are kept below, with a log."),
-    ] = RUNS,
+    out: ComparedRuns = RUNS,
     plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
@@ -70,15 +52,17 @@ def compare(
     time, and what a step of the C costs; the Pareto front is marked. `runs.jsonl` has every
     training: one that is there is not repeated, and an interrupted comparison goes on.
     """
-    from msnn.api import trainings
+    from msnn.api import comparisons
     from msnn.cli.comparison_results import end_interrupted, show_comparison
     from msnn.cli.console import progress_stream
+    from msnn.cli.ranks import speak_once
     from msnn.comparison.progress_lines import TrialLines
     from msnn.training.training_result import TrainingInterruptedError
 
+    speak_once()
     refuse_undrawable(plot)
     try:
-        found = trainings.compare(
+        found = comparisons.compare(
             specs,
             grid=grid or (),
             settings=settings or (),

@@ -29,9 +29,10 @@ def doctor(
     Versions, the C compiler, optional packages; what is missing with the line that installs it. All
     of it is optional but what comes with msnn. Where compiled kernels are kept and how many.
     """
+    from backends.native.kernel_cache.contents import CacheLimits
     from msnn.cli.console import json_result, note, report, result
     from msnn.project.installation import InstalledPart, installation
-    from msnn.project.kernels import Limits, cleaned_cache, kernel_cache
+    from msnn.project.kernels import cleaned_cache, kernel_cache
     from msnn.tables import table_text
 
     if not clean_cache and not (unused_for is None and down_to is None):
@@ -39,7 +40,7 @@ def doctor(
         raise typer.BadParameter(message, param_hint="'--unused-for', '--down-to'")
     if clean_cache:
         everything = unused_for is None and down_to is None
-        note(cleaned_cache(Limits(0.0 if everything else unused_for, down_to)))
+        note(cleaned_cache(CacheLimits(0.0 if everything else unused_for, down_to)))
     cache = kernel_cache()
     remedy = "set MSNN_CACHE to a folder you may write"
     parts = [*installation(), InstalledPart("cache", "compiled kernels", cache.text, remedy)]

@@ -111,6 +111,10 @@ def show(
             from msnn.reports.show_control import control_text
 
             parts.append(control_text(model.control))
+        if model.estimation is not None:
+            from msnn.reports.show_estimation import estimation_text
+
+            parts.append(estimation_text(model.estimation))
         result("\n\n".join(parts))
 
 

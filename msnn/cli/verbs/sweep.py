@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from msnn.cli.arguments import (
     RUNS,
+    ComparedRuns,
+    CountsCost,
     DataRoot,
+    Folds,
+    Grid,
+    HeldOut,
+    Jobs,
     OutputFormat,
     PlotFile,
+    RankedBy,
     ResultFormat,
+    Seeds,
     Settings,
     SpecFile,
     refuse_undrawable,
@@ -27,14 +34,7 @@ _PAUSE = 1.0
 
 def sweep(
     spec: SpecFile,
-    grid: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--grid",
-            metavar="KEY=V1,V2,...",
-            help="Every choice of a value of the spec; several span a grid.",
-        ),
-    ] = None,
+    grid: Grid = None,
     draw: Annotated[
         list[str] | None,
         typer.Option(
@@ -50,28 +50,12 @@ def sweep(
         int, typer.Option(min=0, help="Decides what is drawn; the log has it.")
     ] = 0,
     settings: Settings = None,
-    seeds: Annotated[
-        int, typer.Option(min=1, help="Train each so often, from other initial values and orders.")
-    ] = 1,
-    folds: Annotated[
-        bool, typer.Option("--folds", help="Train every fold of `split: {by: kfold, k}`.")
-    ] = False,
-    on: Annotated[
-        str, typer.Option(metavar="SET", help="The rows held out that they are compared on.")
-    ] = "val",
-    by: Annotated[
-        str | None,
-        typer.Option(
-            metavar="METRIC",
-            help="What ranks them: fit, y.fit, y.rmse:record; default: the first of `validate`.",
-        ),
-    ] = None,
-    cost: Annotated[
-        bool, typer.Option("--cost/--no-cost", help="Count instructions and bytes of the C.")
-    ] = False,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Trainings at once; default: one a processor.")
-    ] = None,
+    seeds: Seeds = 1,
+    folds: Folds = False,
+    on: HeldOut = "val",
+    by: RankedBy = None,
+    cost: CountsCost = False,
+    jobs: Jobs = None,
     ray: Annotated[
         str | None,
         typer.Option(
@@ -80,11 +64,16 @@ def sweep(
             help="Train on a Ray cluster: 10.0.0.1:6379, auto, or local to try it here.",
         ),
     ] = None,
+    optuna: Annotated[
+        str | None,
+        typer.Option(
+            "--optuna",
+            metavar="STUDY",
+            help="Let Optuna propose what is drawn; it keeps its study in this file or database.",
+        ),
+    ] = None,
     data_root: DataRoot = None,
-    out: Annotated[
-        Path,
-        typer.Option("-o", "--out", metavar="FOLDER", help="Trainings are kept below, with a log."),
-    ] = RUNS,
+    out: ComparedRuns = RUNS,
     plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
@@ -94,15 +83,17 @@ def sweep(
     table, the Pareto front and the log are those of `msnn compare`: what `runs.jsonl` has is not
     trained again, so an interrupted sweep goes on and a larger one trains what is new.
     """
-    from msnn.api import sweeps
+    from msnn.api import comparisons
     from msnn.cli.comparison_results import end_interrupted, show_comparison
     from msnn.cli.console import progress_stream
+    from msnn.cli.ranks import speak_once
     from msnn.comparison.progress_lines import TrialLines
     from msnn.training.training_result import TrainingInterruptedError
 
+    speak_once()
     refuse_undrawable(plot)
     try:
-        found = sweeps.sweep(
+        found = comparisons.sweep(
             spec,
             grid=grid or (),
             draw=draw or (),
@@ -116,6 +107,7 @@ def sweep(
             runs=out,
             jobs=jobs or os.cpu_count() or 1,
             ray=ray,
+            optuna=optuna,
             by=by,
             cost=cost,
             listener=TrialLines(progress_stream(), _PAUSE),

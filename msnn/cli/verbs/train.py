@@ -12,6 +12,7 @@ from msnn.cli.arguments import (
     RUNS,
     DataRoot,
     EngineName,
+    Folds,
     OutputFormat,
     ResultFormat,
     Settings,
@@ -40,9 +41,7 @@ def train(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the newest training that has not ended.")
     ] = False,
-    folds: Annotated[
-        bool, typer.Option("--folds", help="Train every fold of `split: {by: kfold, k}`.")
-    ] = False,
+    folds: Folds = False,
     tensorboard: Annotated[
         bool, typer.Option("--tensorboard", help="Write curves for TensorBoard beside the weights.")
     ] = False,
@@ -127,7 +126,7 @@ def _train(
     progress = Recorded(Lines(progress_stream(), terminal=is_live(progress_stream())))
     try:
         if folds and ranks is not None:
-            raise SpecError((one_process_alone("--folds"),))
+            raise SpecError((one_process_alone("`--folds`"),))
         if folds:
             every = trainings.train_folds(
                 model,

@@ -13,9 +13,11 @@ from msnn.data.formats.written_units import MISSING
 from msnn.errors.data import cells as cell_errors
 from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic
-from spec_schema.expressions.moments import Moment, read_moment
+from spec_schema.expressions.moments import FARTHEST, Moment, read_moment
 
 _MISSING = MISSING | {"nat", "none", "<na>"}
+_PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+"""Ticks of numpy's dates; days and longer are read as seconds, finer ones as nanoseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +79,17 @@ def _of_numpy(array: NDArray[Any], file: str, column: str, *, is_utc: bool) -> D
         faults = (cell_errors.missing_value(file, row, column, "NaT", more, None),)
     if absent.all():
         return Dates(np.full(len(array), np.nan), None, faults)
-    nanoseconds = array.astype("datetime64[ns]").astype(np.int64)
-    first = int(nanoseconds[~absent][0])
-    return Dates((nanoseconds - first) / 1e9, Moment(first, is_utc), faults)
+    unit, count = np.datetime_data(array.dtype)
+    if unit not in _PER_SECOND or count != 1:
+        # seconds reach farther than any date, and nanoseconds farther than what is finer
+        unit = "ns" if unit in ("ps", "fs", "as") else "s" if unit not in _PER_SECOND else unit
+        array = array.astype(f"datetime64[{unit}]")
+    ticks, length = array.astype(np.int64), 10**9 // _PER_SECOND[unit]
+    far = ~absent & ((ticks <= -FARTHEST // length) | (ticks >= FARTHEST // length))
+    if far.any():
+        row, more = int(np.argmax(far)), int(far.sum()) - 1
+        wild = data_units.too_far_a_moment(file, row, column, str(array[row]), more)
+        return Dates(np.full(len(array), np.nan), None, (*faults, wild))
+    first = int(ticks[~absent][0])
+    seconds = np.where(absent, np.nan, (ticks - first) / _PER_SECOND[unit])
+    return Dates(seconds, Moment(first * length, is_utc), faults)

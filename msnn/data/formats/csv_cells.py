@@ -55,6 +55,8 @@ def checked_columns(
     ]
     line: _Line | None = None
     for line in _lines(lines, header):
+        # an odd number: cells are split at delimiters inside quotes then, and their count says
+        # nothing
         if line.text.count('"') % 2:
             faults.add("quote", line.quote_fault)
         elif len(line.cells) != header.width:
@@ -111,6 +113,8 @@ class _Times(_Numbers):
     has_zone: bool = False
 
     def fault_of(self, cell: str) -> CellFault | None:
+        # the first cell decides what the column is; a date further down in numbers is a fault of
+        # that cell
         if not self.nanoseconds and self.values:
             return _Numbers.fault_of(self, cell)
         moment = read_moment(cell)
@@ -130,6 +134,7 @@ class _Times(_Numbers):
         if not self.nanoseconds:
             return np.array(self.values)
         moments = np.array(self.nanoseconds, dtype=np.int64)
+        # subtracted as integers: nanoseconds since 1970 have 61 bits, doubles 53
         return (moments - moments[0]) / 1e9
 
 
@@ -143,6 +148,7 @@ def _number(cell: str, dialect: Dialect, may_miss: bool) -> tuple[float, CellFau
     text = cell.replace(dialect.decimal, ".") if has_commas else cell
     if text.lower() in MISSING:
         return math.nan, None if may_miss else cell_errors.missing_value
+    # reading it as 1.5 would be wrong by a factor of a thousand without a word
     if has_commas and _THOUSANDS.fullmatch(cell):
         return math.nan, cell_errors.not_a_number
     if not is_number(text):
@@ -196,6 +202,7 @@ class _Line:
         )
 
     def cell_fault(self, fault: CellFault, index: int) -> Callable[[int], Diagnostic]:
+        # cells lost their quotes when they were split: with quotes the whole line is underlined
         start = sum(len(cell) + 1 for cell in self.cells[:index])
         end = start + max(len(self.cells[index]), 1)
         if '"' in self.text:

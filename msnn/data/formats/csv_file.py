@@ -19,6 +19,7 @@ from msnn.data.formats.csv_header import (
     read_header,
 )
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
+from msnn.data.formats.text_encoding import not_utf8
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import Span
@@ -36,8 +37,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     try:
         return _table(path, shown, wanted, dialect)
     except UnicodeDecodeError as error:
-        reason = f"it is not UTF-8 text (byte {error.start} is {error.object[error.start]:#04x})"
-        raise SpecError((errors.unreadable_file(shown, reason),)) from error
+        raise SpecError((not_utf8(path, shown, error),)) from error
     except OSError as error:
         raise SpecError((errors.unreadable_file(shown, error.strerror or str(error)),)) from error
 
@@ -48,6 +48,8 @@ def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> C
 
     header = read_header(lines, shown, dialect, wanted.users)
     places = header.places(wanted)
+    # numpy first, as it is far faster; it explains nothing, so what it refuses is read cell by
+    # cell
     columns = _numbers(path, header, tuple(places.values()))
     if columns is None or not _complete(columns, tuple(places), wanted.optional):
         return text_table(lines, header, places, wanted)
@@ -112,6 +114,7 @@ def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatAr
                 ndmin=2,
             )
         except UnicodeDecodeError:
+            # a ValueError too, yet the file is wrong and not its numbers
             raise
         except ValueError:
             return None
@@ -120,6 +123,7 @@ def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatAr
     if blanks:  # all columns were read, so that rows of another width are seen
         whole = table.shape[1] == header.width
         return [np.ascontiguousarray(table[:, i]) for i in indices] if whole else None
+    # a row with a cell too many or too few shifts the columns, and numpy sees only those it reads
     if _delimiters(path, header) != len(table) * (header.width - 1):
         return None
     return [np.ascontiguousarray(column) for column in table.T]

@@ -16,6 +16,7 @@ from msnn.data.formats.table_of_formats import (
 )
 from msnn.data.reading.splits import split_source
 from msnn.errors.data import files as errors
+from msnn.errors.data import rows as row_errors
 from msnn.errors.workflow import unknown_set
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.suggest import nearest
@@ -38,6 +39,8 @@ class DataFile:
     layout: Source
     arrays: NamedArrays | None = None
     """Arrays of a session in place of a file; `path` only names them."""
+    is_row_group: bool = False
+    """Whether the file at `path` has other records too."""
 
     @property
     def format(self) -> FileFormat:
@@ -89,7 +92,7 @@ def _records(file: DataFile, records: str | None, findings: Findings) -> list[Da
     except SpecError as error:
         findings.report(*error.diagnostics)
         return []
-    return [replace(file, shown=group.file, arrays=group) for group in groups]
+    return [replace(file, shown=group.file, arrays=group, is_row_group=True) for group in groups]
 
 
 def data_of_files(data: Data, files: Sequence[Path], data_set: str | None = None) -> Data:
@@ -124,7 +127,7 @@ def _layout(data: Data, data_set: str | None) -> Source:
         return plain[divided or data_set]
     texts = {json.dumps(entry_data(layout), sort_keys=True) for layout in plain.values()}
     if len(texts) > 1:
-        raise SpecError([errors.sets_differ(tuple(plain), data.place.key)])
+        raise SpecError([row_errors.sets_differ(tuple(plain), data.place.key)])
     return next(iter(plain.values()))
 
 

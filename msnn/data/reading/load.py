@@ -17,7 +17,7 @@ from msnn.data.reading.part import FilePart, read_part
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data.reading.splits import RecordTimes, SetCodes, split_rows, split_source
-from msnn.errors.data import files as errors
+from msnn.errors.data import rows as errors
 from msnn.errors.disk_data import not_on_disk
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
@@ -63,11 +63,21 @@ def joined_files(
     drops = data.nan == "drop" and program.sample_time is not None
     parts: list[FilePart] = []
     left_out = Findings()
+    outside: dict[tuple[str, Path], Findings] = {}
     for file in files:
-        part = read_part(program, data, file, filters.get(file.source), findings, beside)
+        own = Findings()
+        part = read_part(program, data, file, filters.get(file.source), own, beside)
+        if part is None and _is_outside(file, own):
+            outside.setdefault((file.source, file.path), own)
+            continue
+        findings.report(*own.since(0))
         if part is None or (drops and _dropped(part, left_out)):
             continue
         parts.append(part if disk is None else disk.taken(part))
+    with_rows = {(part.file.source, part.file.path) for part in parts}
+    for file, own in outside.items():
+        if file not in with_rows:
+            findings.report(*own.since(0))
     if findings.failed:
         if disk is not None:
             disk.forget()
@@ -85,6 +95,11 @@ def joined_files(
     _report_ranges(signals, parts, findings)
     findings.raise_errors()
     return _joined(signals, parts, sets, rows, findings.in_order, whole)
+
+
+def _is_outside(file: DataFile, own: Findings) -> bool:
+    """Whether a row group has no row between `from` and `to`, as others of its file may have."""
+    return file.is_row_group and [found.code for found in own.since(0)] == ["E0818"]
 
 
 def _texts(files: Iterable[DataFile], faults: Iterable[Diagnostic]) -> list[SourceText]:

@@ -23,6 +23,7 @@ from msnn.data.reading.files import DataFile
 from msnn.data.reading.record_rows import RecordRows, record_rows
 from msnn.data.reading.row_filter import RowFilter
 from msnn.errors.data import formats as data_formats
+from msnn.errors.data.files import no_column_read
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.data import Csv, Data
@@ -92,6 +93,8 @@ def read_part(
     if isinstance(read, ColumnTable):
         found = in_units_of_file(found, read.units, mine)
         more = in_units_of_file(more, read.units, mine)
+        if not read.columns and not mine.failed:
+            mine.report(no_column_read(file.shown, program.name))
     if read is not None and not mine.failed:
         spare = wanted_columns(more).keys() - wanted_columns(found).keys()
         rows = record_rows(read, file, data, program.sample_time, mine, spare)

@@ -13,8 +13,8 @@ from msnn.data.reading.files import DataFile
 from msnn.data.reading.resample import Method, resample
 from msnn.data.reading.rows import RowRange, TimeFault, continuity, picked_rows
 from msnn.data.reading.time_bounds import time_bound
-from msnn.errors.data import files as errors
 from msnn.errors.data import formats as data_formats
+from msnn.errors.data import rows as errors
 from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
@@ -179,6 +179,7 @@ def _resampled(
         findings.report(data_formats.no_time_to_resample(file.shown, file.layout.place.key))
         return None
     moments = time[picked.rows]
+    # not `diff <= 0`: of a NaN neither holds, and it is out of order too
     backward = ~(np.diff(moments) > 0)
     if backward.any():
         row = picked.first + (int(np.argmax(backward)) + 1) * picked.every

@@ -47,6 +47,8 @@ def resample(
         low, high = max(low, span[0]), min(high, span[1])
     # the last row is kept where rounding puts it a hair before its moment
     count = int(np.floor((high - low) / sample_time + 1e-6)) + 1 if high >= low else 0
+    # k · step, in place: adding steps up would gather rounding, and long logs have room for one
+    # array
     grid = np.arange(count, dtype=np.float64)
     grid *= sample_time
     grid += low
@@ -56,6 +58,7 @@ def resample(
         found[key] = _at(grid, time, values, method)
         known = ~_in_holes(grid, time, sample_time)
         if key in beside:
+            # np.interp repeats the first and last value outside: that is no measurement
             known &= (grid >= time[0]) & (grid <= time[-1] + 1e-6 * sample_time)
             found[key] = np.where(known, found[key], np.nan)
         else:

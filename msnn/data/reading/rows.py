@@ -9,7 +9,7 @@ import numpy as np
 
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.reading.time_bounds import time_bound
-from msnn.errors.data import files as errors
+from msnn.errors.data import rows as errors
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Moment
 from spec_schema.expressions.tree import Samples

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from msnn.data.dataset import UNASSIGNED, FloatArray
 from msnn.data.reading.time_bounds import time_bound
-from msnn.errors.data import files as errors
+from msnn.errors.data import rows as errors
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.splits import SETS, Blocks, DateRange, Fraction, Split, TimeRange
@@ -107,6 +107,7 @@ def _fold_rows(
     for index, record in enumerate(records):
         rows = np.full(record.rows, codes["train"], dtype=np.int8)
         if len(records) >= count:
+            # whole records where there are enough: neighbours in time would tell a fold its answers
             held_out = slice(None) if index * count // len(records) == fold else slice(0)
         else:
             start = _rounded(fold * record.rows / count)
@@ -133,6 +134,8 @@ def _files(shares: Mapping[str, float], count: int) -> list[str]:
     for _ in range(count):
         for name, share in shares.items():
             owed[name] += share
+        # like the allotment of seats: each file goes to the set that is furthest behind its share,
+        # so that sets are spread over the order of the files without chance
         most = max(owed, key=lambda name: owed[name])
         owed[most] -= 1.0
         chosen.append(most)
@@ -169,4 +172,5 @@ def _blocks(split: Split, count: int) -> dict[str, tuple[int, ...]]:
 
 
 def _rounded(value: float) -> int:
+    # Python's `round` takes halves to even numbers: blocks of alike length would differ by two rows
     return math.floor(value + 0.5)

@@ -49,7 +49,8 @@ def _target(system: CheckedSystem, target: CheckedTarget) -> Iterator[Diagnostic
     if not moving or not target.moves:
         return
     if found.responses is None:
-        yield too_few_rows(rows=found.rows, needed=_needed(len(system.inputs)), of=name)
+        needed = _needed(len(system.inputs))
+        yield too_few_rows(rows=found.rows, longest=found.longest, needed=needed, of=name)
         return
     for number, share in enumerate(found.feedback):
         if share is not None:

@@ -8,12 +8,12 @@ import numpy as np
 
 from compiler.ir.program import Role
 from msnn.data.reading.rows import GAP_TOLERANCE
-from msnn.data_check.channels import Rows
+from msnn.data_check.channels import RowsOfData
 from msnn.data_check.found import CheckedChannel, DatasetCheck
 from msnn.data_check.signals.plausible_units import doubt
 from msnn.data_check.signals.quantisation import FEW_LEVELS
 from msnn.errors.data import checks as errors
-from msnn.errors.data.files import other_sample_time
+from msnn.errors.data.rows import other_sample_time
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
@@ -69,7 +69,7 @@ def signal_findings(checked: DatasetCheck) -> Iterator[Diagnostic]:
         yield from _constant(one, checked.rows)
 
 
-def _values(one: CheckedChannel, rows: Rows) -> Iterator[Diagnostic]:
+def _values(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
     channel, found = one.channel, one.found
     name, unit, signal = channel.name, channel.unit, channel.signal
     if found.missing:
@@ -135,7 +135,7 @@ def _values(one: CheckedChannel, rows: Rows) -> Iterator[Diagnostic]:
             )
 
 
-def _constant(one: CheckedChannel, rows: Rows) -> Iterator[Diagnostic]:
+def _constant(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
     """A series that stands still, in all records or in some of several."""
     values = one.channel.values
     still: list[tuple[str, float]] = []
@@ -154,6 +154,6 @@ def _constant(one: CheckedChannel, rows: Rows) -> Iterator[Diagnostic]:
     )
 
 
-def _files(rows: Rows) -> str:
+def _files(rows: RowsOfData) -> str:
     files = [record.file for record in rows.records]
     return files[0] if len(files) == 1 else f"{files[0]} and {len(files) - 1} more"

@@ -18,7 +18,7 @@ that fit data without noise it takes a small one; what nothing excites is 0 with
 
 
 @dataclass(frozen=True, slots=True)
-class Orders:
+class ArxOrders:
     """The past of the output from 1 row back, that of each input from `first` rows back."""
 
     own: int
@@ -38,7 +38,7 @@ class Orders:
 class Arx:
     """A(q) y = Σ Bⱼ(q) uⱼ + c + e (Ljung, System Identification, 2nd ed. 1999, §4.2)."""
 
-    orders: Orders
+    orders: ArxOrders
     denominator: FloatArray
     """A, which begins with 1."""
     numerators: FloatArray
@@ -54,7 +54,7 @@ class Arx:
     """Σ y² of the same rows."""
 
 
-def fit_arx(pieces: Sequence[Piece], orders: Orders) -> Arx | None:
+def fit_arx(pieces: Sequence[Piece], orders: ArxOrders) -> Arx | None:
     """The model with the least Σ e²; None where there are fewer than two rows a number.
 
     The covariance is s² (XᵀX)⁻¹, right where the orders leave e white. Normal equations are summed
@@ -94,7 +94,7 @@ def fit_arx(pieces: Sequence[Piece], orders: Orders) -> Arx | None:
     )
 
 
-def _regressors(piece: Piece, orders: Orders, first: int, stop: int) -> FloatArray:
+def _regressors(piece: Piece, orders: ArxOrders, first: int, stop: int) -> FloatArray:
     """(stop − first, numbers + 1): past output, past inputs, 1, and the output itself."""
     rows = stop - first
     columns: list[FloatArray] = []

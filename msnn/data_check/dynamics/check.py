@@ -22,6 +22,8 @@ class TargetCheck:
 
     rows: int
     """Rows that were looked at."""
+    longest: int
+    """Of these, the most that follow each other without gap."""
     responses: Responses | None
     delays: tuple[int | None, ...]
     """None where no response is visible, or the input excites too little to tell."""
@@ -63,6 +65,7 @@ def check_target(
         delays.append(found.delay(number) if found is not None and told else None)
     return TargetCheck(
         rows=rows_of(pieces),
+        longest=max(map(len, pieces), default=0),
         responses=found,
         delays=tuple(delays),
         sharp=tuple(found is not None and found.begins_sharply(i) for i in range(count)),

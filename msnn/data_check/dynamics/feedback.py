@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from msnn.data_check.dynamics.arx import Orders, fit_arx
+from msnn.data_check.dynamics.arx import ArxOrders, fit_arx
 from msnn.data_check.dynamics.chi_square import chi_square_quantile
 from msnn.data_check.dynamics.pieces import Piece, rows_of
 
@@ -35,8 +35,10 @@ def feedback(pieces: Sequence[Piece], number: int) -> float | None:
     own = min(_OWN, rows // (4 * _ROWS_A_NUMBER))
     if own < _OTHER:
         return None
-    with_output = fit_arx(turned, Orders(own, _OTHER, first=1))
-    alone = fit_arx([Piece(piece.output, piece.inputs[:, :0]) for piece in turned], Orders(own, 0))
+    with_output = fit_arx(turned, ArxOrders(own, _OTHER, first=1))
+    alone = fit_arx(
+        [Piece(piece.output, piece.inputs[:, :0]) for piece in turned], ArxOrders(own, 0)
+    )
     if with_output is None or alone is None or not alone.squares > 0:
         return None
     if alone.squares < _PREDICTED * alone.total:

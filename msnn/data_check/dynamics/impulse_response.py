@@ -9,7 +9,7 @@ from statistics import NormalDist
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.data_check.dynamics.arx import Arx, Orders, fit_arx
+from msnn.data_check.dynamics.arx import Arx, ArxOrders, fit_arx
 from msnn.data_check.dynamics.pieces import Piece, rows_of
 
 FALSE_ALARMS = 0.01
@@ -90,7 +90,7 @@ def responses(pieces: Sequence[Piece]) -> Responses | None:
     last = min(LONGEST_DELAY, (numbers - own) // max(inputs, 1) - 2)
     if last < 1 or own < 1:
         return None
-    model = fit_arx(pieces, Orders(own, last))
+    model = fit_arx(pieces, ArxOrders(own, last))
     if model is None:
         return None
     quantile = NormalDist().inv_cdf(0.5 + 0.5 * (1 - FALSE_ALARMS) ** (1 / (last + 1)))

@@ -13,7 +13,7 @@ LONGEST_STEP = 1.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sampling:
+class StepsOfTime:
     """The steps of time between the rows of one file; seconds, and rows of the file."""
 
     file: str
@@ -37,7 +37,7 @@ class Sampling:
     """Rows earlier than the row before."""
 
 
-def sampling_of(piece: FileRows) -> Sampling | None:
+def sampling_of(piece: FileRows) -> StepsOfTime | None:
     """The sampling of a file; None where nothing gives its rows a time."""
     if piece.time is None:
         return None
@@ -51,7 +51,7 @@ def sampling_of(piece: FileRows) -> Sampling | None:
     off = np.abs(steps - usual)
     worst = int(np.argmax(np.where(even, off, -1.0))) if even.any() else 0
     longest = int(np.argmax(np.where(gaps, steps, -1.0))) if gaps.any() else 0
-    return Sampling(
+    return StepsOfTime(
         file=piece.file,
         rows=len(time),
         step=usual,

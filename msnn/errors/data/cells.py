@@ -2,7 +2,7 @@
 
 import re
 
-from msnn.errors.data.files import _and_more
+from msnn.errors.data.lists import and_more
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 
@@ -12,7 +12,7 @@ def ragged_row(
 ) -> Diagnostic:
     """E0806: a row with more or fewer cells than the header; `more` rows are like it."""
     message = f"row {row} of {file} has {found} cells, the header has {expected} columns"
-    notes = _and_more(more, "row")
+    notes = and_more(more, "row")
     repair = _COMMA_HELP if commas else None
     return error("E0806", place, message, f"{found} cells", notes=notes, help=repair)
 
@@ -20,7 +20,7 @@ def ragged_row(
 def not_a_number(file: str, row: int, column: str, text: str, more: int, place: Span) -> Diagnostic:
     """E0807: text where a number belongs."""
     message = f"`{text}` in column `{column}` is not a number (row {row} of {file})"
-    notes = _and_more(more, "cell")
+    notes = and_more(more, "cell")
     return error("E0807", place, message, "not a number", notes=notes, help=_repair_of(text))
 
 
@@ -32,7 +32,7 @@ def decimal_comma(
     message = f"`{text}` in column `{column}` has a decimal comma (row {row} of {file})"
     label = f"write `{text.replace(',', '.')}`"
     repair = f'a file with decimal commas needs `csv: {{{own}decimal: ","}}` under `data:`'
-    return error("E0808", place, message, label, notes=_and_more(more, "cell"), help=repair)
+    return error("E0808", place, message, label, notes=and_more(more, "cell"), help=repair)
 
 
 def missing_value(
@@ -41,7 +41,7 @@ def missing_value(
     """E0809: an empty or NaN cell of an input while `nan: error` holds."""
     found = f"`{text}`" if text else "no value"
     message = f"column `{column}` has {found} in row {row} of {file}"
-    notes = _and_more(more, "cell")
+    notes = and_more(more, "cell")
     repair = "`nan: split` ends the episode here, `nan: drop` leaves the record out"
     return error("E0809", place, message, "an input is missing here", notes=notes, help=repair)
 
@@ -51,13 +51,13 @@ def infinite_value(
 ) -> Diagnostic:
     """E0810: a cell that is infinite."""
     message = f"`{text}` in column `{column}` is not finite (row {row} of {file})"
-    return error("E0810", place, message, "not a finite number", notes=_and_more(more, "cell"))
+    return error("E0810", place, message, "not a finite number", notes=and_more(more, "cell"))
 
 
 def unbalanced_quote(file: str, row: int, more: int, place: Span) -> Diagnostic:
     """E0822: a quote that its line does not close."""
     message = f'row {row} of {file} has a `"` that its line does not close'
-    return error("E0822", place, message, "opened here", notes=_and_more(more, "row"))
+    return error("E0822", place, message, "opened here", notes=and_more(more, "row"))
 
 
 def _repair_of(text: str) -> str | None:

@@ -131,7 +131,12 @@ def little_of_range(
     return warning("W0828", None, message, help=repair)
 
 
-def too_few_rows(*, rows: int, needed: int, of: str) -> Diagnostic:
+def too_few_rows(*, rows: int, longest: int, needed: int, of: str) -> Diagnostic:
     """W0829: too few rows without gap to say anything of a response."""
-    message = f"{rows} rows without gap are too few to look at the response of `{of}`"
-    return warning("W0829", None, message, help=f"{needed} are needed: record more under `data:`")
+    parts = f", at most {longest} of them in one part without gap," if longest < rows else ""
+    message = f"{rows} rows with every value{parts} are too few to tell how `{of}` is moved"
+    repair = (
+        f"{needed} rows in one part are enough: record for longer, or fill short gaps in time with "
+        "`resample: linear` under `data:`"
+    )
+    return warning("W0829", None, message, help=repair)

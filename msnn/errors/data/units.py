@@ -1,6 +1,6 @@
-"""E0979, E0989 to E0991, E0997 to E0999: moments and units that a file of a logger states."""
+"""E0979, E0989-E0991, E0997-E0999, E1319: moments and units that a logger's file states."""
 
-from msnn.errors.data.files import _and_more
+from msnn.errors.data.lists import and_more
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 
@@ -27,7 +27,7 @@ def not_a_moment(
 ) -> Diagnostic:
     """E0989: another text or a number in a column of times that are dates."""
     message = f"`{text}` in column `{column}` is no moment such as `2026-11-22 17:00:00.25`"
-    notes = (f"row {row} of {file}; the rows before have dates", *_and_more(more, "cell"))
+    notes = (f"row {row} of {file}; the rows before have dates", *and_more(more, "cell"))
     repair = "write every time as ISO 8601, or every time as a number"
     return error("E0989", place, message, "not a date and a time of day", notes=notes, help=repair)
 
@@ -37,7 +37,7 @@ def mixed_zones(
 ) -> Diagnostic:
     """E0990: times of which some have an offset from UTC and others none."""
     message = f"`{text}` in column `{column}` and the times before differ in having a time zone"
-    notes = (f"row {row} of {file}", *_and_more(more, "cell"))
+    notes = (f"row {row} of {file}", *and_more(more, "cell"))
     repair = "write `Z` or an offset such as `+01:00` behind every time, or behind none"
     return error("E0990", place, message, "is it the same clock?", notes=notes, help=repair)
 
@@ -76,3 +76,11 @@ def misfitting_file_unit(
     key = f"time: {said}" if signal == "time" else f"columns: {{{signal}: {said}}}"
     repair = f"if that is no unit, say the true one: `{key}`"
     return error("E0999", span, message, f"`{signal}` is in {declared}", help=repair)
+
+
+def too_far_a_moment(file: str, row: int, column: str, text: str, more: int) -> Diagnostic:
+    """E1319: dates that are farther from 1970 than times are kept."""
+    message = f"`{text}` in column `{column}` is no date between 1823 and 2116"
+    notes = (f"row {row} of {file}", *and_more(more, "cell"))
+    repair = "leave rows out whose clock was not set, or whose date stands for none"
+    return error("E1319", None, message, notes=notes, help=repair)

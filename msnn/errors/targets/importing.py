@@ -1,4 +1,4 @@
-"""E1308-E1317, W1303-W1309: models of nnodely that are read as specs."""
+"""E1308-E1317, W1205, W1303-W1309: models of nnodely that are read as specs."""
 
 from __future__ import annotations
 
@@ -117,3 +117,10 @@ def surplus_set(name: str, count: int, place: Span) -> Diagnostic:
     message = f"`{name}` has {count + 1} centres for {count} sets: the last set falls off again"
     repair = "the spec does the same; `linspace` would give the centres that were meant"
     return warning("W1309", place, message, "these centres", help=repair)
+
+
+def copied(name: str, place: Span) -> Diagnostic:
+    """W1205: an array that several layers and formulas share in nnodely, and not in the spec."""
+    message = f"`{name}` is shared in nnodely; the spec has it more than once"
+    repair = "all have its values and predict the same; training would move them apart"
+    return warning("W1205", place, message, "used in several places", help=repair)

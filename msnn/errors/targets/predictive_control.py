@@ -1,4 +1,4 @@
-"""E1140-E1149, E1224, W1120: controllers that cannot be exported or compiled."""
+"""E1126, E1140-E1149, E1224, W1120: controllers that cannot be exported or compiled."""
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
@@ -30,6 +30,13 @@ def platforms_without_units(place: Span | None) -> Diagnostic:
     message = "`platforms` are those of units, and none are written of the controller"
     repair = "add `with: fmu`; C that is compiled by hand needs no platform"
     return error("E1224", place, message, "without `with: fmu`", help=repair)
+
+
+def units_of_window(place: Span | None) -> Diagnostic:
+    """E1126: a unit for co-simulation of moving-horizon estimation."""
+    message = "moving-horizon estimation is not written as a unit for co-simulation"
+    repair = "leave `with: fmu` out and call its C, or estimate by `ekf`"
+    return error("E1126", place, message, "`mhe` here", help=repair)
 
 
 def nothing_compiles(reason: str) -> Diagnostic:

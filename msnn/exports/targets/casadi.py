@@ -20,7 +20,7 @@ from compiler.jacobian.matrices import Matrix
 from compiler.passes.analyses.kinks import Kink, kinks
 from compiler.passes.derivatives.smooth_kinks import sharp_kinks, smooth_kinks
 from msnn.agreement.judgement import Arrays, Beginning
-from msnn.agreement.loaded import Loaded, Slopes, loaded_by_steps, stacked
+from msnn.agreement.loaded import ExportedSlopes, Loaded, loaded_by_steps, stacked
 from msnn.errors import workflow
 from msnn.exports.prepare import MOST_ENTRIES, float_plan
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
@@ -71,7 +71,9 @@ def _load(plan: ExportPlan[CasadiOptions], written: Written) -> Generator[Loaded
     yield loaded_by_steps(exported.start, exported.step, slopes)
 
 
-def _slopes(program: Program, options: CasadiOptions, exported: _CasadiExport) -> Slopes | None:
+def _slopes(
+    program: Program, options: CasadiOptions, exported: _CasadiExport
+) -> ExportedSlopes | None:
     """CasADi's own derivative of the step; None where matrices are vast."""
     from backends.ports.step_interface import step_interface
     from compiler.jacobian.jacobian import jacobian
@@ -84,7 +86,7 @@ def _slopes(program: Program, options: CasadiOptions, exported: _CasadiExport) -
     parameters = sum(Type(parameter.axes).size for parameter in ports.parameters)
     by_parameters = options.params == "input" and rows * parameters <= MOST_ENTRIES
     slopes = jacobian(program, parameters=by_parameters)
-    return Slopes(slopes, partial(exported.slopes, slopes.matrices))
+    return ExportedSlopes(slopes, partial(exported.slopes, slopes.matrices))
 
 
 TARGET: Target[CasadiExport, CasadiOptions] = Target(

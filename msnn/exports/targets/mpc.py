@@ -53,6 +53,12 @@ def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | 
         report(predictive_control.unsuited_key(key, entry.place.key))
         return None
     extras = _extras(request, entry)
+    if extras and estimation is not None and estimation.window is not None:
+        estimator = request.model.spec.estimator
+        report(
+            predictive_control.units_of_window(None if estimator is None else estimator.place.key)
+        )
+        return None
     if entry is not None and entry.platforms and "fmu" not in extras:
         report(predictive_control.platforms_without_units(entry.place.key))
         return None
@@ -75,6 +81,7 @@ def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Pa
     from backends.files.atomic_write import write_text
     from backends.predictive_control import write_controller
     from backends.predictive_control.estimation import write_filter
+    from backends.predictive_control.moving_horizon import write_horizon
 
     files: tuple[Path, ...] = ()
     prefix, dtype = plan.prefix, plan.float_type
@@ -84,7 +91,8 @@ def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Pa
         files += write_controller(control, own, folder, prefix=prefix, dtype=dtype)
     if estimation is not None:
         own = _own(estimation.program, weights)
-        files += write_filter(estimation, own, folder, prefix=prefix, dtype=dtype)
+        write = write_filter if estimation.window is None else write_horizon
+        files += write(estimation, own, folder, prefix=prefix, dtype=dtype)
     if "fmu" in plan.options.extras:
         files += _write_units(plan, weights, folder, files)
     return (*files, write_text(folder / "README.md", _readme(plan)))
@@ -132,8 +140,14 @@ def _readme(plan: ExportPlan[Online]) -> str:
     from backends.files.readme import one_line, readme_text
 
     has_control = plan.options.control is not None
-    has_filter = plan.options.estimation is not None
-    parts = [("a predictive controller", has_control), ("a Kalman filter", has_filter)]
+    estimation = plan.options.estimation
+    has_filter = estimation is not None and estimation.window is None
+    has_window = estimation is not None and estimation.window is not None
+    parts = [
+        ("a predictive controller", has_control),
+        ("a Kalman filter", has_filter),
+        ("a moving-horizon estimator", has_window),
+    ]
     return readme_text(
         "mpc",
         model=one_line(plan.program.name),
@@ -142,6 +156,7 @@ def _readme(plan: ExportPlan[Online]) -> str:
         dtype=plan.dtype,
         controller=has_control,
         filter=has_filter,
+        window=has_window,
         units="fmu" in plan.options.extras,
     )
 
@@ -182,6 +197,7 @@ def built_controller(written: Written) -> Generator[Path]:
 def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Agreement:
     from msnn.exports.judged_controller import compare_controller
     from msnn.exports.judged_filter import compare_filter, joined
+    from msnn.exports.judged_horizon import compare_horizon
     from msnn.exports.judged_units import compare_controller_units, compare_filter_units
 
     units = "fmu" in plan.options.extras
@@ -196,7 +212,10 @@ def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Ag
             found += [judge(control, own, folder, plan.float_type, TARGET.name) for judge in judges]
         if estimation is not None:
             own = _own(estimation.program, weights)
-            filters = [compare_filter, *([compare_filter_units] if units else [])]
+            if estimation.window is None:
+                filters = [compare_filter, *([compare_filter_units] if units else [])]
+            else:
+                filters = [compare_horizon]
             kind = plan.float_type
             found += [judge(estimation, own, folder, kind, TARGET.name) for judge in filters]
     return joined(found)

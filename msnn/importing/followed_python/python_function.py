@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 
+from msnn.importing.followed_python.python_modules import MODULES, Module, imported
 from msnn.importing.followed_python.python_numbers import (
     BUILTINS,
     COMPARED,
@@ -31,7 +31,7 @@ from msnn.importing.followed_python.torch_calls import (
     shape_of,
     torch_function,
 )
-from msnn.importing.followed_python.torch_names import NUMBERS, negative
+from msnn.importing.followed_python.torch_names import negative
 from msnn.importing.terms import arrays
 from msnn.importing.terms.arrays import RefusedError
 from msnn.importing.terms.terms import Term, larger, minus, power, quotient, times
@@ -49,13 +49,6 @@ _OPERATORS: Mapping[type[ast.operator], Callable[[Term, Term], Term]] = {
     ast.BitAnd: times,
     ast.BitOr: larger,
 }
-
-
-@dataclass(frozen=True, slots=True)
-class _Module:
-    """A name with members: `torch`, `torch.nn.functional`."""
-
-    path: str
 
 
 def follow(function: ast.FunctionDef, arguments: Sequence[Tensor], rows: int = 1) -> Tensor:
@@ -117,6 +110,11 @@ class _Run:
                         found = self.block(body)
                         if found is not None:
                             return found
+                case ast.Import() | ast.ImportFrom():
+                    try:
+                        self._names |= imported(statement)
+                    except RefusedError as fault:
+                        raise self._refused(str(fault)) from None
                 case _:
                     raise self._refused(f"a statement `{kind_of(statement)}`")
         return None
@@ -173,18 +171,15 @@ class _Run:
             return self._names[node.id]
         if node.id in _LOWERED:
             return _LOWERED[node.id]
-        if node.id in {"torch", "math"}:
-            return _Module(node.id)
+        if node.id in MODULES:
+            return Module(node.id)
         if node.id in BUILTINS:
-            return _Module(f"builtins.{node.id}")
+            return Module(f"builtins.{node.id}")
         raise self._refused(f"the name `{node.id}`")
 
     def _member(self, value: Any, name: str) -> Any:
-        if isinstance(value, _Module):
-            is_torch = value.path in {"torch", "math"}
-            return (
-                NUMBERS[name] if is_torch and name in NUMBERS else _Module(f"{value.path}.{name}")
-            )
+        if isinstance(value, Module):
+            return value.member(name)
         if is_tensor(value):
             match name:
                 case "shape":
@@ -212,7 +207,7 @@ class _Run:
                 return method(node.func.attr, arguments, keywords)
         function = self._expression(node.func)
         arguments = [self._expression(one) for one in node.args]
-        if not isinstance(function, _Module):
+        if not isinstance(function, Module):
             raise self._refused("a call of what is no function of torch")
         owner, _, name = function.path.rpartition(".")
         if owner == "builtins":
@@ -254,7 +249,7 @@ class _Run:
 
     def _known(self, test: ast.expr) -> bool:
         found = self._expression(test)
-        if is_tensor(found) or isinstance(found, _Module):
+        if is_tensor(found) or isinstance(found, Module):
             raise self._refused("a choice by values of the data; `torch.where` is translated")
         return bool(found)
 

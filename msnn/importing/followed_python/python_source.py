@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import warnings
+from collections.abc import Sequence
 
 _LONGEST = 20_000
 
@@ -46,3 +47,25 @@ def parse_function(code: str, name: str) -> ast.FunctionDef:
 def argument_names(function: ast.FunctionDef) -> list[str]:
     """The names of the arguments in their order."""
     return [one.arg for one in (*function.args.posonlyargs, *function.args.args)]
+
+
+def with_arguments_last(function: ast.FunctionDef, last: Sequence[bool]) -> ast.FunctionDef:
+    """The function with some of its first arguments behind the others of these."""
+    args = [*function.args.posonlyargs, *function.args.args]
+    if len(args) < len(last):
+        wanted = f"it takes {len(args)} arguments and gets {len(last)}"
+        raise FunctionError(function.lineno, wanted)
+    order = sorted(range(len(last)), key=lambda place: last[place])
+    moved = ast.FunctionDef(
+        name=function.name,
+        args=ast.arguments(
+            posonlyargs=[],
+            args=[*(args[place] for place in order), *args[len(last) :]],
+            kwonlyargs=[],
+            kw_defaults=[],
+            defaults=[],
+        ),
+        body=function.body,
+        decorator_list=[],
+    )
+    return ast.copy_location(moved, function)

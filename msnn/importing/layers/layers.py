@@ -35,6 +35,8 @@ class Layers:
     values: Values
     shared: frozenset[str]
     """Arrays that more than one layer or formula uses."""
+    copied: dict[str, None] = field(default_factory=dict[str, None])
+    """Those of them that a layer has to have for itself."""
     declared: dict[str, dict[str, Any]] = field(default_factory=dict[str, dict[str, Any]])
     _known: dict[Any, str] = field(default_factory=dict[Any, str])
 
@@ -101,15 +103,15 @@ class Layers:
             settings["out"] = axes[0]
         turned = weight.T if out > 1 else weight[:, 0]
         name = self.names.free(_name_of(layer.weight))
-        if (
-            layer.weight in self.shared
-            and weight.shape[0] > 1
-            and (inner[1] == "tap" or inner[0] != out)
-        ):
-            named = [*axes, self.dims.of(*inner)]
-            settings["weight"] = self._named(kind, layer.weight, named, turned)
+        # an array has no dimension twice, and the layer wants one of one row without it
+        is_one = weight.shape[0] > 1 and (inner[1] == "tap" or inner[0] != out)
+        is_one = is_one and layer.weight in self.shared
+        head = self.parameters.term(layer.weight).head if is_one else None
+        if isinstance(head, Named) and head.axes == (*axes, self.dims.of(*inner)):
+            settings["weight"] = head.name
         else:
             self.parameters.weights[f"{name}.weight"] = turned
+            self._copy(layer.weight)
         if layer.bias is None:
             if kind == "linear":
                 settings["bias"] = False
@@ -121,13 +123,9 @@ class Layers:
         self._known[key] = name
         return name
 
-    def _named(self, kind: str, weight: str, axes: list[str], values: NDArray[np.float64]) -> str:
-        """A parameter that several layers and formulas share."""
-        if kind == "fir":
-            head = self.parameters.term(weight).head
-            assert isinstance(head, Named)
-            return head.name
-        return self.parameters.given(weight, axes, values)
+    def _copy(self, array: str) -> None:
+        if array in self.shared:
+            self.copied[array] = None
 
     def _bias(
         self, name: str, bias: str, out: int, axes: list[str], settings: dict[str, Any]
@@ -140,6 +138,7 @@ class Layers:
         else:
             settings["bias"] = True
             self.parameters.weights[f"{name}.bias"] = values
+            self._copy(bias)
 
     def _over_pieces(self, layer: Weighted, value: Value, out: int) -> Value:
         """The filter of a window that is put together: a matrix times a list."""

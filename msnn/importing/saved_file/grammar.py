@@ -95,17 +95,35 @@ class File(_Strict):
     Parameters: dict[str, Array] = {}
     Functions: dict[str, Function] = {}
     Relations: dict[str, Annotated[list[Any], Field(min_length=2), AfterValidator(_relation)]]
-    Outputs: Annotated[dict[str, str], Field(min_length=1)]
+    Outputs: dict[str, str]
     Minimizers: dict[str, Minimizer] = {}
 
 
 def read_file(text: JsonText) -> File:
     """The model of a JSON text. Raises SpecError with every value that has a wrong form."""
     try:
-        return File.model_validate(text.value)
+        file = File.model_validate(text.value)
     except ValidationError as fault:
         found = fault.errors(include_url=False, include_context=False)
         raise SpecError([_said(text, one) for one in found[:_MOST_FAULTS]], [text.source]) from None
+    outputs = file.Outputs or _compared(file)
+    if not outputs:
+        reason = "there are none, and no loss compares what the model computes"
+        diagnostic = wrong_json("Outputs", reason, text.place("Outputs"))
+        raise SpecError([diagnostic], [text.source])
+    return file.model_copy(update={"Outputs": outputs})
+
+
+def _compared(file: File) -> dict[str, str]:
+    """What losses compare of a model that is only trained, but for windows of inputs."""
+    sides = [side for one in file.Minimizers.values() for side in (one.A, one.B)]
+    return {side: side for side in sides if side in file.Relations and not _reads(file, side)}
+
+
+def _reads(file: File, relation: str) -> bool:
+    kind, operands = file.Relations[relation][:2]
+    sources = names_in(operands)
+    return kind in {"SamplePart", "TimePart"} and len(sources) == 1 and sources[0] in file.Inputs
 
 
 def _said(text: JsonText, fault: ErrorDetails) -> Diagnostic:

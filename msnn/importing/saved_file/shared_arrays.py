@@ -21,3 +21,10 @@ def shared_arrays(file: File) -> frozenset[str]:
     for function in file.Functions.values():
         uses.update(set(function.params_and_consts))
     return frozenset(name for name, count in uses.items() if count > 1)
+
+
+def shared_across(file: File) -> frozenset[str]:
+    """Those that layers have with their rows and columns exchanged: matrices of `Linear`."""
+    layers = (rest for kind, _, *rest in file.Relations.values() if kind == "Linear")
+    weights = {str(rest[0]) for rest in layers if rest}
+    return shared_arrays(file) & weights

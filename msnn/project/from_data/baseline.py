@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import BoolArray, FloatArray
-from msnn.data_check.dynamics.arx import Arx, Orders, fit_arx
+from msnn.data_check.dynamics.arx import Arx, ArxOrders, fit_arx
 from msnn.data_check.dynamics.impulse_response import Responses, responses
 from msnn.data_check.dynamics.pieces import Piece, pieces_of
 from msnn.data_check.dynamics.time_constants import time_constants
@@ -78,7 +78,7 @@ def _order(train: Sequence[Piece], pieces: Sequence[Piece]) -> tuple[float, int]
     """The error of the smallest order that is about as good as the best, and that order."""
     errors: dict[int, float] = {}
     for order in _ORDERS:
-        model = fit_arx(train, Orders(order, order, first=1))
+        model = fit_arx(train, ArxOrders(order, order, first=1))
         if model is not None and np.all(np.abs(np.roots(model.denominator)) < 1):
             errors[order] = sum(_simulation_error(model, piece) for piece in pieces)
     if not errors:

@@ -16,6 +16,7 @@ from msnn.data.formats.csv_header import (
     split_cells,
 )
 from msnn.data.formats.table_of_formats import require_reader
+from msnn.data.formats.text_encoding import not_utf8
 from msnn.data.formats.written_units import MISSING, is_unit
 from msnn.data.formats.xlsx_file import WORKBOOK, sheet_lines
 from msnn.errors.data import files as errors
@@ -89,8 +90,7 @@ def _first_lines(path: Path, dialect: Dialect) -> list[tuple[int, str]]:
         lines = sheet_lines if path.suffix.lower() == WORKBOOK else content_lines
         return list(islice(lines(path, dialect), _LINES))
     except UnicodeDecodeError as error:
-        reason = f"it is not UTF-8 text (byte {error.start} is {error.object[error.start]:#04x})"
-        raise SpecError([errors.unreadable_file(path.name, reason)]) from error
+        raise SpecError([not_utf8(path, path.name, error)]) from error
 
 
 def _labels_in_comment(

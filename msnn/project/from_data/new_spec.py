@@ -19,7 +19,7 @@ from msnn.data_check.signals.sampling import follows
 from msnn.errors.data.new_specs import few_rows, no_target
 from msnn.project.from_data.baseline import Baseline, choose_baseline
 from msnn.project.from_data.columns import FoundColumn, FoundTable, columns_of, free_name
-from msnn.project.from_data.roles import Role, roles_of
+from msnn.project.from_data.roles import ColumnRole, roles_of
 from msnn.project.from_data.time_column import FoundTime, time_of
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.format_spec import format_spec
@@ -100,7 +100,7 @@ def _candidates(columns: Sequence[FoundColumn], row_follows: BoolArray) -> str:
 _LISTED = 12
 
 
-def _listed(roles: Sequence[Role]) -> str:
+def _listed(roles: Sequence[ColumnRole]) -> str:
     names = [role.column.name for role in roles]
     more = f", … ({len(names)} in all)" if len(names) > _LISTED else ""
     return ", ".join(names[:_LISTED]) + more if names else "none"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import BoolArray
-from msnn.data_check.dynamics.arx import Arx, Orders, fit_arx
+from msnn.data_check.dynamics.arx import Arx, ArxOrders, fit_arx
 from msnn.data_check.dynamics.chi_square import chi_square_quantile
 from msnn.data_check.dynamics.pieces import Piece, pieces_of
 from msnn.project.from_data.columns import FoundColumn
@@ -22,7 +22,7 @@ _COMPUTED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Role:
+class ColumnRole:
     """How much of what is new in a column the past of others explains."""
 
     column: FoundColumn
@@ -33,7 +33,7 @@ class Role:
 
 def roles_of(
     columns: Sequence[FoundColumn], follows: BoolArray, without: FoundColumn | None = None
-) -> list[Role]:
+) -> list[ColumnRole]:
     """The role of each column; the column `without` may explain nothing, as what is predicted.
 
     An output is what the past of others moves (Granger's test). A command of a controller is so
@@ -47,14 +47,14 @@ def _role(
     columns: Sequence[FoundColumn],
     follows: BoolArray,
     without: FoundColumn | None,
-) -> Role:
+) -> ColumnRole:
     others = [c for c in columns if c is not column]
     if not others or _stands_still(column):
-        return Role(column, 0.0, output=False)
+        return ColumnRole(column, 0.0, output=False)
     past = _left(column, [c for c in others if c is not without], follows, first=1)
     alone = _left(column, [], follows, first=1)
     if past is None or alone is None:
-        return Role(column, 0.0, output=False)
+        return ColumnRole(column, 0.0, output=False)
     share = max(1 - past.squares / alone.squares, 0.0)
     statistic = -alone.rows * math.log(max(1 - share, 1e-300))
     seen = share > _LEAST_SHARE and statistic > chi_square_quantile(_LAGS * len(others), _CHANCE)
@@ -63,7 +63,7 @@ def _role(
     computed = False
     if both is not None and same_row is not None:
         computed = 1 - same_row.squares / both.squares > _COMPUTED
-    return Role(column, share, output=seen and not computed)
+    return ColumnRole(column, share, output=seen and not computed)
 
 
 def _left(
@@ -74,7 +74,7 @@ def _left(
     for number, other in enumerate(others):
         table[:, number] = other.values
     pieces: list[Piece] = pieces_of(column.values, table, follows)
-    return fit_arx(pieces, Orders(_LAGS, _LAGS, first=first))
+    return fit_arx(pieces, ArxOrders(_LAGS, _LAGS, first=first))
 
 
 def _stands_still(column: FoundColumn) -> bool:

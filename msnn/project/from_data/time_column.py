@@ -25,6 +25,7 @@ _COUNTERS = re.compile(
 _SUFFIX = re.compile(r".*[_ ](s|ms|us|ns|min|h)", re.IGNORECASE)
 _SECOND = parse_unit("s")
 _SCALES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+_DAY = 86400.0
 _EPOCHS = (("ns", 1e17), ("us", 1e14), ("ms", 1e11))
 """Counted since 1970, times of our days are beyond these numbers."""
 
@@ -48,7 +49,7 @@ class FoundTime:
 def time_of(table: FoundTable) -> FoundTime:
     """The time of a file: a column that is called so, or the first one if it steps evenly."""
     counters = tuple(c.index for c in table.columns if _counts(c))
-    if table.dates is not None:
+    if table.dates is not None and _tells_time(table.dates.values):
         return _from(table.dates, counters)
     for column in table.columns:
         if _WORDS.fullmatch(plain_label(column.label)[0].strip()) and _rises(column.values):
@@ -57,6 +58,11 @@ def time_of(table: FoundTable) -> FoundTime:
     if first.index == 0 and first.index not in counters and _even(first.values):
         return _from(first, counters)
     note = "no column says the time: the sample time of 1 s is only a guess, write the true one"
+    if table.dates is not None:
+        note = (
+            f"`{table.dates.label}` has days without a time of day: put both into one column, as "
+            f"`2026-11-22 17:00:00.25`; {note}"
+        )
     return FoundTime(
         column=None, unit="s", step=1.0, resample=None, notes=(note,), counters=counters
     )
@@ -115,6 +121,14 @@ def _unit(column: FoundColumn) -> tuple[str, str]:
     if whole and usual >= 5 and usual % 60:
         return "ms", f"rows are {usual:g} apart; write `unit: s` at `time:` if they are seconds"
     return "s", "" if not whole else f"rows are {usual:g} apart"
+
+
+def _tells_time(dates: FloatArray) -> bool:
+    """Whether dates follow the rows, in seconds; days alone tell it of rows that are days apart."""
+    steps = np.diff(dates[np.isfinite(dates)])
+    rises = steps > 0
+    is_of_days = bool(np.all(steps % _DAY == 0))
+    return bool(rises.any()) and (not is_of_days or float(np.mean(rises)) > 0.5)
 
 
 def _rises(values: FloatArray) -> bool:

@@ -28,7 +28,7 @@ class Size:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class BoxPlace:
     """Of a box: its left upper corner, and its size."""
 
     x: float
@@ -42,17 +42,17 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class DiagramLayout:
     """Where boxes are, through which points wires go, and how large all of it is."""
 
-    places: Mapping[str, Place]
+    places: Mapping[str, BoxPlace]
     paths: Mapping[Wire, tuple[tuple[float, float], ...]]
     """The bends of a forward wire: left and right end of each layer that it crosses."""
     width: float
     height: float
 
 
-def laid_out(flow: Flow, sizes: Mapping[str, Size]) -> Layout:
+def laid_out(flow: Flow, sizes: Mapping[str, Size]) -> DiagramLayout:
     """The layout of the forward wires; those that feed back do not move boxes."""
     layer_of = _layers(flow)
     layers: list[list[Key]] = [[] for _ in range(max(layer_of.values(), default=0) + 1)]
@@ -211,18 +211,18 @@ def _placed(
     sizes: Mapping[str, Size],
     heights: Mapping[Key, float],
     tops: Mapping[Key, float],
-) -> Layout:
-    places: dict[str, Place] = {}
+) -> DiagramLayout:
+    places: dict[str, BoxPlace] = {}
     bends: dict[Wire, list[tuple[float, float]]] = {wire: [] for wire in flow.forward}
     x = 0.0
     for layer in layers:
         width = max((sizes[key].width for key in layer if isinstance(key, str)), default=0.0)
         for key in layer:
             if isinstance(key, str):
-                places[key] = Place(x, tops[key], width, sizes[key].height)
+                places[key] = BoxPlace(x, tops[key], width, sizes[key].height)
             else:
                 bends[key[0]] += [(x, tops[key]), (x + width, tops[key])]
         x += width + _BETWEEN_LAYERS
     bottom = max((tops[key] + heights[key] for key in tops), default=0.0)
     paths = {wire: tuple(points) for wire, points in bends.items()}
-    return Layout(places, paths, max(x - _BETWEEN_LAYERS, 0.0), bottom)
+    return DiagramLayout(places, paths, max(x - _BETWEEN_LAYERS, 0.0), bottom)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import templates
 from msnn.reports.diagram.flow import Box, Flow, Wire, flow_of
-from msnn.reports.diagram.layers import Layout, Place, Size, laid_out
+from msnn.reports.diagram.layers import BoxPlace, DiagramLayout, Size, laid_out
 from spec_schema.sections.spec import Spec
 
 _STYLE = Path(templates.__path__[0]) / "report" / "diagram.css"
@@ -87,7 +87,7 @@ def _width(text: str) -> float:
     return (len(text) + 0.8 * wide) * _LETTER
 
 
-def _drawn(box: Box, place: Place) -> Iterator[str]:
+def _drawn(box: Box, place: BoxPlace) -> Iterator[str]:
     name, about, uses = _texts(box)
     full = " ".join(filter(None, (box.name, box.about)))
     if box.uses:
@@ -107,7 +107,7 @@ def _drawn(box: Box, place: Place) -> Iterator[str]:
     yield "</g>"
 
 
-def _forward(flow: Flow, layout: Layout) -> Iterator[str]:
+def _forward(flow: Flow, layout: DiagramLayout) -> Iterator[str]:
     for wire in flow.forward:
         source, target = layout.places[wire.source], layout.places[wire.target]
         points = [
@@ -126,7 +126,7 @@ def _forward(flow: Flow, layout: Layout) -> Iterator[str]:
         yield _arrow(target.x, target.middle, "wire-head")
 
 
-def _lanes(flow: Flow, layout: Layout) -> dict[str, list[Wire]]:
+def _lanes(flow: Flow, layout: DiagramLayout) -> dict[str, list[Wire]]:
     """The wires into each box that is fed back, one lane below for each."""
     found: dict[str, list[Wire]] = {}
     for wire in flow.back:
@@ -134,7 +134,7 @@ def _lanes(flow: Flow, layout: Layout) -> dict[str, list[Wire]]:
     return dict(sorted(found.items(), key=lambda item: -layout.places[item[0]].x))
 
 
-def _back(lanes: dict[str, list[Wire]], layout: Layout) -> Iterator[str]:
+def _back(lanes: dict[str, list[Wire]], layout: DiagramLayout) -> Iterator[str]:
     """From the right end of what feeds back, below all boxes, to the left end of what it feeds."""
     for number, (name, wires) in enumerate(lanes.items()):
         lane = layout.height + _LANE * (number + 1)

@@ -15,7 +15,7 @@ from spec_schema.sections.spec import Spec
 
 
 @dataclass(frozen=True, slots=True)
-class Equation:
+class ShownEquation:
     """A formula as MathML, and what is said of its left side."""
 
     kind: str
@@ -24,34 +24,38 @@ class Equation:
     doc: str = ""
 
 
-def equations(spec: Spec, program: Program) -> Iterator[Equation]:
+def equations(spec: Spec, program: Program) -> Iterator[ShownEquation]:
     """Functions, equations, states and outputs, in the order of the spec."""
     units = {o.name: program.step[o.node].type.unit for o in program.outputs}
     known = {name: "" if unit is None else unit.text for name, unit in units.items()}
     for name, function in spec.functions.items():
         arguments = "<mo>,</mo>".join(name_mathml(argument.value) for argument in function.args)
         left = f"<mrow>{name_mathml(name)}{enclosed(arguments)}</mrow>"
-        yield Equation("function", _equal(left, function.expr), doc=_doc(function))
+        yield ShownEquation("function", _equal(left, function.expr), doc=_doc(function))
     for name, equation in spec.equations.items():
         unit = _unit(equation) or known.get(name, "")
-        yield Equation("equation", _equal(name_mathml(name), equation.expr), unit, _doc(equation))
+        yield ShownEquation(
+            "equation", _equal(name_mathml(name), equation.expr), unit, _doc(equation)
+        )
     for name, state in spec.states.items():
         unit, doc = _unit(state), _doc(state)
         if state.der is not None:
             left = f"<mover>{name_mathml(name)}<mo>˙</mo></mover>"
-            yield Equation("state", _equal(left, state.der), f"{unit}/s" if unit else "", doc)
+            yield ShownEquation("state", _equal(left, state.der), f"{unit}/s" if unit else "", doc)
         if state.next is not None:
-            yield Equation(
+            yield ShownEquation(
                 "state", _equal(indexed(name_mathml(name), "t+1"), state.next), unit, doc
             )
         if state.start is not None:
-            yield Equation("state", _equal(indexed(name_mathml(name), "t₀"), state.start), unit, "")
+            yield ShownEquation(
+                "state", _equal(indexed(name_mathml(name), "t₀"), state.start), unit, ""
+            )
     for name, output in spec.outputs.items():
         left = name_mathml(name)
         if output.predicts is not None:
             left = f"<mrow>{_predicted(output.predicts)}<mo>=</mo>{left}</mrow>"
         unit = _unit(output) or known.get(name, "")
-        yield Equation("output", _equal(left, output.expr), unit, _doc(output))
+        yield ShownEquation("output", _equal(left, output.expr), unit, _doc(output))
 
 
 def _equal(left: str, right: Expression) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from backends.c.host.build import CompilerFailedError
-from backends.c.host.struct_memory import NUMBERS, Struct
+from backends.c.host.struct_memory import NUMBERS, StructMemory
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.failures import MissingExtraError
@@ -175,7 +175,7 @@ def _outputs(about: Plain, program: Program) -> list[Plain]:
 def _fields(layout: Plain, struct: str) -> list[tuple[Plain, int]]:
     """Fields of a struct with the byte at which each begins, as wasm32 aligns them."""
     fields: list[Plain] = layout["structs"][struct]
-    dtype = Struct(fields, NUMBERS[layout["dtype"]]).dtype
+    dtype = StructMemory(fields, NUMBERS[layout["dtype"]]).dtype
     found: Any = dtype.fields or {}
     return [(field, int(found[field["field"]][1])) for field in fields]
 
@@ -222,7 +222,8 @@ def _ports_read(ports: Sequence[Plain], outputs: Sequence[Plain]) -> Ports:
 def _memory(layout: Plain) -> dict[str, int]:
     types = NUMBERS[layout["dtype"]]
     sizes = {
-        name: Struct(fields, types).dtype.itemsize for name, fields in layout["structs"].items()
+        name: StructMemory(fields, types).dtype.itemsize
+        for name, fields in layout["structs"].items()
     }
     kept = {"state of one instance": sizes["state"]}
     return kept | ({"trained values": sizes["params"]} if layout["takes_parameters"] else {})

@@ -184,7 +184,7 @@ def _cards(contents: Contents) -> list[tuple[str, str, str]]:
     return cards
 
 
-def _parameters(contents: Contents) -> tables.Table | None:
+def _parameters(contents: Contents) -> tables.PageTable | None:
     if contents.run.parameters is None:
         return None
     return tables.parameters_table(contents.run.parameters, contents.model.program)
@@ -196,9 +196,9 @@ def _notes(run: Run) -> list[str]:
     return [note for note in (errors_note(run.parameters), zeros_note(run.parameters)) if note]
 
 
-def _c_tables(contents: Contents, live: LiveModel | None) -> list[tables.Table]:
+def _c_tables(contents: Contents, live: LiveModel | None) -> list[tables.PageTable]:
     cost = None if contents.line is None else contents.line.cost
-    found: list[tables.Table] = []
+    found: list[tables.PageTable] = []
     if live is not None or cost is not None:
         found.append(tables.c_table({} if live is None else live.memory, cost))
     if contents.verification is not None:

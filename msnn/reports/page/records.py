@@ -11,7 +11,7 @@ import numpy as np
 from compiler.ir.program import Program, Role, Signal
 from compiler.ir.types import Type
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.reports.drawn import Channel, channels, output_channels, shown_first
+from msnn.reports.drawn import DrawnNumber, channels, output_channels, shown_first
 from msnn.reports.page.packing import Plain, finite, packed, rounding, series
 from msnn.simulation.simulate import Simulation
 from msnn.validation.statistics.metrics import Errors, score
@@ -94,7 +94,7 @@ def _open(program: Program) -> list[Signal]:
     return [s for s in program.signals if s.role is Role.INPUT and s.name not in predicted]
 
 
-def _signals(program: Program, data: Dataset, ports: frozenset[str]) -> list[Channel]:
+def _signals(program: Program, data: Dataset, ports: frozenset[str]) -> list[DrawnNumber]:
     """Elements of all that is read from the record, and of what outputs predict."""
     predicted = {o.predicts.signal for o in program.outputs if o.predicts is not None}
     wanted = [s for s in program.signals if s.name in data.series]
@@ -105,8 +105,8 @@ def _signals(program: Program, data: Dataset, ports: frozenset[str]) -> list[Cha
 def _record(
     run: Simulation,
     data: Dataset,
-    outputs: Sequence[Channel],
-    signals: Sequence[Channel],
+    outputs: Sequence[DrawnNumber],
+    signals: Sequence[DrawnNumber],
     drawn: Sequence[str],
     ports: Ports,
     block: int,
@@ -165,7 +165,7 @@ def _places(run: Simulation) -> Plain:
 
 
 def _output(
-    run: Simulation, data: Dataset, channel: Channel, block: int, t0: int
+    run: Simulation, data: Dataset, channel: DrawnNumber, block: int, t0: int
 ) -> dict[str, Any]:
     simulated = channel.of(run.outputs[channel.source])
     found: dict[str, Any] = {
@@ -193,7 +193,7 @@ def _output(
 
 
 def _measured(
-    run: Simulation, data: Dataset, channel: Channel, measured: FloatArray, block: int, t0: int
+    run: Simulation, data: Dataset, channel: DrawnNumber, measured: FloatArray, block: int, t0: int
 ) -> Plain:
     """The signal that is kept anyway, some samples ahead, or its own numbers."""
     assert channel.predicts is not None

@@ -24,7 +24,7 @@ _MOST_LISTED = 256
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class PageRow:
     """The cells of a row; `verdict` colours the last one, `more` is shown on demand."""
 
     cells: tuple[str, ...]
@@ -33,12 +33,12 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class PageTable:
     """A table with its caption; columns whose indices are in `numbers` end at the right."""
 
     caption: str
     header: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[PageRow, ...]
     numbers: tuple[int, ...] = ()
 
 
@@ -47,14 +47,14 @@ def short(value: float | None, digits: int = 5) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
 
 
-def limits_table(rows: Sequence[MetricRow]) -> Table:
+def limits_table(rows: Sequence[MetricRow]) -> PageTable:
     """What the spec asks to be measured, with its limits."""
     verdicts = {True: "kept", False: "broken", None: ""}
-    return Table(
+    return PageTable(
         "What the spec asks",
         ("of", "metric", "value", "unit", "limit", "how", "data", "verdict"),
         tuple(
-            Row(
+            PageRow(
                 (
                     row.of,
                     row.metric,
@@ -73,14 +73,14 @@ def limits_table(rows: Sequence[MetricRow]) -> Table:
     )
 
 
-def measurements_table(measurements: Sequence[Measurement]) -> Table:
+def measurements_table(measurements: Sequence[Measurement]) -> PageTable:
     """Every metric of each output and way to simulate it."""
     metrics = ("fit", "rmse", "mae", "max_abs", "r2")
-    return Table(
+    return PageTable(
         "Every metric",
         ("of", "how", "data", "fit %", "rmse", "mae", "max", "r²", "unit", "values"),
         tuple(
-            Row(
+            PageRow(
                 (
                     found.of,
                     rollout_text(found),
@@ -96,10 +96,10 @@ def measurements_table(measurements: Sequence[Measurement]) -> Table:
     )
 
 
-def parameters_table(record: Mapping[str, Any], program: Program) -> Table:
+def parameters_table(record: Mapping[str, Any], program: Program) -> PageTable:
     """Learned values with units, standard errors and docs; long arrays open on demand."""
     docs = {parameter.name: parameter.doc for parameter in program.parameters}
-    rows: list[Row] = []
+    rows: list[PageRow] = []
     for found in record["parameters"]:
         values, errors = found["values"], found["standard_errors"]
         remark = "" if found["learn"] else "fixed"
@@ -108,7 +108,7 @@ def parameters_table(record: Mapping[str, Any], program: Program) -> Table:
         elif found["learn"] and None in (errors or ()):
             remark = "not identifiable"
         rows.append(
-            Row(
+            PageRow(
                 (
                     found["name"],
                     _numbers(values),
@@ -123,7 +123,7 @@ def parameters_table(record: Mapping[str, Any], program: Program) -> Table:
             )
         )
     header = ("parameter", "value", "± std. error", "unit", "initial", "remark", "doc")
-    return Table("Parameters", header, tuple(rows))
+    return PageTable("Parameters", header, tuple(rows))
 
 
 def _numbers(values: Sequence[float | None]) -> str:
@@ -155,18 +155,18 @@ def _listed(values: Sequence[float | None], errors: Sequence[float | None] | Non
     return ", ".join(shown) + (f", … {rest} more" if rest else "")
 
 
-def data_tables(program: Program, data: Dataset) -> Iterator[Table]:
+def data_tables(program: Program, data: Dataset) -> Iterator[PageTable]:
     """Records by set, and what each signal was."""
     sets = [*data.sets, *(["no set"] if (data.set_of_row == UNASSIGNED).any() else [])]
     rows = tuple(
-        Row((name, str(records), str(count), _duration(program, count)))
+        PageRow((name, str(records), str(count), _duration(program, count)))
         for name in sets
         for records, count in [_in_set(data, name)]
         if count
     )
-    yield Table("Sets", ("set", "records", "rows", "time"), rows, (1, 2, 3))
+    yield PageTable("Sets", ("set", "records", "rows", "time"), rows, (1, 2, 3))
     signals = [signal for signal in program.signals if signal.name in data.series]
-    found: list[Row] = []
+    found: list[PageRow] = []
     for channel in channels(signals):
         values = channel.of(data.series[channel.source])
         known = values[np.isfinite(values)]
@@ -174,7 +174,7 @@ def data_tables(program: Program, data: Dataset) -> Iterator[Table]:
             (known.min(), known.mean(), known.max(), known.std()) if len(known) else [math.nan] * 4
         )
         found.append(
-            Row(
+            PageRow(
                 (
                     channel.name,
                     channel.unit,
@@ -185,7 +185,7 @@ def data_tables(program: Program, data: Dataset) -> Iterator[Table]:
             )
         )
     header = ("signal", "unit", "least", "mean", "most", "deviation", "missing", "declared range")
-    yield Table("Signals", header, tuple(found), (2, 3, 4, 5, 6))
+    yield PageTable("Signals", header, tuple(found), (2, 3, 4, 5, 6))
 
 
 def _in_set(data: Dataset, name: str) -> tuple[int, int]:
@@ -201,23 +201,23 @@ def _duration(program: Program, rows: int) -> str:
     return f"{seconds / 60:.4g} min" if seconds >= 120 else f"{seconds:.4g} s"
 
 
-def c_table(memory: Mapping[str, int], cost: Cost | None) -> Table:
+def c_table(memory: Mapping[str, int], cost: Cost | None) -> PageTable:
     """Bytes of the C, and what a step costs where that was counted."""
-    rows = [Row((what, str(size), "bytes")) for what, size in memory.items()]
+    rows = [PageRow((what, str(size), "bytes")) for what, size in memory.items()]
     if cost is not None:
         core = f" ({cost.core})"
         rows += [
-            Row((f"a step{core}", f"{cost.instructions:.0f}", "instructions")),
-            Row((f"code and constants{core}", str(cost.flash), "bytes")),
-            Row((f"variables{core}", str(cost.ram), "bytes")),
+            PageRow((f"a step{core}", f"{cost.instructions:.0f}", "instructions")),
+            PageRow((f"code and constants{core}", str(cost.flash), "bytes")),
+            PageRow((f"variables{core}", str(cost.ram), "bytes")),
         ]
-    return Table("Footprint of the C", ("what", "size", "unit"), tuple(rows), (1,))
+    return PageTable("Footprint of the C", ("what", "size", "unit"), tuple(rows), (1,))
 
 
-def verification_table(found: Mapping[str, Any]) -> Table:
+def verification_table(found: Mapping[str, Any]) -> PageTable:
     """The checks that `msnn verify --format json` has made."""
     rows = tuple(
-        Row(
+        PageRow(
             (
                 str(result["check"]),
                 str(result["target"]),
@@ -229,4 +229,4 @@ def verification_table(found: Mapping[str, Any]) -> Table:
         for result in found["results"]
     )
     caption = f"What `msnn verify` found of the C of {found['model']}"
-    return Table(caption, ("check", "target", "detail", "verdict"), rows)
+    return PageTable(caption, ("check", "target", "detail", "verdict"), rows)

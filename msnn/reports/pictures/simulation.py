@@ -11,7 +11,7 @@ import numpy as np
 from compiler.ir.program import Program, Role
 from msnn.data.dataset import FloatArray
 from msnn.reports import plotting
-from msnn.reports.drawn import Channel, channels, output_channels, shown_first
+from msnn.reports.drawn import DrawnNumber, channels, output_channels, shown_first
 from msnn.simulation.simulate import Simulation
 from msnn.validation.statistics.correlations import Correlation, lags_of, residuals
 from msnn.validation.statistics.metrics import Errors, score
@@ -53,7 +53,7 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
     return plotting.saved_figure(figure, path)
 
 
-def _inputs(program: Program, shown: Sequence[Simulation]) -> list[Channel]:
+def _inputs(program: Program, shown: Sequence[Simulation]) -> list[DrawnNumber]:
     read = {name for run in shown for name in run.inputs}
     return channels([s for s in program.signals if s.role is Role.INPUT and s.name in read])
 
@@ -78,12 +78,12 @@ def _draw_run(
     program: Program,
     run: Simulation,
     along: FloatArray,
-    outputs: Sequence[Channel],
-    inputs: Sequence[Channel],
+    outputs: Sequence[DrawnNumber],
+    inputs: Sequence[DrawnNumber],
 ) -> None:
     first = axes[0]
     first.set_title(_name(run), fontsize="medium", loc="left", pad=22)
-    correlations: list[tuple[Channel, Correlation | None]] = []
+    correlations: list[tuple[DrawnNumber, Correlation | None]] = []
     for channel in outputs:
         axis = axes.pop(0)
         _draw_output(axis, run, along, channel)
@@ -111,7 +111,7 @@ def _name(run: Simulation) -> str:
     return plotting.plain_text(f"{run.record.file}, {sets}" if sets else run.record.file)
 
 
-def _draw_output(axis: Any, run: Simulation, along: FloatArray, channel: Channel) -> None:
+def _draw_output(axis: Any, run: Simulation, along: FloatArray, channel: DrawnNumber) -> None:
     values = channel.of(run.outputs[channel.source])
     seen = [values]
     if channel.source in run.logged:
@@ -134,7 +134,7 @@ def _draw_output(axis: Any, run: Simulation, along: FloatArray, channel: Channel
     plotting.legend_above(axis)
 
 
-def _limits(axis: Any, channel: Channel, values: FloatArray) -> None:
+def _limits(axis: Any, channel: DrawnNumber, values: FloatArray) -> None:
     """Ends of the declared range, where the values come near them."""
     known = values[np.isfinite(values)]
     if not len(known):
@@ -147,7 +147,7 @@ def _limits(axis: Any, channel: Channel, values: FloatArray) -> None:
 
 
 def _draw_error(
-    axis: Any, program: Program, run: Simulation, along: FloatArray, channel: Channel
+    axis: Any, program: Program, run: Simulation, along: FloatArray, channel: DrawnNumber
 ) -> Correlation | None:
     if channel.source not in run.logged:
         axis.set_axis_off()
@@ -161,7 +161,7 @@ def _draw_error(
     return found.itself
 
 
-def _draw_correlation(axis: Any, channel: Channel, found: Correlation | None) -> None:
+def _draw_correlation(axis: Any, channel: DrawnNumber, found: Correlation | None) -> None:
     """In the band in which 99 % of those of noise lie."""
     if found is None:
         axis.set_axis_off()

@@ -22,7 +22,7 @@ from msnn.training.plans.stage_plan import StagePlan
 
 
 @dataclass(frozen=True, slots=True)
-class Residuals:
+class ResidualsOfStage:
     """How large the residuals of a stage are, and how many."""
 
     square: float
@@ -45,10 +45,10 @@ def has_priors(plan: StagePlan) -> bool:
     return any(plan.program.parameter(name).prior is not None for name in plan.trained)
 
 
-def residuals_of(plan: StagePlan, sums: Mapping[str, LossSum], runs: Runs) -> Residuals:
+def residuals_of(plan: StagePlan, sums: Mapping[str, LossSum], runs: Runs) -> ResidualsOfStage:
     """The residuals behind losses over rollouts, each row counted once however often scored."""
     square, count = _scored(plan, sums)
-    return Residuals(square, count * _once(runs, plan.rollout.skip))
+    return ResidualsOfStage(square, count * _once(runs, plan.rollout.skip))
 
 
 def square_by_count(plan: StagePlan, sums: Mapping[str, LossSum]) -> float:

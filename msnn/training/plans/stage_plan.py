@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Literal
 
+from compiler.ir.kept_results import kept_for_same
 from compiler.ir.program import Program
 from compiler.passes.draw_dropout import Mask, draw_dropout
 from msnn.errors.learning import runs
@@ -18,7 +19,7 @@ from msnn.training.plans.learning_rate import Rule, check_rate
 from msnn.training.plans.penalties import check_priors, with_reached_corners, without_corners
 from msnn.training.plans.second_order_checks import check_keys, check_losses
 from msnn.training.ranks.training_ranks import TrainingRanks
-from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors.names import no_parameter
 from spec_schema.fields.located import Located
@@ -111,14 +112,25 @@ def with_slopes_alone(plan: StagePlan) -> StagePlan:
 
 def plan_stages(program: Program, stages: Sequence[Stage], findings: Findings) -> list[StagePlan]:
     """The stages as they will run; what is wrong with them goes to `findings`."""
-    plans = [
+    plans, said = _plans(program, tuple(stages))
+    findings.report(*said)
+    return list(plans)
+
+
+@kept_for_same(4)  # folds of a model, and seeds, ask again
+def _plans(
+    program: Program, stages: tuple[Stage, ...]
+) -> tuple[tuple[StagePlan, ...], tuple[Diagnostic, ...]]:
+    """The plans of stages, and what is said of them in the order in which it was found."""
+    findings = Findings()
+    plans = tuple(
         plan
         for index, stage in enumerate(stages)
         if (plan := _planned(program, index, stage, findings)) is not None
-    ]
+    )
     if not stages:
         findings.report(errors.no_stages())
-    return plans
+    return plans, findings.since(0)
 
 
 def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> StagePlan | None:

@@ -17,7 +17,7 @@ from spec_schema.sections.training.optimizers import OptionValue, TorchOptimizer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Number:
+class NumberLimits:
     """least ≤ number ≤ most, above < number < below."""
 
     least: float = -math.inf
@@ -29,7 +29,7 @@ class Number:
 
 
 Words: TypeAlias = frozenset[str]
-OptionRule: TypeAlias = Number | Literal["switch"] | Words | tuple[Number, ...]
+OptionRule: TypeAlias = NumberLimits | Literal["switch"] | Words | tuple[NumberLimits, ...]
 """A number, true or false, one of some words, or a list of numbers."""
 
 
@@ -43,9 +43,9 @@ class TorchOptimizerRule:
     matrices_only: bool = False
 
 
-_ANY = Number()
-_FROM_0 = Number(least=0)
-_SHARE = Number(least=0, below=1)
+_ANY = NumberLimits()
+_FROM_0 = NumberLimits(least=0)
+_SHARE = NumberLimits(least=0, below=1)
 _BETAS = (_SHARE, _SHARE)
 _LR_EPS: Mapping[str, OptionRule] = {"lr": _FROM_0, "eps": _FROM_0}
 
@@ -53,14 +53,14 @@ TORCH_OPTIMIZERS: Mapping[str, TorchOptimizerRule] = {
     "ASGD": TorchOptimizerRule(
         1e-2, {"lr": _FROM_0, "lambd": _FROM_0, "alpha": _FROM_0, "t0": _ANY}
     ),
-    "Adadelta": TorchOptimizerRule(1.0, {**_LR_EPS, "rho": Number(least=0, most=1)}),
+    "Adadelta": TorchOptimizerRule(1.0, {**_LR_EPS, "rho": NumberLimits(least=0, most=1)}),
     "Adafactor": TorchOptimizerRule(
         1e-2,
         {
             "lr": _FROM_0,
-            "beta2_decay": Number(most=0),
-            "eps": (Number(least=0, or_none=True), _FROM_0),
-            "d": Number(least=1),
+            "beta2_decay": NumberLimits(most=0),
+            "eps": (NumberLimits(least=0, or_none=True), _FROM_0),
+            "d": NumberLimits(least=1),
         },
     ),
     "Adagrad": TorchOptimizerRule(
@@ -80,7 +80,7 @@ TORCH_OPTIMIZERS: Mapping[str, TorchOptimizerRule] = {
             "nesterov": "switch",
             "ns_coefficients": (_ANY, _ANY, _ANY),
             "eps": _ANY,
-            "ns_steps": Number(below=100, whole=True),
+            "ns_steps": NumberLimits(below=100, whole=True),
             "adjust_lr_fn": frozenset({"original", "match_rms_adamw", "spectral_unclamped"}),
         },
         matrices_only=True,
@@ -104,7 +104,7 @@ TORCH_OPTIMIZERS: Mapping[str, TorchOptimizerRule] = {
         1e-2,
         {
             "lr": _FROM_0,
-            "etas": (Number(above=0, below=1), Number(above=1)),
+            "etas": (NumberLimits(above=0, below=1), NumberLimits(above=1)),
             "step_sizes": (_ANY, _ANY),
         },
         has_weight_decay=False,
@@ -159,7 +159,7 @@ def fits(value: OptionValue | None, rule: OptionRule) -> bool:
     match rule:
         case "switch":
             return isinstance(value, bool)
-        case Number():
+        case NumberLimits():
             if value is None:
                 return rule.or_none
             kind = int if rule.whole else int | float
@@ -178,7 +178,7 @@ def _described(rule: OptionRule) -> str:
     match rule:
         case "switch":
             return "true or false"
-        case Number():
+        case NumberLimits():
             limits = [
                 f"at least {rule.least:g}" if math.isfinite(rule.least) else "",
                 f"at most {rule.most:g}" if math.isfinite(rule.most) else "",

@@ -16,6 +16,7 @@ def end_on_interrupt(*, second_kills: bool = True) -> Generator[threading.Event]
     torchrun passes on what its processes have got already: there the second one is the first.
     """
     asked = threading.Event()
+    # Python hands signals to the main thread alone and refuses handlers elsewhere
     if threading.current_thread() is not threading.main_thread():
         yield asked
         return

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from typing import Protocol, TextIO
+from dataclasses import dataclass, fields
+from typing import Any, Protocol, TextIO
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, describe
 
@@ -46,6 +46,10 @@ class EpochEnd:
     """Evaluations of the longest rollout of the epoch."""
     seconds: float
     """Since the attempt began."""
+
+    def record(self) -> dict[str, Any]:
+        """All of it by name."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -60,7 +60,7 @@ def _again(folder: RunFolder, record: Mapping[str, Any]) -> tuple[RunFolder, Che
 
 
 class NotedProgress:
-    """Passes every event on, and writes into `run.json` what was said beside the epochs."""
+    """Passes every event on, and keeps epochs in `metrics.jsonl`, all else in `run.json`."""
 
     def __init__(self, shown: Progress, folder: RunFolder | None) -> None:
         self._shown, self._folder = shown, folder
@@ -70,11 +70,14 @@ class NotedProgress:
         self._rates: dict[str, float] = before.get("rates", {})
         self._warnings: list[str] = before.get("warnings", [])
         self._kept = self._lines()
+        self._metrics = None if folder is None else folder.metrics_log()
 
     def stage_started(self, event: StageStart) -> None:
         self._shown.stage_started(event)
 
     def epoch_ended(self, event: EpochEnd) -> None:
+        if self._metrics is not None:
+            self._metrics.append(event.record())
         self._shown.epoch_ended(event)
 
     def stage_ended(self, event: StageEnd) -> None:
@@ -104,6 +107,11 @@ class NotedProgress:
         if self._folder is not None:
             found = {"zero_slices": list(zero)} if zero else {}
             self._folder.write_end({"state": state, **self._lines(), **found})
+
+    def close(self) -> None:
+        """Lets go of the file of epochs."""
+        if self._metrics is not None:
+            self._metrics.close()
 
     def keep(self) -> None:
         """Keeps what was said so far, for a run that may be killed."""

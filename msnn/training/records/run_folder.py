@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from msnn.model.kept_run import (
 from msnn.model.spec_hash import SubmodelFile
 from msnn.model.weights.covariance_file import COVARIANCE, Covariance, write_covariance
 from msnn.model.weights.weights_file import write_weights
+from msnn.training.records.metrics_log import MetricsLog, finite
 
 METRICS = "metrics.jsonl"
 
@@ -70,14 +70,17 @@ class RunFolder:
         """The run as `link` says it."""
         return self.path.relative_to(link.parent)
 
+    def has(self, error: OSError) -> bool:
+        """Whether an error is about a file of the run."""
+        return isinstance(error.filename, str) and self.path in Path(error.filename).parents
+
     @property
     def metrics(self) -> Path:
         return self.path / METRICS
 
-    def append_metrics(self, record: Mapping[str, Any]) -> None:
-        """Adds one line of JSON to `metrics.jsonl`."""
-        with naming(self.metrics), self.metrics.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(finite(record), ensure_ascii=False) + "\n")
+    def metrics_log(self) -> MetricsLog:
+        """What adds lines to `metrics.jsonl`."""
+        return MetricsLog(self.metrics)
 
     def sync_metrics(self) -> int:
         """Waits until `metrics.jsonl` has reached the disk, and returns its length in bytes."""
@@ -92,6 +95,7 @@ class RunFolder:
         for left in self.path.glob(".*.part"):
             left.unlink()
         if self.metrics.is_file():
+            # epochs after the checkpoint are trained again and would stand there twice
             os.truncate(self.metrics, metrics)
 
     def write_parameters(self, record: Mapping[str, Any]) -> None:
@@ -144,6 +148,7 @@ def new_run_folder(program: Program, runs: Path) -> RunFolder:
     for number in range(1, 1000):
         path = parent / (stamp if number == 1 else f"{stamp}_{number}")
         try:
+            # making the folder is the test: two processes that look first would both find it free
             path.mkdir(parents=True)
         except FileExistsError:
             continue
@@ -158,24 +163,13 @@ def own_folder(program: Program, folder: Path, *, is_durable: bool) -> RunFolder
     return RunFolder(folder, program, None, is_durable)
 
 
-def finite(value: Any) -> Any:
-    """The value with null for numbers that JSON has no word for."""
-    match value:
-        case float():
-            return value if math.isfinite(value) else None
-        case dict():
-            return {key: finite(part) for key, part in cast("dict[str, Any]", value).items()}
-        case list():
-            return [finite(part) for part in cast("list[Any]", value)]
-        case _:
-            return value
-
-
 def _point(link: Path, target: Path) -> None:
     """Makes `link` a symbolic link to `target`, replacing an older one in one step.
 
     Where links are refused, as Windows does to most users, it is a text file with the target.
     """
+    # a link cannot be changed, only replaced: between removing and making it `latest` would be
+    # missing
     temporary = link.with_name(f".{link.name}.{os.getpid()}")
     temporary.unlink(missing_ok=True)
     try:

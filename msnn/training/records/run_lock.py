@@ -24,6 +24,7 @@ def held(run: Path | None) -> Generator[None]:
         return
     import fcntl  # of POSIX alone
 
+    # the folder itself: a lock file would stay behind where the process is killed
     number = os.open(run, os.O_RDONLY)
     try:
         try:

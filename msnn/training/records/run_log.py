@@ -13,7 +13,7 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from backends.files.atomic_write import naming
-from msnn.training.records.run_folder import finite
+from msnn.training.records.metrics_log import finite
 from msnn.validation.reports.words import rollout_text
 from msnn.validation.validate import ValidationReport
 from spec_schema.reading.endless_files import refuse_endless
@@ -104,6 +104,7 @@ def append(log: Path, line: RunLine) -> None:
     text = json.dumps(finite(asdict(line)), ensure_ascii=False)
     with naming(log):
         log.parent.mkdir(parents=True, exist_ok=True)
+        # a killed process left half a line: it must not swallow the next one
         begin = "\n" if _is_torn(log) else ""
         with log.open("ab", buffering=0) as file:
             # one write at the end of the file: lines of two processes do not mix

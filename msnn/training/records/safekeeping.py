@@ -51,6 +51,7 @@ class Safekeeping:
         """Writes where the run stands; the clock starts again."""
         if self.folder is None:
             return
+        # the weights first: a checkpoint never speaks of weights that are not on the disk
         self.save_weights(best)
         self.progress.keep()
         metrics = self.folder.sync_metrics()
@@ -59,6 +60,7 @@ class Safekeeping:
 
     def save_weights(self, weights: Mapping[str, FloatArray]) -> None:
         """Writes the weights of the run, unless they stand there."""
+        # by identity: better weights are always new arrays
         if self.folder is not None and weights is not self._weights:
             self.folder.write_weights(weights)
             self._weights = weights

@@ -79,6 +79,7 @@ class StageRun:
         self.reductions, self.spread = place.reductions, place.spread
         self.found_rate = place.found_rate
         self._kept_starts = place.starts
+        # seconds go on counting where the interrupted run stopped
         self._began = time.monotonic() - place.seconds
 
     def run(self) -> StageResult:
@@ -88,6 +89,7 @@ class StageRun:
         """
         if self.best is None:
             self._began = time.monotonic()
+            # epoch 0 counts: what training cannot improve it does not replace (decision 0022)
             self._keep_if_best(self._monitor())
             self._search_rate()
         pace = Pace(self.engine.batches_a_call)
@@ -146,6 +148,7 @@ class StageRun:
 
     def _reason_to_end(self) -> str | None:
         """Why no epoch follows; it depends on the place alone, so that a resumed run ends too."""
+        # converged on the short rollouts of a curriculum is not converged
         if self.engine.finished is not None and self.epoch > self.plan.whole_from:
             return self.engine.finished
         waited = self.epoch - self._better
@@ -235,6 +238,7 @@ class StageRun:
         return residuals_of(self.plan, self.engine.measure(runs), runs).spread
 
     def _keep_if_best(self, value: float) -> None:
+        # inf < nan is false: without this a run that began at NaN would keep its first weights
         first_finite = np.isfinite(value) and not np.isfinite(self.best_value)
         if self.best is None or value < self.best_value or first_finite:
             self.best, self.best_value, self.best_epoch = self.engine.weights(), value, self.epoch

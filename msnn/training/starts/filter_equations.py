@@ -23,7 +23,7 @@ FORGOTTEN = 1e-18
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class UnbrokenRows:
     """Input and output at rows without gap."""
 
     input: FloatArray
@@ -31,7 +31,7 @@ class Piece:
 
 
 @dataclass(frozen=True, slots=True)
-class Structure:
+class FilterStructure:
     """Which filters there are: taps `first` … `num`, `den` poles within `radius`."""
 
     first: int
@@ -66,14 +66,14 @@ class Response:
 
 
 @dataclass(frozen=True, slots=True)
-class Equations:
+class FilterEquations:
     """The triangle of b(u), y, and x, as columns, without what the pasts explain.
 
     The unknown past of a piece acts as free responses of the lattice, and any multiple of them is
     free. An orthogonal transformation leaves sums of squares as they are.
     """
 
-    structure: Structure
+    structure: FilterStructure
     triangle: FloatArray
     heads: tuple[FloatArray, ...]
     """Of each piece the rows that its past explains, with the columns of the past before."""
@@ -103,11 +103,11 @@ class Equations:
 
 
 def equations_of(
-    pieces: Sequence[Piece],
-    structure: Structure,
+    pieces: Sequence[UnbrokenRows],
+    structure: FilterStructure,
     reflection: FloatArray,
     response: Response | None = None,
-) -> Equations:
+) -> FilterEquations:
     """The equations at these poles; x is driven by y, or by the response instead."""
     seen = lattice_of(structure.padded(reflection))
     systems = _system(seen), _system(lattice_of(reflection))
@@ -121,10 +121,12 @@ def equations_of(
             if free is None:
                 triangle.add(table)
             else:
+                # the free responses stand first: the triangle's first rows are what they explain,
+                # the rest is left
                 head.add(np.concatenate((free, table), axis=1))
         heads.append(head.above(structure.depth))
         triangle.add(head.below(structure.depth))
-    return Equations(structure, triangle.below(0), tuple(heads))
+    return FilterEquations(structure, triangle.below(0), tuple(heads))
 
 
 def _system(lattice: Lattice) -> LinearSystem:
@@ -132,8 +134,8 @@ def _system(lattice: Lattice) -> LinearSystem:
 
 
 def _tables(
-    piece: Piece,
-    structure: Structure,
+    piece: UnbrokenRows,
+    structure: FilterStructure,
     lattice: Lattice,
     systems: tuple[LinearSystem, LinearSystem],
     driven: tuple[FloatArray, FloatArray] | None,

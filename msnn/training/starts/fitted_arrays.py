@@ -13,10 +13,15 @@ from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Output, Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.training.plans.stage_data import TRAIN
-from msnn.training.starts.filter_equations import Piece, Structure
+from msnn.training.starts.filter_equations import FilterStructure, UnbrokenRows
 from msnn.training.starts.lattice import lattice_of, reflections_of, stable
 from msnn.training.starts.linear_fit import fitted_filter
-from msnn.training.starts.state_space_fit import Series, StateSpaceArrays, driven_by_all, with_read
+from msnn.training.starts.state_space_fit import (
+    RowsWithoutGap,
+    StateSpaceArrays,
+    driven_by_all,
+    with_read,
+)
 from msnn.training.starts.subspace_fit import fitted_system
 
 _AT_ONCE = 1 << 16
@@ -45,9 +50,9 @@ def fitted_arrays(
             return {name: arrays[name] for name in fit.array_names}
 
 
-def _filters(fit: Fit, parts: list[Series]) -> dict[str, FloatArray] | None:
+def _filters(fit: Fit, parts: list[RowsWithoutGap]) -> dict[str, FloatArray] | None:
     """A filter for each element."""
-    structure = Structure(0, fit.num, fit.den, fit.radius, is_direct=True)
+    structure = FilterStructure(0, fit.num, fit.den, fit.radius, is_direct=True)
     columns = range(parts[0].inputs.shape[1])
     found = [fitted_filter(_pieces(parts, column), structure) for column in columns]
     filters = [each for each in found if each is not None]
@@ -59,12 +64,12 @@ def _filters(fit: Fit, parts: list[Series]) -> dict[str, FloatArray] | None:
     }
 
 
-def _system(fit: Fit, parts: list[Series]) -> StateSpaceArrays | None:
+def _system(fit: Fit, parts: list[RowsWithoutGap]) -> StateSpaceArrays | None:
     inputs, outputs = parts[0].inputs.shape[1], parts[0].outputs.shape[1]
     radius, feedthrough = fit.radius, fit.feedthrough
     if inputs > 1 or outputs > 1:
         return fitted_system(parts, fit.den, radius=radius, feedthrough=feedthrough)
-    structure = Structure(0 if feedthrough else 1, fit.num, fit.den, radius)
+    structure = FilterStructure(0 if feedthrough else 1, fit.num, fit.den, radius)
     found = fitted_filter(_pieces(parts, 0), structure)
     if found is None:
         return None
@@ -74,13 +79,13 @@ def _system(fit: Fit, parts: list[Series]) -> StateSpaceArrays | None:
     return with_read(parts, reflection, drive, radius=radius, feedthrough=feedthrough)
 
 
-def _pieces(parts: list[Series], column: int) -> list[Piece]:
-    return [Piece(part.inputs[:, column], part.outputs[:, column]) for part in parts]
+def _pieces(parts: list[RowsWithoutGap], column: int) -> list[UnbrokenRows]:
+    return [UnbrokenRows(part.inputs[:, column], part.outputs[:, column]) for part in parts]
 
 
 def _series(
     fit: Fit, program: Program, data: Dataset, weights: Mapping[str, FloatArray]
-) -> Iterator[Series]:
+) -> Iterator[RowsWithoutGap]:
     """Argument and target of every run of rows of `train` in which both are known."""
     back, ahead = _reach(fit.argument)
     node = fit.argument.nodes[-1]
@@ -117,7 +122,7 @@ def _series(
         for part in np.split(np.arange(len(t)), edges):
             if len(part) and known[part[0]]:
                 rows = slice(part[0], part[-1] + 1)
-                yield Series(inputs[rows], outputs[rows])
+                yield RowsWithoutGap(inputs[rows], outputs[rows])
 
 
 def _reach(argument: Graph) -> tuple[int, int]:

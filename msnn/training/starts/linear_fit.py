@@ -13,7 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.training.starts.filter_equations import Piece, Response, Structure, equations_of
+from msnn.training.starts.filter_equations import (
+    FilterStructure,
+    Response,
+    UnbrokenRows,
+    equations_of,
+)
 from msnn.training.starts.lattice import (
     backward_polynomials,
     denominator_of,
@@ -52,14 +57,14 @@ class Filter:
         return denominator_of(self.reflection)
 
 
-def fitted_filter(pieces: Sequence[Piece], structure: Structure) -> Filter | None:
+def fitted_filter(pieces: Sequence[UnbrokenRows], structure: FilterStructure) -> Filter | None:
     """The filter with the least error of the output; None where the data do not determine one."""
     long = [piece for piece in pieces if len(piece.input) > structure.depth]
     rows = sum(len(piece.input) - structure.depth for piece in long)
     if rows < structure.den + structure.taps:
         return None
     gain = size_of([piece.output for piece in long]), size_of([piece.input for piece in long])
-    scaled = [Piece(piece.input / gain[1], piece.output / gain[0]) for piece in long]
+    scaled = [UnbrokenRows(piece.input / gain[1], piece.output / gain[0]) for piece in long]
     begun = _iterated(_spread(scaled, structure), structure)
     found = _descended(scaled, structure, begun)
     taps = (
@@ -87,11 +92,11 @@ class _Fit:
     """c: A over the A before is 1 + c (zI − A)⁻¹ b."""
 
 
-def _spread(pieces: Sequence[Piece], structure: Structure) -> list[Piece]:
+def _spread(pieces: Sequence[UnbrokenRows], structure: FilterStructure) -> list[UnbrokenRows]:
     """Parts of long records, evenly from first to last: enough for where steps begin."""
     long = max(_PART, 100 * structure.depth)
     parts = [
-        Piece(piece.input[begin : begin + long], piece.output[begin : begin + long])
+        UnbrokenRows(piece.input[begin : begin + long], piece.output[begin : begin + long])
         for piece in pieces
         for begin in range(0, len(piece.input), long)
     ]
@@ -103,7 +108,7 @@ def _spread(pieces: Sequence[Piece], structure: Structure) -> list[Piece]:
     return [part for i in chosen if len((part := parts[i]).input) > structure.depth]
 
 
-def _iterated(pieces: Sequence[Piece], structure: Structure) -> FloatArray:
+def _iterated(pieces: Sequence[UnbrokenRows], structure: FilterStructure) -> FloatArray:
     """The poles of least error on the way of Steiglitz and McBride, which begins at 0."""
     now = _fit(pieces, structure, np.zeros(structure.den))
     best, waited = now, 0
@@ -116,7 +121,9 @@ def _iterated(pieces: Sequence[Piece], structure: Structure) -> FloatArray:
     return best.reflection
 
 
-def _descended(pieces: Sequence[Piece], structure: Structure, first: FloatArray) -> _Fit:
+def _descended(
+    pieces: Sequence[UnbrokenRows], structure: FilterStructure, first: FloatArray
+) -> _Fit:
     """The same equations with x behind g b(u) in place of y: slopes of the error of the output."""
     best = _fit(pieces, structure, first)
     for _ in range(MOST_STEPS):
@@ -133,8 +140,8 @@ def _descended(pieces: Sequence[Piece], structure: Structure, first: FloatArray)
 
 
 def _fit(
-    pieces: Sequence[Piece],
-    structure: Structure,
+    pieces: Sequence[UnbrokenRows],
+    structure: FilterStructure,
     reflection: FloatArray,
     driving: Response | None = None,
 ) -> _Fit:
@@ -147,7 +154,7 @@ def _fit(
     return _Fit(reflection, response, error, turn)
 
 
-def _turned(structure: Structure, reflection: FloatArray, turn: FloatArray) -> FloatArray:
+def _turned(structure: FilterStructure, reflection: FloatArray, turn: FloatArray) -> FloatArray:
     """The reflection coefficients of the stable filter with the zeros of 1 + c (zI − A)⁻¹ b."""
     lattice = lattice_of(reflection)
     zeros = np.linalg.eigvals(lattice.matrix - np.outer(lattice.drive, turn))

@@ -19,7 +19,7 @@ from msnn.training.starts.tall_least_squares import ROWS_AT_ONCE, Triangle, leas
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class RowsWithoutGap:
     """Inputs and outputs at rows without gap: (rows, inputs) and (rows, outputs)."""
 
     inputs: FloatArray
@@ -45,7 +45,7 @@ def driven_by_all(reflection: FloatArray, inputs: int) -> FloatArray:
 
 
 def with_read(
-    series: Sequence[Series],
+    series: Sequence[RowsWithoutGap],
     reflection: FloatArray,
     drive: FloatArray,
     *,
@@ -82,7 +82,7 @@ def with_read(
 
 
 def with_drive(
-    series: Sequence[Series],
+    series: Sequence[RowsWithoutGap],
     reflection: FloatArray,
     read: FloatArray,
     *,

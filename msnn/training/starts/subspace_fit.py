@@ -15,7 +15,7 @@ from msnn.data.dataset import FloatArray
 from msnn.training.starts.lattice import ComplexArray, lattice_of, reflections_of, stable
 from msnn.training.starts.linear_fit import size_of
 from msnn.training.starts.state_space_fit import (
-    Series,
+    RowsWithoutGap,
     StateSpaceArrays,
     driven_by_all,
     with_drive,
@@ -25,7 +25,7 @@ from msnn.training.starts.tall_least_squares import ROWS_AT_ONCE, Triangle, leas
 
 
 def fitted_system(
-    series: Sequence[Series], order: int, *, radius: float, feedthrough: bool
+    series: Sequence[RowsWithoutGap], order: int, *, radius: float, feedthrough: bool
 ) -> StateSpaceArrays | None:
     """The system near the least error of the outputs; None where the data do not determine one."""
     inputs, outputs = series[0].inputs.shape[1], series[0].outputs.shape[1]
@@ -33,7 +33,7 @@ def fitted_system(
     if depth is None:
         return None
     gains = _sizes([each.inputs for each in series]), _sizes([each.outputs for each in series])
-    scaled = [Series(each.inputs / gains[0], each.outputs / gains[1]) for each in series]
+    scaled = [RowsWithoutGap(each.inputs / gains[0], each.outputs / gains[1]) for each in series]
     poles, read = _poles_and_read(scaled, order, depth, radius)
     reflection = reflections_of(poles / radius)
     found = with_drive(scaled, reflection, read, radius=radius, feedthrough=feedthrough)
@@ -51,7 +51,7 @@ def _sizes(parts: Sequence[FloatArray]) -> FloatArray:
     return np.array([size_of([part[:, i] for part in parts]) for i in range(parts[0].shape[1])])
 
 
-def _depth(series: Sequence[Series], order: int, signals: int, outputs: int) -> int | None:
+def _depth(series: Sequence[RowsWithoutGap], order: int, signals: int, outputs: int) -> int | None:
     """How many rows before and after each are looked at; None where there are too few rows."""
     least = -(-order // outputs) + 1
     for depth in range(least + -(-least // 2), least - 1, -1):
@@ -62,7 +62,7 @@ def _depth(series: Sequence[Series], order: int, signals: int, outputs: int) -> 
 
 
 def _poles_and_read(
-    series: Sequence[Series], order: int, depth: int, radius: float
+    series: Sequence[RowsWithoutGap], order: int, depth: int, radius: float
 ) -> tuple[ComplexArray, FloatArray]:
     """The poles, and C in the coordinates of the lattice that has them."""
     outputs = series[0].outputs.shape[1]
@@ -89,7 +89,7 @@ def _mode(matrix: FloatArray, pole: complex) -> ComplexArray:
     return vector
 
 
-def _responses(series: Sequence[Series], order: int, depth: int) -> FloatArray:
+def _responses(series: Sequence[RowsWithoutGap], order: int, depth: int) -> FloatArray:
     """C, C A, C A² …, below each other, in some coordinates of the state."""
     inputs, outputs = series[0].inputs.shape[1], series[0].outputs.shape[1]
     explained, before = depth * inputs, depth * (inputs + outputs)

@@ -8,7 +8,7 @@ from msnn.tables import table_text
 from msnn.validation.judged_errors import JudgedErrors
 from msnn.validation.measurement import Measurement
 from msnn.validation.reports.words import rollout_text, unit_text
-from msnn.validation.statistics.correlations import Correlation, Residuals
+from msnn.validation.statistics.correlations import Correlation, ErrorsOfElement
 from msnn.validation.statistics.coverage import LEVELS, Coverage
 
 
@@ -126,7 +126,7 @@ def _called(found: Measurement) -> str:
     return f"{found.of}, {rollout_text(found)}, {found.data}"
 
 
-def _rows(found: Measurement, each: Residuals) -> list[tuple[str, ...]]:
+def _rows(found: Measurement, each: ErrorsOfElement) -> list[tuple[str, ...]]:
     called = _called(found)
     if each.element:
         called = f"{called} [{', '.join(map(str, each.element))}]"

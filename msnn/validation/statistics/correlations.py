@@ -58,7 +58,7 @@ class Correlation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Residuals:
+class ErrorsOfElement:
     """The errors of one element of an output, against themselves and against each input."""
 
     element: tuple[int, ...]
@@ -85,7 +85,7 @@ def residuals(
     records: IntArray,
     inputs: Mapping[str, FloatArray],
     lags: int,
-) -> list[Residuals]:
+) -> list[ErrorsOfElement]:
     """The correlations of (samples, *shape) errors, an entry an element.
 
     `rows` are theirs in the series, each once and rising, `records` the record of each; no pair of
@@ -99,7 +99,7 @@ def residuals(
     flat = errors.reshape(len(errors), math.prod(shape))
     places, size = _apart(rows, records, lags)
     spread = {name: _on_grid(values[rows], places, size) for name, values in inputs.items()}
-    found: list[Residuals] = []
+    found: list[ErrorsOfElement] = []
     for number, element in enumerate(np.ndindex(shape)):
         error = _on_grid(flat[:, number], places, size)
         itself = _autocorrelation(error, lags)
@@ -117,7 +117,7 @@ def residuals(
             lags=np.arange(1, lags + 1), values=itself[1:], band=band, effective=count
         )
         found.append(
-            Residuals(
+            ErrorsOfElement(
                 element=element,
                 count=count,
                 itself=white,
@@ -196,7 +196,7 @@ def _sums(first: _Grid, second: _Grid, lags: int) -> FloatArray:
     return products(first.values, second.values) / np.maximum(pairs, 1.0)
 
 
-def _unjudged(element: tuple[int, ...], error: _Grid) -> Residuals:
-    return Residuals(
+def _unjudged(element: tuple[int, ...], error: _Grid) -> ErrorsOfElement:
+    return ErrorsOfElement(
         element=element, count=int(error.there.sum()), itself=None, inputs={}, feedback={}
     )

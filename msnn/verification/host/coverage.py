@@ -35,7 +35,7 @@ class Unreached:
 
 
 @dataclass(frozen=True, slots=True)
-class Coverage:
+class SourceCoverage:
     """Counts of all sources of the model, and what is left."""
 
     lines: int
@@ -66,7 +66,7 @@ def coverage_check(model: ExportedC) -> ProofStep:
     return check
 
 
-def coverage(model: ExportedC, folder: Path) -> Coverage:
+def coverage(model: ExportedC, folder: Path) -> SourceCoverage:
     """Runs the test program of an export; the folder takes what gcov writes."""
     tests = sorted((model.folder / "test").glob("*.c"))
     flags = ["-std=c99", "-O0", "-ffp-contract=off", "--coverage"]
@@ -75,7 +75,7 @@ def coverage(model: ExportedC, folder: Path) -> Coverage:
     with suppress(ToolFailedError):  # other checks say that golden steps differ
         run_tool([folder / "covered"], folder)
     lines = [line for path in model.model_sources for line in _lines(path, folder)]
-    return Coverage(
+    return SourceCoverage(
         lines=len(lines),
         branches=sum(len(line["branches"]) for _, _, line in lines),
         unreached=tuple(_unreached(lines)),

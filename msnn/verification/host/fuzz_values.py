@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from msnn.verification.exported_c import ExportedC, Member, Range
+from msnn.verification.exported_c import ExportedC, Range, RangedField
 
 _UNBOUNDED = 1e3
 """Magnitude of what a start takes where the spec has no range."""
@@ -58,7 +58,7 @@ def _start(model: ExportedC) -> Iterator[str]:
             yield _moved(member, "x0", "x0", (low, high), model)
 
 
-def _replaced(member: Member, model: ExportedC) -> Iterator[str]:
+def _replaced(member: RangedField, model: ExportedC) -> Iterator[str]:
     limits = _limits(member, model)
     if member.policy == "clamp":
         yield _moved(member, "v", "u", limits, model)
@@ -70,18 +70,18 @@ def _replaced(member: Member, model: ExportedC) -> Iterator[str]:
         yield f"{loop} {{ {_place(member, 'v')} = {kept}; }}"
 
 
-def _moved(member: Member, to: str, source: str, limits: Range, model: ExportedC) -> str:
+def _moved(member: RangedField, to: str, source: str, limits: Range, model: ExportedC) -> str:
     low, high, instead = (_literal(x, model) for x in (*limits, _stand_in(limits)))
     moved = f"nearest({_place(member, source)}, {low}, {high}, {instead})"
     loop = f"for (int i = 0; i < {member.size or 1}; i++)"
     return f"{loop} {{ {_place(member, to)} = {moved}; }}"
 
 
-def _place(member: Member, struct: str) -> str:
+def _place(member: RangedField, struct: str) -> str:
     return f"{struct}.{member.field}" + ("" if member.size is None else "[i]")
 
 
-def _limits(member: Member, model: ExportedC) -> Range:
+def _limits(member: RangedField, model: ExportedC) -> Range:
     """What is valid: the finite numbers within the range, as the policies of the spec say."""
     single = model.dtype == "float32"
     largest = float(np.finfo(np.float32).max) if single else sys.float_info.max

@@ -18,6 +18,7 @@ from msnn.verification.tools import GCC
 
 LEVELS = ("-O2", "-Os")
 _SECONDS = 600.0
+_NOUNS = {"solve": "solve", "correct": "correction"}
 _CALL = re.compile(r"^call (\w+) ([0-9a-f]{8}) ([0-9a-f]{8}) ([0-9a-f]{8})", re.MULTILINE)
 _SELFTEST = re.compile(r"^selftest (\w+) ([0-9a-f]{8})", re.MULTILINE)
 _TOO_LARGE = re.compile(r"region `(\w+)' overflowed by (\d+) bytes")
@@ -115,11 +116,17 @@ def _on_board(board: Board, level: str, model: ExportedController) -> ProofStep:
 
 def _worst(model: ExportedController, done: list[_Call]) -> str:
     """The cap times the dearest iteration of a golden solve."""
-    dearest = [c.instructions / c.iterations for c in done if c.name == "solve" and c.iterations]
-    if model.controller is None or not dearest:
-        return ""
-    cap, each = model.controller.iterations, int(max(dearest))
-    return f"; at most {cap} × {each:,} = {cap * each:,} instructions a solve"
+    caps = {
+        "solve": 0 if model.controller is None else model.controller.iterations,
+        "correct": 0 if model.filter is None else model.filter.iterations,
+    }
+    said = ""
+    for name, cap in caps.items():
+        own = [c.instructions / c.iterations for c in done if c.name == name and c.iterations]
+        if cap and own:
+            each = int(max(own))
+            said += f"; at most {cap} × {each:,} = {cap * each:,} instructions a {_NOUNS[name]}"
+    return said
 
 
 def _measured(model: ExportedController) -> list[dict[str, str]]:
@@ -139,7 +146,8 @@ def _measured(model: ExportedController) -> list[dict[str, str]]:
     if model.filter is not None:
         p = model.filter.prefix
         parameters = f"{p}_t *e, const {p}_measured_t *seen, {p}_out_t *found"
-        add(p, "correct", parameters, "e, seen, found")
+        more = {"iterations": "found->iterations"} if model.filter.is_window else {}
+        add(p, "correct", parameters, "e, seen, found", **more)
         given = f", const {p}_in_t *given" if model.filter.inputs else ""
         add(p, "predict", f"{p}_t *e{given}", "e, given" if given else "e")
     return found

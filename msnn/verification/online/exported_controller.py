@@ -40,9 +40,15 @@ class ControllerPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterPart:
-    """The filter."""
+    """The filter, or the estimator of a window that has one."""
 
     prefix: str
+    is_window: bool
+    """Whether it is that of a window, which solves."""
+    iterations: int
+    """Most of a correction; 0 where none is needed."""
+    tolerance: float
+    """Of a window; 0 of a filter."""
     inputs: int
     """Numbers in the struct of inputs; there is none where it is 0."""
     measured: int
@@ -52,7 +58,7 @@ class FilterPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedController(CFolder):
-    """An export of the target `mpc`: a controller, a filter, or both."""
+    """An export of the target `mpc`: a controller, an estimator, or both."""
 
     dtype: str
     controller: ControllerPart | None
@@ -83,15 +89,16 @@ class ExportedController(CFolder):
 def read_exported_controller(folder: Path) -> ExportedController | None:
     """The export in a folder; None where there is none that this version wrote."""
     try:
-        parts = {kind: _about(folder, kind) for kind in ("mpc", "ekf")}
+        parts = {kind: _about(folder, kind) for kind in ("mpc", "ekf", "mhe")}
         found = [about for about in parts.values() if about is not None]
+        estimator = parts["ekf"] or parts["mhe"]
         if not found:
             return None
         return ExportedController(
             folder=folder.resolve(),
             dtype=found[0]["dtype"],
             controller=None if parts["mpc"] is None else _controller(parts["mpc"]),
-            filter=None if parts["ekf"] is None else _filter(parts["ekf"]),
+            filter=None if estimator is None else _filter(estimator),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
@@ -128,6 +135,9 @@ def _controller(about: dict[str, Any]) -> ControllerPart:
 def _filter(about: dict[str, Any]) -> FilterPart:
     return FilterPart(
         prefix=_identifier(about["prefix"]),
+        is_window="horizon" in about,
+        iterations=int(about.get("iterations", 0)),
+        tolerance=float(about.get("tolerance", 0)),
         inputs=_numbers(about["in"]),
         measured=_numbers(about["measured"]),
         estimated=sum(int(part["size"]) for part in about["estimated"]),

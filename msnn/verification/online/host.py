@@ -144,6 +144,7 @@ def _drawn_program(
         filter=model.filter,
         real=model.real,
         tolerance=None if controller is None else _literal(controller.tolerance),
+        window_tolerance=None if model.filter is None else _literal(model.filter.tolerance),
         limits=[] if controller is None else [_limits(limit, model) for limit in controller.limits],
         huge="1e30" if single else "1e300",
         denormal="1e-40" if single else "1e-310",

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from msnn.verification.exported_c import ExportedC, Member, Range
+from msnn.verification.exported_c import ExportedC, Range, RangedField
 
 ASSUMED = 1e6
 """Magnitude of a value for which the spec declares no range; the report names each."""
@@ -16,14 +16,14 @@ REPLACED = ("clamp", "hold")
 """Policies that take any float."""
 
 
-def assumed_range(member: Member, model: ExportedC) -> Range:
+def assumed_range(member: RangedField, model: ExportedC) -> Range:
     """Of a state or an input, rounded as the generated code rounds it."""
     low, high = member.range or (-ASSUMED, ASSUMED)
     number = np.float32 if model.dtype == "float32" else np.float64
     return float(number(low)), float(number(high))
 
 
-def drawn(struct: str, members: Iterable[Member], model: ExportedC) -> Iterator[str]:
+def drawn(struct: str, members: Iterable[RangedField], model: ExportedC) -> Iterator[str]:
     """Any value of its range."""
     for member in members:
         if member.unsigned:
@@ -58,7 +58,7 @@ def outside_ranges(model: ExportedC, *, infinite: bool) -> list[str]:
     return [f"switch (Frama_C_interval(0, {len(cases)})) {{", *listed, "default: break;", "}"]
 
 
-def shown(kind: str, struct: str, members: Iterable[Member]) -> Iterator[str]:
+def shown(kind: str, struct: str, members: Iterable[RangedField]) -> Iterator[str]:
     """Shows all elements of each real field as one, under `<kind>_<field>`."""
     for member in members:
         if not member.unsigned:
@@ -67,7 +67,7 @@ def shown(kind: str, struct: str, members: Iterable[Member]) -> Iterator[str]:
             yield f"Frama_C_show_each_{kind}_{member.field}({place});"
 
 
-def _beyond(member: Member, model: ExportedC) -> Sequence[str]:
+def _beyond(member: RangedField, model: ExportedC) -> Sequence[str]:
     number = np.float32 if model.dtype == "float32" else np.float64
     largest = float(np.finfo(number).max)
     low, high = member.range or (-math.inf, math.inf)
@@ -79,7 +79,7 @@ def _beyond(member: Member, model: ExportedC) -> Sequence[str]:
     return found
 
 
-def _infinite(member: Member, model: ExportedC) -> Sequence[str]:
+def _infinite(member: RangedField, model: ExportedC) -> Sequence[str]:
     return "-INFINITY", "INFINITY"
 
 
@@ -88,7 +88,7 @@ def _between(low: float, high: float, model: ExportedC) -> str:
     return f"Frama_C_{kind}_interval({low!r}{suffix}, {high!r}{suffix})"
 
 
-def _places(member: Member, struct: str) -> list[str]:
+def _places(member: RangedField, struct: str) -> list[str]:
     if member.size is None:
         return [f"{struct}.{member.field}"]
     return [f"{struct}.{member.field}[{index}]" for index in range(member.size)]

@@ -31,7 +31,7 @@ class Alarm:
 
 
 @dataclass(frozen=True, slots=True)
-class Values:
+class PossibleValues:
     """All that a quantity may be; the limits are infinite where it may be infinite."""
 
     low: float
@@ -43,9 +43,9 @@ class Values:
         """Whether every value is a number, none infinite."""
         return not self.nan and math.isfinite(self.low) and math.isfinite(self.high)
 
-    def joined(self, other: Values) -> Values:
+    def joined(self, other: PossibleValues) -> PossibleValues:
         low, high = min(self.low, other.low), max(self.high, other.high)
-        return Values(low, high, self.nan or other.nan)
+        return PossibleValues(low, high, self.nan or other.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Analysis:
     """What Eva found; `values` by the name under which main showed them."""
 
     alarms: tuple[Alarm, ...]
-    values: dict[str, Values]
+    values: dict[str, PossibleValues]
 
 
 def analysed(model: ExportedC, main: Path, *, infinite: bool, folder: Path) -> Analysis:
@@ -83,11 +83,11 @@ def _alarms(said: str) -> Iterator[Alarm]:
         yield Alarm(Path(path).name, int(line), claim[:160])
 
 
-def _values(said: str) -> dict[str, Values]:
+def _values(said: str) -> dict[str, PossibleValues]:
     """The interval that holds all that was shown under each name."""
-    found: dict[str, Values] = {}
+    found: dict[str, PossibleValues] = {}
     for name, low, high, one, only_nan, or_nan in _SHOWN.findall(said):
         bounds = (math.inf, -math.inf) if only_nan else (float(one or low), float(one or high))
-        shown = Values(*bounds, nan=bool(only_nan or or_nan))
+        shown = PossibleValues(*bounds, nan=bool(only_nan or or_nan))
         found[name] = shown.joined(found.get(name, shown))
     return found

@@ -25,7 +25,7 @@ from msnn.verification.proof.drawn_values import (
     outside_ranges,
     shown,
 )
-from msnn.verification.proof.eva import PRECISION, Alarm, Analysis, Values, analysed
+from msnn.verification.proof.eva import PRECISION, Alarm, Analysis, PossibleValues, analysed
 from msnn.verification.proof.kernel_bounds import kernel_bounds
 from msnn.verification.proof.root_alarms import roots_first
 from msnn.verification.proof.trace import place_of, traced
@@ -139,11 +139,11 @@ def _inductive(model: ExportedC, runs: list[Analysis]) -> tuple[int, list[str]]:
     return kept, said
 
 
-def _within(values: Values, low: float, high: float) -> bool:
+def _within(values: PossibleValues, low: float, high: float) -> bool:
     return not values.nan and low <= values.low and values.high <= high
 
 
-def _interval(values: Values) -> str:
+def _interval(values: PossibleValues) -> str:
     nan = " or NaN" if values.nan else ""
     return (
         f"{values.low + 0.0:.6g} .. {values.high + 0.0:.6g}{nan}"
@@ -152,9 +152,9 @@ def _interval(values: Values) -> str:
     )
 
 
-def _joined(runs: list[Analysis], name: str) -> Values | None:
+def _joined(runs: list[Analysis], name: str) -> PossibleValues | None:
     """None where a run did not come to where the value is shown."""
-    found: Values | None = None
+    found: PossibleValues | None = None
     for run in runs:
         values = run.values.get(name)
         if values is None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from backends.c import COptions, write_c
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.c.selftest.vectors.golden_vectors import GoldenVectors
 from compiler.ir.program import Declared
 from compiler.jacobian.interpret import JacobianInterpreter
@@ -39,7 +39,9 @@ OPTIONS = {
     "double": COptions(dtype="float64", extras=("jacobian",)),
 }
 STEPS = 40
-_OF_RESULTS = Status.STATE_OUT_OF_RANGE | Status.EQUATION_OUT_OF_RANGE | Status.STATE_NOT_FINITE
+_OF_RESULTS = (
+    StatusBit.STATE_OUT_OF_RANGE | StatusBit.EQUATION_OUT_OF_RANGE | StatusBit.STATE_NOT_FINITE
+)
 DOUBLE = 1e-9
 """In float64 numpy's functions are judge, and errors grow from step to step."""
 
@@ -125,7 +127,7 @@ def test_setting_declared_states_leaves_buffers_waiting_for_their_first_sample(
     step = built(to_step_form(compiled(BUFFERED)), tmp_path, COptions(extras=("state_jacobian",)))
     step.init()
     step.set_state([0.25, 0.5])
-    assert step.step({"u": 0.75})[1] == Status.UNINITIALISED
+    assert step.step({"u": 0.75})[1] == StatusBit.UNINITIALISED
     assert step.step({"u": 0.75})[1] == 0
     (filled,) = (v for name, v in step.states().items() if name == "u.history")
     np.testing.assert_array_equal(filled, np.full(filled.shape, 0.75))

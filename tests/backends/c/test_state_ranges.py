@@ -10,7 +10,7 @@ import pytest
 
 from backends.c import COptions
 from backends.c.host.library import CStep
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from compiler.passes.to_step_form import to_step_form
 from tests.backends.c.c_programs import assert_same_bits, built, golden, replay
 from tests.language.compiled import compiled
@@ -41,7 +41,7 @@ def test_golden_steps_with_states_outside_their_range(
     program = to_step_form(compiled(POLICIES.replace("POLICY", policy)))
     options = COptions(dtype=dtype, constant_time=constant_time)
     vectors = golden(program, options, 80, seed=4)
-    left = (vectors.status & Status.STATE_OUT_OF_RANGE) != 0
+    left = (vectors.status & StatusBit.STATE_OUT_OF_RANGE) != 0
     assert left.any()
     assert left.all() == (policy == "flag")  # a NaN, of which a flag does not take anything back
     outputs, status = replay(built(program, tmp_path, options), vectors)
@@ -70,7 +70,7 @@ def test_a_state_with_reset_goes_back_to_init_as_a_whole(
     _, status = step.run({"u": np.array([[0.5, 0.5], [0.0, 0.5], [0.0, NAN], [0.25, 0.25]])}, 4)
     np.testing.assert_array_equal(step.states()["a"], [0.5, 0.5])
     assert step.states()["b"] == 0.75
-    outside, unordered = Status.STATE_OUT_OF_RANGE, Status.NOT_A_NUMBER
+    outside, unordered = StatusBit.STATE_OUT_OF_RANGE, StatusBit.NOT_A_NUMBER
     assert status.tolist() == [0, outside, outside | unordered, 0]
 
 
@@ -84,7 +84,7 @@ def test_a_saturated_state_is_reported_for_nan_alone(tmp_path: Path) -> None:
     step.init()
     outputs, status = step.run({"u": np.array([0.5, 3.0, NAN, -np.inf])}, 4)
     np.testing.assert_array_equal(outputs["y"], np.array([0.5, 1, 1, -1], np.float32))
-    assert status.tolist() == [0, 0, Status.STATE_OUT_OF_RANGE, 0]
+    assert status.tolist() == [0, 0, StatusBit.STATE_OUT_OF_RANGE, 0]
 
 
 LOOPS = {
@@ -107,9 +107,9 @@ def test_a_state_that_became_nan_says_so_until_init_or_reset(
     for begin in (step.init, lambda: step.reset(windows)):
         begin()
         _, status = step.run({"u": np.array([1.0, NAN, *np.zeros(30)])}, 32)
-        waits = Status.UNINITIALISED if begin == step.init and windows else Status(0)
+        waits = StatusBit.UNINITIALISED if begin == step.init and windows else StatusBit(0)
         assert status[0] & ~waits == 0
-        assert (status[1:] & Status.STATE_NOT_FINITE).all()
+        assert (status[1:] & StatusBit.STATE_NOT_FINITE).all()
     step.reset(windows)
     _, status = step.run({"u": np.zeros(32)}, 32)
     assert not status.any()
@@ -119,7 +119,7 @@ def test_a_window_of_an_input_forgets_a_nan_by_itself(tmp_path: Path) -> None:
     step = _built("inputs: {u: {}}\noutputs: {y: mean(u.past(4))}", tmp_path)
     assert step.reset({"u": np.zeros(3)}) == 0
     _, status = step.run({"u": np.array([0.0, NAN, 0.0, 0.0])}, 4)
-    assert status.tolist() == [0, Status.NOT_A_NUMBER, 0, 0]
+    assert status.tolist() == [0, StatusBit.NOT_A_NUMBER, 0, 0]
 
 
 @pytest.mark.parametrize("constant_time", [False, True])
@@ -138,8 +138,8 @@ def test_a_struct_of_zeros_says_that_it_was_never_initialised(
 ) -> None:
     step = _built(text, tmp_path, COptions(constant_time=constant_time, extras=("jacobian",)))
     for _ in range(3):
-        assert step.step({"u": 0.0})[1] == Status.UNINITIALISED
-    assert step.linearize({"u": 0.0})[1] == Status.UNINITIALISED
+        assert step.step({"u": 0.0})[1] == StatusBit.UNINITIALISED
+    assert step.linearize({"u": 0.0})[1] == StatusBit.UNINITIALISED
     assert step.reset({name: np.zeros(shape) for name, shape in step.start_shapes.items()}) == 0
     assert step.step({"u": 0.0})[1] == 0
 
@@ -147,12 +147,12 @@ def test_a_struct_of_zeros_says_that_it_was_never_initialised(
 @pytest.mark.parametrize(
     ("policy", "samples", "seen", "bits"),
     [
-        ("flag", [0.5, NAN, 3.0], [0.5, NAN, 3.0], Status.OUT_OF_RANGE | Status.NOT_A_NUMBER),
-        ("clamp", [NAN, 3.0, -3.0], [0.0, 1.0, -1.0], Status.CLAMPED | Status.NOT_A_NUMBER),
-        ("hold", [3.0, 0.5, NAN], [0.0, 0.5, 0.5], Status.HELD | Status.NOT_A_NUMBER),
-        ("hold", [0.25, 3.0, 3.0], [0.25, 0.25, 0.25], Status.HELD),
-        ("trust", [NAN, 3.0, 0.5], [NAN, 3.0, 0.5], Status(0)),
-        ("clamp", [0.5, -0.5, 1.0], [0.5, -0.5, 1.0], Status(0)),
+        ("flag", [0.5, NAN, 3.0], [0.5, NAN, 3.0], StatusBit.OUT_OF_RANGE | StatusBit.NOT_A_NUMBER),
+        ("clamp", [NAN, 3.0, -3.0], [0.0, 1.0, -1.0], StatusBit.CLAMPED | StatusBit.NOT_A_NUMBER),
+        ("hold", [3.0, 0.5, NAN], [0.0, 0.5, 0.5], StatusBit.HELD | StatusBit.NOT_A_NUMBER),
+        ("hold", [0.25, 3.0, 3.0], [0.25, 0.25, 0.25], StatusBit.HELD),
+        ("trust", [NAN, 3.0, 0.5], [NAN, 3.0, 0.5], StatusBit(0)),
+        ("clamp", [0.5, -0.5, 1.0], [0.5, -0.5, 1.0], StatusBit(0)),
     ],
 )
 @pytest.mark.parametrize("constant_time", [False, True])
@@ -160,7 +160,7 @@ def test_reset_checks_its_samples_as_step_does(
     policy: str,
     samples: list[float],
     seen: list[float],
-    bits: Status,
+    bits: StatusBit,
     constant_time: bool,
     tmp_path: Path,
 ) -> None:
@@ -184,5 +184,5 @@ def test_reset_says_that_a_state_begins_outside_its_range(tmp_path: Path) -> Non
     """
     step = _built(text, tmp_path)
     assert step.reset({"a": 1.0, "b": 9.0}) == 0
-    assert step.reset({"a": 1.5, "b": 0.0}) == Status.STATE_OUT_OF_RANGE | Status.OUT_OF_RANGE
-    assert step.reset({"a": 0.0, "b": NAN}) == Status.STATE_NOT_FINITE | Status.NOT_A_NUMBER
+    assert step.reset({"a": 1.5, "b": 0.0}) == StatusBit.STATE_OUT_OF_RANGE | StatusBit.OUT_OF_RANGE
+    assert step.reset({"a": 0.0, "b": NAN}) == StatusBit.STATE_NOT_FINITE | StatusBit.NOT_A_NUMBER

@@ -16,7 +16,7 @@ from backends.predictive_control.estimation import write_filter
 from backends.predictive_control.estimation.library import FilterLibrary
 from compiler.state_estimation.kalman_filter import KalmanFilter
 from tests.conditions import require_tool
-from tests.control.specs import DELAYED, load
+from tests.control.specs import DELAYED, kalman_filter, load
 from tests.control.test_estimator import LINEAR, PENDULUM
 
 FILTERED, _, DIVERGED, INPUT_NOT_FINITE, NOT_INITIALISED = range(5)
@@ -49,7 +49,7 @@ def _written(name: str, folder: Path, dtype: Dtype = "float64") -> tuple[Path, K
     weights = msnn.initial_weights(model)
     assert model.estimation is not None
     write_filter(model.estimation, weights, folder / "c", prefix="plant", dtype=dtype)
-    return folder / "c", msnn.estimator(model, weights)
+    return folder / "c", kalman_filter(model, weights)
 
 
 def _built(name: str, folder: Path, dtype: Dtype = "float64") -> tuple[FilterLibrary, KalmanFilter]:

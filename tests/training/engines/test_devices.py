@@ -14,13 +14,10 @@ from msnn.training.engines.devices import CPU, Device, find_device, on_device
 from msnn.training.engines.optimizer_state import placed_like
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from msnn.training.records.stage_record import stage_record
+from msnn.training.records.training_options import TrainingOptions
 from msnn.training.stage_loss_module import stage_loss
-from msnn.training.train import (
-    TrainingInterruptedError,
-    TrainingOptions,
-    TrainingResult,
-    train,
-)
+from msnn.training.train import train
+from msnn.training.training_result import TrainingInterruptedError, TrainingResult
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from tests.native.test_kernel import MODELS, log_of
 from tests.training.cases import compiled, dataset, gain, gain_series

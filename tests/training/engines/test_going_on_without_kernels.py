@@ -19,13 +19,10 @@ from backends.native.rollouts.sensitivity_source import SensitivitySource
 from compiler.differentiation.sensitivities import Sensitivities
 from compiler.differentiation.training_step import TrainingStep
 from msnn.simulation.engines.kernel_trials import WrongKernelError
+from msnn.training.records.training_options import TrainingOptions
 from msnn.training.stage_loss_module import stage_loss
-from msnn.training.train import (
-    TrainingInterruptedError,
-    TrainingOptions,
-    TrainingResult,
-    train,
-)
+from msnn.training.train import train
+from msnn.training.training_result import TrainingInterruptedError, TrainingResult
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
 from tests.training.cases import compiled, dataset, gain, gain_series

@@ -29,7 +29,9 @@ from msnn.training.records.checkpoint import (
 )
 from msnn.training.records.learned.standard_errors import StandardErrors, standard_errors
 from msnn.training.records.progress import Silent
-from msnn.training.train import TrainingDivergedError, TrainingOptions, TrainingResult, train
+from msnn.training.records.training_options import TrainingOptions
+from msnn.training.train import train
+from msnn.training.training_result import TrainingDivergedError, TrainingResult
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from tests.conditions import require_tool
 from tests.examples.gallery import GALLERY, NAMES

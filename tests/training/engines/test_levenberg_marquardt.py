@@ -18,7 +18,9 @@ from msnn.training.engines.torch.torch_engine import TorchEngine
 from msnn.training.engines.torch.torch_squares import TorchSquares
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.progress import EpochEnd, Silent, StageEnd
-from msnn.training.train import TrainingDivergedError, TrainingOptions, TrainingResult, train
+from msnn.training.records.training_options import TrainingOptions
+from msnn.training.train import train
+from msnn.training.training_result import TrainingDivergedError, TrainingResult
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from tests.conditions import require_tool
 from tests.native.test_kernel import MODELS, initial, log_of

@@ -13,13 +13,10 @@ import pytest
 import torch
 
 from msnn.training.engines.torch.torch_optimizers import torch_optimizer_names
-from msnn.training.plans.torch_optimizer_options import TORCH_OPTIMIZERS, Number, fits
-from msnn.training.train import (
-    TrainingInterruptedError,
-    TrainingOptions,
-    TrainingResult,
-    train,
-)
+from msnn.training.plans.torch_optimizer_options import TORCH_OPTIMIZERS, NumberLimits, fits
+from msnn.training.records.training_options import TrainingOptions
+from msnn.training.train import train
+from msnn.training.training_result import TrainingInterruptedError, TrainingResult
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
 from tests.training.cases import dataset, gain, gain_series
@@ -100,7 +97,7 @@ def test_the_table_takes_the_values_that_torch_takes(name: str, option: str) -> 
     for value in _VALUES:
         if fits(value, rule):
             assert torch_takes(name, option, value), value
-        elif isinstance(rule, Number) and value not in _TOLERATED:
+        elif isinstance(rule, NumberLimits) and value not in _TOLERATED:
             assert not torch_takes(name, option, value), value
 
 

@@ -11,12 +11,12 @@ import pytest
 
 from msnn.model.weights.weights_file import read_weights
 from msnn.training.records.progress import EpochEnd, Silent
-from msnn.training.train import (
+from msnn.training.records.training_options import TrainingOptions
+from msnn.training.train import train
+from msnn.training.training_result import (
     TrainingDivergedError,
     TrainingInterruptedError,
-    TrainingOptions,
     TrainingResult,
-    train,
 )
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.training.cases import dataset, gain, gain_series

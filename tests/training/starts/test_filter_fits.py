@@ -18,7 +18,7 @@ from compiler.program_file.file import program_from_data, program_to_data
 from msnn.data.dataset import FloatArray
 from msnn.model.weights.weights_file import initial_weights
 from msnn.training.stage_loss_module import stage_loss
-from msnn.training.starts.filter_equations import Piece, Structure
+from msnn.training.starts.filter_equations import FilterStructure, UnbrokenRows
 from msnn.training.starts.initial_weights_of_run import first_weights
 from msnn.training.starts.linear_fit import fitted_filter
 from msnn.training.starts.linear_system import filtered as through
@@ -211,7 +211,7 @@ def test_a_long_record_of_slow_poles_determines_its_filter(order: int) -> None:
     rows, true = 20_000, poles(0.99, 0.98, 0.97)
     u = np.random.default_rng(0).normal(size=rows)
     y = filtered_by_recursion(np.convolve(u, [0.0, 1.0, 0.5, 0.2])[:rows], true)
-    found = fitted_filter([Piece(u, y)], Structure(0, order, order, 1.0))
+    found = fitted_filter([UnbrokenRows(u, y)], FilterStructure(0, order, order, 1.0))
     assert found is not None
     count = 50
     wanted = filtered_by_recursion(np.eye(count)[1] + 0.5 * np.eye(count)[2], true)
@@ -227,7 +227,7 @@ def test_many_poles_near_the_limit_stay_a_stable_filter() -> None:
     rows = 20_000
     u = np.random.default_rng(0).normal(size=rows)
     y = filtered_by_recursion(1e-9 * u, poles(*[0.999] * 5))
-    found = fitted_filter([Piece(u, y)], Structure(0, 6, 6, 1.0, is_direct=True))
+    found = fitted_filter([UnbrokenRows(u, y)], FilterStructure(0, 6, 6, 1.0, is_direct=True))
     assert found is not None
     assert np.all(np.abs(np.roots(found.denominator)) < 1)
     assert np.any(found.numerator)

@@ -11,12 +11,12 @@ import pytest
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.training.starts.filter_equations import Piece, Structure, equations_of
+from msnn.training.starts.filter_equations import FilterStructure, UnbrokenRows, equations_of
 from msnn.training.starts.initial_weights_of_run import first_weights
 from msnn.training.starts.lattice import denominator_of, lattice_of, reflections_of
 from msnn.training.starts.linear_fit import fitted_filter
 from msnn.training.starts.linear_system import LinearSystem
-from msnn.training.starts.state_space_fit import Series, with_drive, with_read
+from msnn.training.starts.state_space_fit import RowsWithoutGap, with_drive, with_read
 from msnn.training.starts.subspace_fit import fitted_system
 from tests.training.cases import compiled, dataset
 
@@ -140,7 +140,7 @@ def test_each_element_of_a_vector_has_its_own_filter() -> None:
 CLOSE = np.linspace(0.97, 0.995, 10) * np.exp(1j * np.linspace(0.01, 0.3, 10))
 
 
-def close_poles(rows: int, noise: float) -> tuple[Piece, FloatArray]:
+def close_poles(rows: int, noise: float) -> tuple[UnbrokenRows, FloatArray]:
     """A record of twenty poles within 0.3 rad, and the response without noise and start."""
     lattice = lattice_of(reflections_of(np.asarray([*CLOSE, *CLOSE.conj()], complex)))
     random = np.random.default_rng(7)
@@ -148,7 +148,7 @@ def close_poles(rows: int, noise: float) -> tuple[Piece, FloatArray]:
     system = LinearSystem(lattice.matrix, lattice.drive[:, None])
     y = system.states(u, random.normal(size=20))[1:] @ gains
     clean = system.states(u, np.zeros(20))[1:] @ gains
-    return Piece(u[:, 0], y + noise * np.std(y) * random.normal(size=rows)), clean
+    return UnbrokenRows(u[:, 0], y + noise * np.std(y) * random.normal(size=rows)), clean
 
 
 @pytest.mark.parametrize(("noise", "share"), [(0.0, 1e-10), (0.01, 1e-3)])
@@ -158,10 +158,10 @@ def test_twenty_close_poles_are_found(noise: float, share: float) -> None:
     With noise the best that any estimate can do is 0.01 · √(41 / 20000) = 4.5e-4 on average.
     """
     piece, clean = close_poles(20_000, noise)
-    structure = Structure(0, 20, 20, 1.0)
+    structure = FilterStructure(0, 20, 20, 1.0)
     found = fitted_filter([piece], structure)
     assert found is not None
-    parts = [Series(piece.input[:, None], piece.output[:, None])]
+    parts = [RowsWithoutGap(piece.input[:, None], piece.output[:, None])]
     drive = lattice_of(found.reflection).drive[:, None]
     arrays = with_read(parts, found.reflection, drive, radius=1.0, feedthrough=True)
     system = LinearSystem(lattice_of(found.reflection).matrix, arrays.drive)
@@ -176,7 +176,7 @@ def test_many_rows_fit_in_little_memory() -> None:
     u = random.normal(size=rows)
     y = LinearSystem(np.array([[0.9]]), np.ones((1, 1))).states(u[:, None], np.zeros(1))[1:, 0]
     tracemalloc.start()
-    found = fitted_filter([Piece(u, y)], Structure(0, 20, 20, 1.0))
+    found = fitted_filter([UnbrokenRows(u, y)], FilterStructure(0, 20, 20, 1.0))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert found is not None
@@ -198,8 +198,8 @@ def test_the_triangle_has_the_solution_of_the_dense_problem(first: int, num: int
     random = np.random.default_rng(num)
     poles = np.array([0.9 + 0j, 0.5, -0.4, 0.2])[:den]
     reflection = reflections_of(poles)
-    denominator, structure = denominator_of(reflection), Structure(first, num, den, 1.0)
-    pieces = [Piece(random.normal(size=n), random.normal(size=n)) for n in (70, 9000)]
+    denominator, structure = denominator_of(reflection), FilterStructure(first, num, den, 1.0)
+    pieces = [UnbrokenRows(random.normal(size=n), random.normal(size=n)) for n in (70, 9000)]
     triangle = equations_of(pieces, structure, reflection).triangle
     ours = np.linalg.lstsq(triangle[:, : structure.taps], triangle[:, structure.taps], rcond=None)
     error = np.linalg.norm(triangle[:, structure.taps] - triangle[:, : structure.taps] @ ours[0])
@@ -240,7 +240,9 @@ def test_arrays_at_given_poles_are_those_of_the_dense_problem(
     random = np.random.default_rng(5)
     reflection = reflections_of(np.array([0.7 + 0j, 0.2 + 0.4j, 0.2 - 0.4j]))
     matrix = 0.9 * lattice_of(reflection).matrix
-    parts = [Series(random.normal(size=(n, 2)), random.normal(size=(n, 2))) for n in (90, 60)]
+    parts = [
+        RowsWithoutGap(random.normal(size=(n, 2)), random.normal(size=(n, 2))) for n in (90, 60)
+    ]
     drive, read = random.normal(size=(3, 2)), random.normal(size=(2, 3))
     if known == "drive":
         found = with_read(parts, reflection, drive, radius=0.9, feedthrough=feedthrough)
@@ -291,7 +293,7 @@ def test_whatever_the_data_a_system_is_finite_and_stable(kind: str) -> None:
             y = u[:, :1].repeat(2, axis=1)
         case _:
             pass
-    found = fitted_system([Series(u, y)], 5, radius=0.999, feedthrough=True)
+    found = fitted_system([RowsWithoutGap(u, y)], 5, radius=0.999, feedthrough=True)
     assert found is not None
     arrays = (found.reflection, found.drive, found.read, found.direct)
     assert all(np.all(np.isfinite(array)) for array in arrays)
@@ -299,5 +301,5 @@ def test_whatever_the_data_a_system_is_finite_and_stable(kind: str) -> None:
 
 
 def test_rows_that_do_not_determine_a_system_are_said() -> None:
-    few = Series(np.zeros((30, 2)), np.zeros((30, 2)))
+    few = RowsWithoutGap(np.zeros((30, 2)), np.zeros((30, 2)))
     assert fitted_system([few], 20, radius=0.999, feedthrough=False) is None

@@ -17,7 +17,9 @@ from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.learned.standard_errors import standard_errors
 from msnn.training.records.progress import EpochEnd, Silent
 from msnn.training.records.stage_record import stage_record
-from msnn.training.train import TrainingInterruptedError, TrainingOptions, TrainingResult, train
+from msnn.training.records.training_options import TrainingOptions
+from msnn.training.train import train
+from msnn.training.training_result import TrainingInterruptedError, TrainingResult
 from msnn.validation.validate import validate
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from tests.conditions import require_tool

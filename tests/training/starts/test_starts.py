@@ -15,17 +15,17 @@ from compiler.elaboration.compile import compile_spec
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.model.weights.weights_file import initial_weights
-from msnn.training import train as train_module
+from msnn.training import training_run
 from msnn.training.engines.open_engine import OpenedEngine
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.progress import EpochEnd, Silent, StageEnd
-from msnn.training.train import (
+from msnn.training.records.training_options import TrainingOptions
+from msnn.training.train import train
+from msnn.training.training_result import (
     TrainingDivergedError,
     TrainingInterruptedError,
-    TrainingOptions,
     TrainingResult,
-    train,
 )
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.sections.spec import Spec
@@ -137,7 +137,7 @@ def test_only_what_nothing_has_changed_is_drawn_again(monkeypatch: pytest.Monkey
     given = {name: w.copy() for name, w in initial_weights(program).items()}
     given["net.weight1"] += 0.5
     begins: list[Mapping[str, FloatArray]] = []
-    opened = train_module.open_engine
+    opened = training_run.open_engine
 
     def remembered(
         plan: StagePlan,
@@ -148,7 +148,7 @@ def test_only_what_nothing_has_changed_is_drawn_again(monkeypatch: pytest.Monkey
         begins.append(weights)
         return opened(plan, series, weights, stage)
 
-    monkeypatch.setattr(train_module, "open_engine", remembered)
+    monkeypatch.setattr(training_run, "open_engine", remembered)
     run((program, spec), Heard(), weights=given)
     first, second = begins
     changed = {name for name in first if not np.array_equal(second[name], first[name])}

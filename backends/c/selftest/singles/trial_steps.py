@@ -223,6 +223,7 @@ class TrialSteps:
             if not own:
                 continue
             right = graph.run(self._around(trials), self._parameters(trials))
+            # many changes at once as members of one batch, as many as fit the memory
             each = max(1, min(_ROWS, _NUMBERS // graph.size) // count)
             for begin in range(0, len(own), each):
                 part = own[begin : begin + each]
@@ -264,4 +265,5 @@ class TrialSteps:
 
 
 def _differ(given: Array, expected: Array) -> NDArray[np.bool_]:
+    # NaN is unequal to itself, and the right answer where the model says so
     return (given != expected) & ~(np.isnan(given) & np.isnan(expected))

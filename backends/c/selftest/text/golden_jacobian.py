@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
 from backends.c.interface.jacobian_interface import OUT, JacobianInterface, MatrixField
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.c.selftest.matrix_checksums import START, checksums
 from backends.c.selftest.text.golden_text import tolerance
 from backends.c.selftest.vectors.golden_vectors import GoldenVectors, joined
@@ -111,11 +111,11 @@ def _infinite(jacobian: JacobianInterface, slopes: Mapping[str, NDArray[Any]]) -
         for block in field.matrix.perhaps_infinite:
             places = block.places(jacobian.jacobian.graph[block.node].type.shape).ravel()
             found = found | ~np.isfinite(entries[:, places]).all(axis=1)
-    return found * int(Status.SLOPE_NOT_FINITE)
+    return found * int(StatusBit.SLOPE_NOT_FINITE)
 
 
 _OF_RESULTS = int(
-    Status.STATE_OUT_OF_RANGE | Status.EQUATION_OUT_OF_RANGE | Status.STATE_NOT_FINITE
+    StatusBit.STATE_OUT_OF_RANGE | StatusBit.EQUATION_OUT_OF_RANGE | StatusBit.STATE_NOT_FINITE
 )
 """Bits that are about what a step computes."""
 _ROW = "row"

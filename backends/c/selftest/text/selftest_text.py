@@ -22,7 +22,7 @@ from backends.c.selftest.text.golden_text import (
 from backends.c.selftest.vectors.drawn_inputs import Outside, StartPoint
 from backends.c.selftest.vectors.golden_starts import GoldenStart, golden_starts
 from backends.c.selftest.vectors.golden_vectors import GoldenRun, GoldenVectors, golden_runs
-from backends.c.selftest.vectors.written_states import Written, written_states
+from backends.c.selftest.vectors.written_states import WrittenNumber, written_states
 from backends.c_language.literals import hex_literal, real_literal
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
@@ -158,7 +158,7 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
 
 def _golden_runs(program: Program, interface: Interface, weights: Weights) -> list[GoldenVectors]:
     """Runs from `reset`, the last of them with a written state, then runs from `init`."""
-    begun: list[tuple[StartPoint | Outside | None, int, int | None, Written | None]] = [
+    begun: list[tuple[StartPoint | Outside | None, int, int | None, WrittenNumber | None]] = [
         *((start, 0, None, None) for start in _STARTS),
         *((StartPoint(part, _PARTS), opening, kind, None) for part, opening, kind in _OPENINGS),
         *(

@@ -60,6 +60,7 @@ def drawn_record(
     """
     knots = knots_of(program, dtype)
     reads = extents(program.start, log=True)
+    # as little of the past as the start reads: a golden vector is data in somebody's flash
     t0 = max([0, *(-extent.first for extent in reads.values())])
     rows = t0 + 1 + max([0, *(extent.last for extent in reads.values())])
     # a measured state starts anywhere in its range
@@ -125,12 +126,14 @@ def drawn_series(
         rows[at, random.integers(rows.shape[1], size=len(at))] = np.resize(values, len(at))
 
     again = np.arange(_SPECIAL_EVERY - 1, steps, _SPECIAL_EVERY)
+    # the same input twice shows what depends on the state alone
     rows[again] = rows[again - 1]
     ends = [end for end in signal.range or () if math.isfinite(end)]
     inside = np.append(knots[(knots >= low) & (knots <= high)], ends).astype(knots.dtype)
     if inside.size:
         at = np.arange(0, steps, _SPECIAL_EVERY)
         chosen = random.choice(inside, len(at))
+        # one number beside a threshold is what tells < from <=
         below = np.nextafter(chosen, knots.dtype.type(low))
         above = np.minimum(chosen + _NEAR * random.random(len(at)) * np.abs(chosen), high)
         put(at, np.choose(random.integers(3, size=len(at)), [chosen, below, above]))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.c.selftest.vectors.drawn_inputs import DrawnRecord
 from backends.c.selftest.vectors.drawn_starts import drawn_starts
 from backends.c.selftest.vectors.policy_reference import apply_policy_to_window
@@ -31,7 +31,7 @@ class GoldenStart:
     """States that `reset` takes."""
     states: dict[str, Array]
     """What it sets, (1, *shape)."""
-    status: Status
+    status: StatusBit
     """What it returns."""
 
 
@@ -40,7 +40,7 @@ def golden_start(
 ) -> GoldenStart:
     """What `reset` takes of a record, and what the interpreter answers in the same arithmetic."""
     windows: dict[str, Array] = {}
-    log, bits = dict(record.log), Status(0)
+    log, bits = dict(record.log), StatusBit(0)
     for field, port in interface.windows:
         series = log[field.name].copy()
         rows = slice(record.t0 + port.first, record.t0 + port.last + 1)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.c.selftest.vectors.drawn_inputs import (
     Outside,
     StartPoint,
@@ -29,7 +29,7 @@ from backends.c.selftest.vectors.state_reference import (
     saturation_bits,
     with_checked,
 )
-from backends.c.selftest.vectors.written_states import Written, state_fields
+from backends.c.selftest.vectors.written_states import WrittenNumber, state_fields
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from compiler.jacobian.interpret import JacobianInterpreter
@@ -70,7 +70,7 @@ class GoldenRun:
     """Samples with which each input begins that are invalid."""
     invalid: int | None = None
     """With which kind the samples of the past begin that are invalid too (`drawn_record`)."""
-    written: Written | None = None
+    written: WrittenNumber | None = None
     """What stands in the struct before the first step."""
 
 
@@ -143,7 +143,7 @@ def golden_runs(
             bits |= saturation_bits(program, answers) | next_state_bits(interface, next)
             if row in from_init:
                 waits = interface.from_record - (interface.filled_by_first if k > 0 else set())
-                bits |= Status.UNINITIALISED if waits else Status(0)
+                bits |= StatusBit.UNINITIALISED if waits else StatusBit(0)
             status[row, k] = bits
             again = {s.name: begun[row].states[s.name] for s in program.states}
             again = {s.name: again[s.name] for s in program.states if s.on_range == "reset"}
@@ -185,11 +185,11 @@ def _written(interface: Interface, run: GoldenRun, first: Mapping[str, Array]) -
 
 def _seen(
     interface: Interface, inputs: Sequence[Mapping[str, Array]], steps: int
-) -> tuple[dict[str, Array], list[list[Status]]]:
+) -> tuple[dict[str, Array], list[list[StatusBit]]]:
     """What the policies make of the inputs of all runs, (runs, steps, *shape), and what they say of
     each run and step."""
     dtype = interface.options.dtype
-    bits = [[Status(0)] * steps for _ in inputs]
+    bits = [[StatusBit(0)] * steps for _ in inputs]
     seen: dict[str, Array] = {}
     for input in interface.inputs:
         name, signal = input.field.name, input.port.signal

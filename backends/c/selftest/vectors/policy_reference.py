@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.functions.input_policy import limits, stand_in
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.c_language.literals import Dtype
 from compiler.ir.program import Signal
 
@@ -17,7 +17,7 @@ Array = NDArray[Any]
 
 def apply_policy(
     signal: Signal, values: Array, previous: Array, dtype: Dtype
-) -> tuple[Array, Status]:
+) -> tuple[Array, StatusBit]:
     """The values that the step sees of an input, and the bits that it sets.
 
     `previous` are the values that it saw in the step before; all arrays are of `dtype`.
@@ -25,28 +25,28 @@ def apply_policy(
     low, high = (np.dtype(dtype).type(limit) for limit in limits(signal, dtype))
     valid = (values >= low) & (values <= high)
     if signal.on_invalid == "trust" or bool(np.all(valid)):
-        return values, Status(0)
-    not_a_number = Status.NOT_A_NUMBER if bool(np.any(np.isnan(values))) else Status(0)
+        return values, StatusBit(0)
+    not_a_number = StatusBit.NOT_A_NUMBER if bool(np.any(np.isnan(values))) else StatusBit(0)
     match signal.on_invalid:
         case "flag":
             outside = bool(np.any((values < low) | (values > high)))
-            return values, not_a_number | (Status.OUT_OF_RANGE if outside else Status(0))
+            return values, not_a_number | (StatusBit.OUT_OF_RANGE if outside else StatusBit(0))
         case "clamp":
             instead = np.dtype(dtype).type(stand_in(signal, dtype))
             nearest = np.where(values > high, high, np.where(values < low, low, instead))
-            return np.where(valid, values, nearest), not_a_number | Status.CLAMPED
+            return np.where(valid, values, nearest), not_a_number | StatusBit.CLAMPED
         case "hold":
-            return np.where(valid, values, previous), not_a_number | Status.HELD
+            return np.where(valid, values, previous), not_a_number | StatusBit.HELD
         case _:
             assert_never(signal.on_invalid)
 
 
-def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> tuple[Array, Status]:
+def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> tuple[Array, StatusBit]:
     """The samples (time, *shape) that `reset` takes, and the bits that it sets.
 
     Each sample can fall back to the one before it.
     """
-    checked, bits = rows.copy(), Status(0)
+    checked, bits = rows.copy(), StatusBit(0)
     before = first_held(signal, rows.shape[1:], dtype)
     for k in range(len(rows)):
         before, said = apply_policy(signal, rows[k], before, dtype)

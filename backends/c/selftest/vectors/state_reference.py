@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
 from backends.c.interface.state_checks import StateCheck
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.c_language.literals import Dtype
 from compiler.ir.program import Output, Program
 from compiler.ir.saturation import unsaturated
@@ -31,33 +31,33 @@ def with_checked(program: Program) -> Program:
     return replace(program, losses=(), outputs=(*program.outputs, *checked))
 
 
-def equation_bits(program: Program, values: Mapping[str, Array], dtype: Dtype) -> Status:
+def equation_bits(program: Program, values: Mapping[str, Array], dtype: Dtype) -> StatusBit:
     """What a step says of equations; `values` are the outputs of `with_checked`."""
     outside = [
         _is_outside(values[_CHECKED.format(number)], entry.range, dtype)
         for number, entry in enumerate(program.expected)
     ]
-    return Status.EQUATION_OUT_OF_RANGE if any(outside) else Status(0)
+    return StatusBit.EQUATION_OUT_OF_RANGE if any(outside) else StatusBit(0)
 
 
-def saturation_bits(program: Program, values: Mapping[str, Array]) -> Status:
+def saturation_bits(program: Program, values: Mapping[str, Array]) -> StatusBit:
     """Whether a saturated state keeps its value because the next one is NaN."""
     unordered = [np.isnan(values[_CHECKED.format(name)]).any() for name in unsaturated(program)]
-    return Status.STATE_OUT_OF_RANGE if any(unordered) else Status(0)
+    return StatusBit.STATE_OUT_OF_RANGE if any(unordered) else StatusBit(0)
 
 
-def first_state_bits(interface: Interface, states: Mapping[str, Array]) -> Status:
+def first_state_bits(interface: Interface, states: Mapping[str, Array]) -> StatusBit:
     """What `reset` says of the states that it set, with all their samples."""
-    bits = Status(0)
+    bits = StatusBit(0)
     for check in interface.checks:
         if _is_left(interface, check, states[check.memory.state.name]):
             bits |= check.bit
     return bits
 
 
-def next_state_bits(interface: Interface, states: Mapping[str, Array]) -> Status:
+def next_state_bits(interface: Interface, states: Mapping[str, Array]) -> StatusBit:
     """What a step says of the states that it leaves, of buffers of their newest sample."""
-    bits = Status(0)
+    bits = StatusBit(0)
     for check in interface.checks:
         state = check.memory.state
         values = check.part(states[state.name])

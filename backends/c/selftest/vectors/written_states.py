@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from backends.c.interface.interface import Field, Interface
 from backends.c.interface.state_checks import StateCheck
-from backends.c.interface.status import Status
+from backends.c.interface.status import StatusBit
 from backends.c.selftest.vectors.drawn_inputs import outside
 from backends.c_lowering.state_memory import PlainState
 
@@ -19,7 +19,7 @@ Array = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class WrittenNumber:
     """A number that stands in an element of a state before the first step."""
 
     state: str
@@ -33,7 +33,7 @@ class Written:
         return {**states, self.state: changed}
 
 
-def written_states(interface: Interface) -> list[Written]:
+def written_states(interface: Interface) -> list[WrittenNumber]:
     """What brings each check of a step's states to speak alone.
 
     A state that begins at a number of the spec may need many steps to its limit, and one without
@@ -51,7 +51,7 @@ def state_fields(interface: Interface) -> list[Field]:
     ]
 
 
-def _of(check: StateCheck, interface: Interface) -> Iterator[Written]:
+def _of(check: StateCheck, interface: Interface) -> Iterator[WrittenNumber]:
     if not isinstance(check.memory, PlainState):
         return
     size = math.prod(check.memory.shape)
@@ -60,12 +60,12 @@ def _of(check: StateCheck, interface: Interface) -> Iterator[Written]:
     for number, element in enumerate(elements):
         chosen = values if size == 1 else [values[number % len(values)]]
         for value in chosen:
-            yield Written(check.memory.state.name, element, value)
+            yield WrittenNumber(check.memory.state.name, element, value)
 
 
 def _values(check: StateCheck) -> list[float]:
     """Two ways to be outside, and no number; of a clipped state only that shows."""
-    if check.bit == Status.STATE_NOT_FINITE:
+    if check.bit == StatusBit.STATE_NOT_FINITE:
         return [math.nan, math.inf]
     found = [outside(check.limits, end) for end in ("above", "far below")]
     return [*(value for value in found if math.isfinite(value)), math.nan]

@@ -65,6 +65,7 @@ class JointStarts:
         found: dict[str, FloatArray] = {}
         for state, part in zip(self._states, parts, strict=True):
             shape = Type(state.axes).shape
+            # runs read their start at row t0 of a series; the other rows are never read
             whole = np.zeros((self._rows, *shape))
             whole[t0] = part.reshape(len(t0), *shape)
             found[start_signal(state)] = whole
@@ -72,21 +73,39 @@ class JointStarts:
 
     def products(self, squares: Slopes, runs: Runs, weights: Weights) -> dict[str, Products]:
         """The products of every loss, the slopes in the start of each run apart."""
+        alone = self.of_each(squares, runs, weights)
+        return {name: _joined([one[name] for one in alone]) for name in alone[0]}
+
+    def of_each(self, squares: Slopes, runs: Runs, weights: Weights) -> list[dict[str, Products]]:
+        """The products of every loss and run by itself."""
         moved = self.moved(weights)
-        alone = [squares.products(runs.take(np.array([i])), moved) for i in range(len(runs))]
-        return {name: _apart([one[name] for one in alone], self.numbers) for name in alone[0]}
+        # run by run: in a sum over runs the slopes in the one added parameter would be those of all
+        # starts
+        alone = (squares.products(runs.take(np.array([i])), moved) for i in range(len(runs)))
+        return [{name: _apart(one, self.numbers) for name, one in run.items()} for run in alone]
 
 
-def _apart(runs: Sequence[Products], numbers: int) -> Products:
-    """The products of single runs, whose last `numbers` are their starts, as those of all."""
-    whole = sum(runs[1:], runs[0])
-    n = len(whole.slope) - numbers
-    blocks = StartBlocks(
-        np.stack([one.curvature[:n, n:] for one in runs]),
-        np.stack([one.curvature[n:, n:] for one in runs]),
-        np.stack([one.slope[n:] for one in runs]),
+def _apart(run: Products, numbers: int) -> Products:
+    """The products of one run, the slopes in the last `numbers`, its start, apart."""
+    n = len(run.slope) - numbers
+    curvature, slope = run.curvature, run.slope
+    blocks = StartBlocks(curvature[None, :n, n:], curvature[None, n:, n:], slope[None, n:])
+    return replace(run, curvature=curvature[:n, :n], slope=slope[:n], starts=blocks)
+
+
+def _joined(runs: Sequence[Products]) -> Products:
+    """The products of all runs, each with its start."""
+    return replace(sum(runs[1:], runs[0]), starts=joined_blocks(runs))
+
+
+def joined_blocks(runs: Sequence[Products]) -> StartBlocks:
+    """What the starts of runs have, one run after the other."""
+    blocks = [one.starts for one in runs if one.starts is not None]
+    return StartBlocks(
+        np.concatenate([one.cross for one in blocks]),
+        np.concatenate([one.curvature for one in blocks]),
+        np.concatenate([one.slope for one in blocks]),
     )
-    return replace(whole, curvature=whole.curvature[:n, :n], slope=whole.slope[:n], starts=blocks)
 
 
 _NOTHING = 1e-10
@@ -104,7 +123,7 @@ def without_starts(
     blocks = {name: one.starts for name, one in products.items() if one.starts is not None}
     cross = sum(share * blocks[name].cross for name, share in shares.items())
     own = sum(share * blocks[name].curvature for name, share in shares.items())
-    inverse = _inverted(np.asarray(own))
+    inverse = inverted_blocks(np.asarray(own))
     follows = np.asarray(cross) @ inverse
     left: dict[str, Products] = {}
     used: dict[str, float] = {}
@@ -112,15 +131,17 @@ def without_starts(
         block = blocks[name]
         mixed = np.einsum("rpn,rqn->pq", follows, block.cross)
         within = np.einsum("rpn,rnm,rqm->pq", follows, block.curvature, follows)
+        # (J − KC⁺Bᵀ)ᵀ(J − KC⁺Bᵀ) multiplied out, of which only products are known
         curvature = one.curvature - mixed - mixed.T + within
         left[name] = replace(one, curvature=curvature, starts=None)
         used[name] = shares.get(name, 0.0) * float(np.sum(inverse * block.curvature))
     return left, used
 
 
-def _inverted(blocks: FloatArray) -> FloatArray:
+def inverted_blocks(blocks: FloatArray) -> FloatArray:
     """The inverse of each block in the directions that change something."""
     diagonal = np.diagonal(blocks, axis1=1, axis2=2)
+    # before small values are told from nothing: starts have units too
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(blocks * scale[:, :, None] * scale[:, None, :])
     seen = values > _NOTHING

@@ -19,8 +19,12 @@ from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
 from msnn.training.engines.learned_numbers import LearnedNumbers
+from msnn.training.engines.second_order.counted_products import (
+    CountedProducts,
+    counted_products,
+)
 from msnn.training.engines.second_order.joint_starts import JointStarts
-from msnn.training.engines.second_order.normal_equations import Model, in_raw_variables
+from msnn.training.engines.second_order.normal_equations import QuadraticModel, in_raw_variables
 from msnn.training.engines.second_order.quadratic_terms import QuadraticTerms, quadratic_terms
 from msnn.training.engines.second_order.squares import Squares, loss_sums_of
 from msnn.training.plans.known_terms_of_stage import known_of
@@ -115,10 +119,12 @@ class LevenbergMarquardtEngine:
         in_order = runs.take(np.argsort(runs.t0, kind="stable"))  # so that sums do not shuffle
         self._begin(in_order)
         products = self._products(in_order)
-        if not self._is_finite(products):
-            raise NonFiniteLossError(runs, self._without_slopes(products))
-        self._note_left_out(products)
-        if self._joint is not None and not self._counting(products):
+        counted = self._counted(products)
+        if not counted.are_finite:
+            raise NonFiniteLossError(runs, counted.without_slopes(self._numbers))
+        self.has_left_out = self.has_left_out or counted.leave_out_some
+        self.left_out = int(counted.leave_out_all)
+        if self._joint is not None and not counted.by_loss:
             self.finished = "nothing is scored"  # nor does anything decide where runs start
         elif not self.left_out:
             self._descend(in_order, self._model(products))
@@ -200,51 +206,13 @@ class LevenbergMarquardtEngine:
             return self._ahead[1]
         return self._products_at(runs, self._raw)
 
-    def _is_model(self, products: Mapping[str, Products]) -> bool:
-        """Whether a next step follows from these."""
-        counting = self._counting(products).values()
-        nothing = bool(counting) and all(one.is_left_out for one in counting)
-        return self._is_finite(products) and not nothing
+    def _counted(self, products: Mapping[str, Products]) -> CountedProducts:
+        return counted_products(self._plan, products)
 
-    def _is_finite(self, products: Mapping[str, Products]) -> bool:
-        """Whether a step can be made of these; rows of losses that do not count may be anything."""
-        return all(
-            np.isfinite(one.cost)
-            and np.isfinite(one.slope).all()
-            and np.isfinite(one.curvature).all()
-            and (one.starts is None or np.isfinite(one.starts.curvature).all())
-            for one in self._counting(products).values()
-        )
-
-    def _note_left_out(self, products: Mapping[str, Products]) -> None:
-        counting = list(self._counting(products).values())
-        self.has_left_out = self.has_left_out or any(one.left_out for one in counting)
-        self.left_out = int(bool(counting) and all(one.is_left_out for one in counting))
-
-    def _without_slopes(self, products: Mapping[str, Products]) -> tuple[str, ...]:
-        """The parameters in which a loss has no finite slope though its value is one."""
-        counting = list(self._counting(products).values())
-        if not all(np.isfinite(one.cost) for one in counting):
-            return ()
-        bad = np.zeros(self._learned, bool)
-        for one in counting:
-            bad |= ~np.isfinite(one.slope) | ~np.isfinite(np.diagonal(one.curvature))
-        return tuple(p.name for p, part in self._numbers.parts(bad) if part.any())
-
-    def _counting(self, products: Mapping[str, Products]) -> dict[str, Products]:
-        """Those of the losses that count; penalties have none."""
-        return {
-            loss.name: products[loss.name]
-            for loss in self._plan.rollout.program.losses
-            if self._plan.loss_weights[loss.name]
-            and loss.penalty is None
-            and products[loss.name].count
-        }
-
-    def _model(self, products: Mapping[str, Products]) -> Model:
+    def _model(self, products: Mapping[str, Products]) -> QuadraticModel:
         shares = {
             name: self._plan.loss_weights[name] / found.count
-            for name, found in self._counting(products).items()
+            for name, found in self._counted(products).by_loss.items()
         }
         losses = in_raw_variables(products, shares, self._numbers.slopes(self._raw))
         raw = self._raw[: self._learned]
@@ -257,7 +225,7 @@ class LevenbergMarquardtEngine:
     def _quadratic_terms(self, raw: FloatArray) -> QuadraticTerms:
         return quadratic_terms(self._known, raw, self._plan.weight_decay, self._spread)
 
-    def _descend(self, runs: Runs, model: Model) -> None:
+    def _descend(self, runs: Runs, model: QuadraticModel) -> None:
         """Takes the first step that lowers the total, shorter ones until one does."""
         while self._damping < _MOST_DAMPING:
             step, fall = model.step(self._damping)
@@ -268,7 +236,7 @@ class LevenbergMarquardtEngine:
             # the cost alone first: slopes take as many times longer as there are learned numbers
             total = self._total_at(runs, trial)
             ahead = self._products_at(runs, trial) if total < model.total else None
-            if ahead is not None and self._is_model(ahead):
+            if ahead is not None and self._counted(ahead).make_a_model:
                 # 1 where the model was right: the damping falls to a third; Nielsen's rule is
                 # smooth between
                 gain = (model.total - total) / fall

@@ -15,7 +15,7 @@ from msnn.training.engines.second_order.damped_steps import DampedModel
 from msnn.training.engines.second_order.quadratic_terms import QuadraticTerms
 
 
-class Model(Protocol):
+class QuadraticModel(Protocol):
     """The total near the variables."""
 
     @property
@@ -55,9 +55,10 @@ class NormalEquations:
             curvature=self.curvature + np.diag(known.curvature),
         )
 
-    def model(self, scale: FloatArray, raw: FloatArray, known: KnownTerms) -> Model:
+    def model(self, scale: FloatArray, raw: FloatArray, known: KnownTerms) -> QuadraticModel:
         """In variables times 1/scale, at these raw variables of the parameters."""
         n = len(self.curvature)
+        # scaled first: eigenvalues of numbers in N/m beside numbers in mm would lose the small ones
         top = scale[:n]
         values, vectors = np.linalg.eigh(self.curvature * np.outer(top, top))
         parameters = DampedModel(
@@ -85,6 +86,8 @@ def in_raw_variables(
         found = products[name]
         total += share * found.cost
         slope += share * found.slope * physical_by_raw
+        # ∂r/∂raw = ∂r/∂θ · ∂θ/∂raw on both sides of JᵀJ; second slopes of the bounds are left out,
+        # as all second slopes are
         curvature += share * found.curvature * np.outer(physical_by_raw, physical_by_raw)
         if found.starts is not None:
             blocks.append(found.starts.scaled(share, physical_by_raw))
@@ -138,6 +141,8 @@ class ArrowModel:
 
     def step(self, damping: float) -> tuple[FloatArray, float]:
         """The step in raw variables, then starts, and how much the model of the total falls."""
+        # in the directions of each block (C + μ) is diagonal: one decomposition serves every
+        # damping
         turned = self.cross @ self.directions
         shares = np.einsum("rni,rn->ri", self.directions, self.slope) / (self.values + damping)
         left = turned / (self.values + damping)[:, None, :]
@@ -151,11 +156,13 @@ class ArrowModel:
         )
         moved, _ = reduced.step(damping)
         of_parameters = moved / self.parameters.scale
+        # the starts follow the parameters that were found
         inside = -shares - np.einsum("rpi,p->ri", left, of_parameters)
         of_starts = np.einsum("rni,ri->rn", self.directions, inside)
         step = np.concatenate([moved, (of_starts * self.scale).ravel()])
         along = 2.0 * float(self.parameters.slope @ of_parameters + np.sum(self.slope * of_starts))
         crossed = 2.0 * float(np.einsum("p,rpn,rn->", of_parameters, self.cross, of_starts))
+        # what the undamped model says of the step: damping shortens it and promises nothing
         bent = float(of_parameters @ self.curvature @ of_parameters)
         bent += crossed + float(np.sum(self.values * inside * inside))
         return step, self.parameters.lost_corners(moved) - along - bent

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -41,33 +41,6 @@ class Scored:
     losses: LossSums
 
 
-class Objective(Protocol):
-    """The losses of one stage as a function of a model's raw variables."""
-
-    has_infinite_slopes: bool
-    """Whether slopes of the total can be infinite where it is finite."""
-
-    def check(self, runs: Runs) -> None:
-        """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
-        ...
-
-    def write(self, series: Mapping[str, FloatArray], *, watched: bool = False) -> None:
-        """Replaces series that rollouts to train on, or those watched, read (`own_series`)."""
-        ...
-
-    def scored(self, runs: Runs) -> Scored:
-        """The losses of rollouts to train on."""
-        ...
-
-    def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of rollouts on the rows that are watched, without slopes."""
-        ...
-
-    def measure(self, runs: Runs) -> LossSums:
-        """The losses of rollouts to train on, nothing left out of them, without slopes."""
-        ...
-
-
 class TorchObjective:
     """Unrolls the program's module."""
 
@@ -81,6 +54,7 @@ class TorchObjective:
     ) -> None:
         self._model, self._plan = model, plan
         self.has_infinite_slopes = training_step(plan.program).has_infinite_slopes
+        """Whether slopes of the total can be infinite where it is finite."""
         series = own_series(plan, series)
         self._series, self._train_rows = series, train_rows
         self._measured: TorchScoring | None = None
@@ -103,6 +77,8 @@ class TorchObjective:
         """The losses of rollouts to train on."""
         sums = batch_losses(self._model, self._train, runs)
         terms = [
+            # a penalty has a corner, so its slope is no step: it counts in the total, and the
+            # optimiser's proximal step moves it (decision 0215)
             weight * (value if loss.penalty is None else value.detach())
             for loss in self._plan.program.losses
             if (weight := self._plan.loss_weights[loss.name])
@@ -237,6 +213,7 @@ class _KernelTotal(torch.autograd.Function):
         losses: LossSums,
     ) -> Tensor:
         value, gradient = objective.value_and_slope(physical, data, runs, losses, slope=True)
+        # the kernel gives value and slope in one pass: what backward asks for is there already
         ctx.save_for_backward(torch.from_numpy(gradient).to(physical.dtype))
         return physical.new_tensor(value)
 

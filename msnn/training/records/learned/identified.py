@@ -15,17 +15,22 @@ _SHARE = 1e-3
 """Part of a direction that changes nothing from which on a number is named as a part of it."""
 
 
-def inverted(curvature: FloatArray) -> tuple[FloatArray, FloatArray]:
+def inverted(
+    curvature: FloatArray, equations: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """The inverse in the directions that change something, and the others as columns.
 
     In variables that are scaled to curvature 1 each, so that units do not decide what is small.
+    Where `equations` are given, these are inverted, and the curvature says what changes something.
     """
     diagonal = np.diagonal(curvature)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(curvature * np.outer(scale, scale))
     seen = values > _NOTHING
     kept = vectors[:, seen] * scale[:, None]
-    return (kept / values[seen]) @ kept.T, vectors[:, ~seen]
+    if equations is None:
+        return (kept / values[seen]) @ kept.T, vectors[:, ~seen]
+    return kept @ np.linalg.solve(kept.T @ equations @ kept, kept.T), vectors[:, ~seen]
 
 
 def is_part_of(nothing: FloatArray) -> BoolArray:

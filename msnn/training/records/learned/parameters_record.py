@@ -9,7 +9,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.training.records.learned.standard_errors import StandardErrors, at_bound
 from msnn.training.records.learned.zero_slices import zero_slices
-from msnn.training.records.run_folder import finite
+from msnn.training.records.metrics_log import finite
 
 
 def parameters_record(

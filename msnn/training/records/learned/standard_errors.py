@@ -9,7 +9,7 @@ Numbers that a penalty holds at 0 have no errors, nor have those at bounds. The 
 as white: rows that are correlated say less than they seem to, and the errors come out too small.
 Where a row has a factor w, r and J are √w times what they are, as if its noise were σ/√w; n counts
 every row with w > 0 once. Starts that were estimated with the parameters are eliminated from H and
-JₗᵀJₗ first, and count among the pₗ.
+JₗᵀJₗ first, and count among the pₗ; what starts add that were found apart, `held_starts` says.
 """
 
 from __future__ import annotations
@@ -19,22 +19,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from backends.files.c_compiler import CompilerMissingError
 from backends.gauss_newton_products import Products
 from backends.known_terms import KnownTerms, in_corners
-from compiler.ir.program import Measure, Parameter
+from compiler.ir.program import Parameter
 from msnn.data.dataset import Dataset, FloatArray, IntArray
-from msnn.data.starts import Runs
 from msnn.model.weights.covariance_file import Covariance
 from msnn.simulation.rollout import LossSum
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
-from msnn.simulation.start_fit import StartFit
-from msnn.training.engines.native.kernel_or_not import try_natively
-from msnn.training.engines.native.native_slopes import NativeSlopes
-from msnn.training.engines.second_order.joint_starts import JointStarts, without_starts
-from msnn.training.engines.second_order.squares import Slopes
 from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
-from msnn.training.plans.squared_losses import NUMBER_OF, squared
+from msnn.training.plans.squared_losses import squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.learned.identified import (
@@ -43,6 +36,8 @@ from msnn.training.records.learned.identified import (
     is_part_of,
     number_names,
 )
+from msnn.training.records.learned.information import Information, numbers
+from msnn.training.records.learned.information_of_stage import information_of
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
 MOST_NUMBERS = 300
@@ -88,15 +83,15 @@ def standard_errors(
     """
     program = squared(plan.rollout.program, plan.loss_weights)
     parameters = [program.parameter(name) for name in plan.trained]
-    numbers = sum(weights[p.name].size for p in parameters)
+    learned = sum(weights[p.name].size for p in parameters)
     if not any(loss.target is not None for loss in program.losses):
         return without_errors("no loss is a sum of squares")
-    if numbers > MOST_NUMBERS:
+    if learned > MOST_NUMBERS:
         return without_errors(f"more than {MOST_NUMBERS} numbers are learned")
     operations = len(program.step)
-    if numbers * operations > MOST_SLOPES:
+    if learned * operations > MOST_SLOPES:
         return without_errors(
-            f"slopes of {operations} operations in {numbers} numbers are more than {MOST_SLOPES}"
+            f"slopes of {operations} operations in {learned} numbers are more than {MOST_SLOPES}"
         )
     starts = plan.rollout.starts
     if starts is not None:
@@ -107,13 +102,14 @@ def standard_errors(
         return without_errors("no rollout fits the data")
     rows = counted_rows(rollout, data, TRAIN)
     plan = replace(plan, rollout=rollout)
-    products, notes = _products(plan, data, rows, runs, weights)
-    return replace(_estimated(plan, parameters, weights, *products), notes=notes)
+    said, products, notes = information_of(plan, data, rows, runs, weights)
+    return replace(_estimated(plan, parameters, weights, said, products), notes=notes)
 
 
 def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
     """Which elements of a value are at a bound of the parameter."""
     low, high = parameter.minimum, parameter.maximum
+    # with one bound there is no range: the parameter's scale is what a change is measured by
     span = high - low if low is not None and high is not None else abs(parameter.scale)
     found = np.zeros(value.shape, dtype=np.bool_)
     if low is not None:
@@ -128,108 +124,37 @@ def without_errors(reason: str) -> StandardErrors:
     return StandardErrors(errors={}, unidentified=(), noise={}, residuals=0, reason=reason)
 
 
-def _numbers(products: Mapping[str, Products], name: str) -> float:
-    """Residuals of a loss that have a share in its products."""
-    one = products[name]
-    counted = products.get(f"{NUMBER_OF}{name}")
-    number = one.count if counted is None else counted.cost
-    return number * (1.0 - one.left_out / one.count)
-
-
-def _products(
-    plan: StagePlan,
-    data: Dataset,
-    rows: Mapping[str, np.ndarray] | None,
-    runs: Runs,
-    weights: Mapping[str, FloatArray],
-) -> tuple[tuple[Mapping[str, Products], Mapping[str, float]], tuple[Diagnostic, ...]]:
-    """The products of every loss, and how many of its residuals starts have used up.
-
-    Starts that were found before the training are given; those estimated with it are found again at
-    its end, from all that is scored, where the total is lowest in them too.
-    """
-    starts = plan.rollout.starts
-    if starts is None:
-        squares, notes = _squares(plan, data, rows, runs, weights)
-        return (squares.products(runs, weights), {}), notes
-    joint = plan.estimates_starts
-    fit = StartFit(starts.program, None if joint else starts.over, starts.skip if joint else 0)
-    found = fit.find(data.series, runs, weights, plan.loss_weights, rows if joint else None)
-    unknown = JointStarts(plan, data.series)
-    as_squares = unknown.plan if joint else plan
-    moved = unknown.moved(weights) if joint else weights
-    squares, notes = _squares(as_squares, data, rows, runs, moved)
-    squares.write(found.series(data.rows), watched=False)
-    if not joint:
-        return (squares.products(runs, weights), {}), notes
-    products = unknown.products(squares, runs, weights)
-    return without_starts(products, _shares(plan, products)), notes
-
-
-def _squares(
-    plan: StagePlan,
-    data: Dataset,
-    rows: Mapping[str, np.ndarray] | None,
-    runs: Runs,
-    weights: Mapping[str, FloatArray],
-) -> tuple[Slopes, tuple[Diagnostic, ...]]:
-    """By kernels where there can be any, else by torch with what the user should know."""
-
-    def native(_: StagePlan) -> NativeSlopes:
-        squares = NativeSlopes(plan, data.series, rows)
-        squares.check(runs, weights)
-        return squares
-
-    notes: tuple[Diagnostic, ...] = ()
-    if plan.engine != "torch":
-        try:
-            # what is trained is not refused now, even where kernels were asked for
-            tried = try_natively(replace(plan, engine="auto"), native, in_double=False)
-            if tried.made is not None:
-                return tried.made, tried.notes
-            notes = tried.notes
-        except CompilerMissingError:
-            pass
-    # torch takes seconds to import: only where it computes
-    from msnn.training.engines.torch.torch_squares import TorchSquares
-
-    return TorchSquares(plan, data.series, rows, rows), notes
-
-
 def _estimated(
     plan: StagePlan,
     parameters: list[Parameter],
     weights: Mapping[str, FloatArray],
+    said: Information,
     products: Mapping[str, Products],
-    used_up: Mapping[str, float],
 ) -> StandardErrors:
     known = known_of(plan, parameters)
     held = np.concatenate([at_bound(p, weights[p.name]).ravel() for p in parameters])
     held |= in_corners(known, np.concatenate([weights[p.name].ravel() for p in parameters]))
+    # a number at its bound cannot move both ways: it counts as known, and has no error
     free = np.flatnonzero(~held)
     names = [n for p in parameters for n in number_names(p.name, weights[p.name].shape)]
-    shares = _shares(plan, products)
-    curvatures = {
-        name: share * products[name].curvature[np.ix_(free, free)] for name, share in shares.items()
-    }
+    said = said.of(free)
     prior = _prior_curvature(plan, known, products)[free]
-    total = sum(curvatures.values(), np.diag(prior[:, 0]))
-    inverse, nothing = inverted(total)
+    total, equations = said.curvature() + np.diag(prior[:, 0]), said.equations()
+    if equations is not None:
+        equations = equations + np.diag(prior[:, 0])
+    inverse, nothing = inverted(total, equations)
     # the residuals of a penalty such as l2(w) are no measurements: it has no noise
-    measured = {loss.name for loss in plan.rollout.program.losses if loss.target is not None}
-    noise: dict[str, float] = {}
+    targets = (loss.name for loss in plan.rollout.program.losses if loss.target is not None)
+    noise = said.variances(inverse, frozenset(targets))
     # the deviation from a prior is one more residual, whose variance is known: 1
     spread = np.diag(prior[:, 1])
-    for name in measured & curvatures.keys():
-        one, curvature = products[name], curvatures[name]
-        freedom = _numbers(products, name) - float(np.sum(inverse * curvature))
-        freedom -= used_up.get(name, 0.0)
-        variance = one.squares / freedom if freedom > 0 else np.nan
-        noise[name] = float(np.sqrt(variance))
-        spread += shares[name] * variance * curvature
+    for name, one in said.spreads().items():
+        spread += noise.get(name, 0.0) * one
     variances = np.full(len(held), np.nan)
-    covariance = inverse @ spread @ inverse
+    # the sandwich H⁻¹ S H⁻ᵀ: losses with other noise than their weights say are told right too
+    covariance = inverse @ spread @ inverse.T
     variances[free] = np.diagonal(covariance)
+    # the inverse leaves unidentified directions out, which would make them look certain
     variances[free[is_part_of(nothing)]] = np.nan
     sizes = np.cumsum([weights[p.name].size for p in parameters])[:-1]
     errors = np.split(np.sqrt(variances), sizes)
@@ -239,8 +164,8 @@ def _estimated(
             for p, e in zip(parameters, errors, strict=True)
         },
         unidentified=combinations(total, nothing, [names[i] for i in free]),
-        noise=noise,
-        residuals=round(sum(_numbers(products, name) for name in noise)),
+        noise={name: float(np.sqrt(variance)) for name, variance in noise.items()},
+        residuals=round(sum(numbers(products, name) for name in noise)),
         covariance=_kept(parameters, weights, free, covariance),
     )
 
@@ -260,12 +185,6 @@ def _kept(
     return Covariance.sorted_by_name(names, weights, whole)
 
 
-def _shares(plan: StagePlan, products: Mapping[str, Products]) -> dict[str, float]:
-    """Of the losses that score something."""
-    names = [name for name in plan.loss_weights if name in products and products[name].count]
-    return {name: _share(plan, name, products[name]) for name in names}
-
-
 def _prior_curvature(
     plan: StagePlan, known: KnownTerms, products: Mapping[str, Products]
 ) -> FloatArray:
@@ -275,12 +194,3 @@ def _prior_curvature(
     weight = square_by_count(plan, sums) if residuals else 0.0
     slope = np.where(known.std > 0, 1.0 / np.where(known.std > 0, known.std, 1.0), 0.0)
     return np.stack([weight * slope**2, (weight * slope) ** 2], axis=1)
-
-
-def _share(plan: StagePlan, name: str, found: Products) -> float:
-    """How much a squared residual adds to the total; near the minimum for a root."""
-    loss = next(loss for loss in plan.rollout.program.losses if loss.name == name)
-    share = plan.loss_weights[loss.name] / found.count
-    if loss.measure is Measure.RMSE and found.cost > 0:
-        return share / (2.0 * float(np.sqrt(found.cost / found.count)))
-    return share

@@ -3,6 +3,7 @@
  *   TOPIC NUMBER…     a message of that topic
  *   tick              the timer
  *   set NAME NUMBER…  a parameter
+ *   get NAME          what the node answers with
  *
  * What is published and refused goes to standard output, numbers in hexadecimal. Parameters at
  * launch are arguments NAME:=NUMBER,….
@@ -78,6 +79,10 @@ class TimerBase
 public:
   using SharedPtr = std::shared_ptr<TimerBase>;
 };
+namespace exceptions
+{
+struct InvalidParameterValueException : std::runtime_error { using std::runtime_error::runtime_error; };
+}
 namespace node_interfaces
 {
 struct OnSetParametersCallbackHandle { using SharedPtr = std::shared_ptr<OnSetParametersCallbackHandle>; };
@@ -89,20 +94,21 @@ public:
   explicit Node(const std::string & name) { std::printf("node %s\n", name.c_str()); }
   virtual ~Node() = default;
 
+  /* As rclcpp: callbacks that are there judge the first value too, and a refused one is not declared. */
   template<typename T>
-  T declare_parameter(const std::string & name, const T & value, const rcl_interfaces::msg::ParameterDescriptor & descriptor)
+  T declare_parameter(const std::string & name, const T & value, const rcl_interfaces::msg::ParameterDescriptor & descriptor, bool ignore_override = false)
   {
     if (parameters_.count(name) != 0) { throw std::runtime_error("declared already: " + name); }
-    std::printf("parameter %s: %s\n", name.c_str(), descriptor.description.c_str());
     T found = value;
-    if (stub::launch().count(name) != 0) { stub::fill(found, stub::launch()[name]); }
+    if (!ignore_override && stub::launch().count(name) != 0) { stub::fill(found, stub::launch()[name]); }
+    if (set_) {
+      const auto result = set_({Parameter(name, stub::numbers(found))});
+      if (!result.successful) {
+        throw exceptions::InvalidParameterValueException("parameter '" + name + "' could not be set: " + result.reason);
+      }
+    }
+    std::printf("parameter %s: %s\n", name.c_str(), descriptor.description.c_str());
     parameters_[name] = stub::numbers(found);
-    return found;
-  }
-  std::vector<Parameter> get_parameters(const std::vector<std::string> & names) const
-  {
-    std::vector<Parameter> found;
-    for (const std::string & name : names) { found.emplace_back(name, parameters_.at(name)); }
     return found;
   }
   template<typename CallbackT>
@@ -143,14 +149,20 @@ public:
       std::istringstream words(line);
       std::string verb, name, word;
       words >> verb;
-      if (verb == "set") { words >> name; }
+      if (verb == "set" || verb == "get") { words >> name; }
       std::vector<double> values;
       while (words >> word) { values.push_back(std::strtod(word.c_str(), nullptr)); }
       if (verb == "tick") {
         tick_();
       } else if (verb == "set") {
         const auto result = set_({Parameter(name, values)});
-        if (!result.successful) { std::printf("refused %s\n", result.reason.c_str()); }
+        if (result.successful) {
+          parameters_[name] = values;
+        } else {
+          std::printf("refused %s\n", result.reason.c_str());
+        }
+      } else if (verb == "get") {
+        stub::print(name.c_str(), parameters_.at(name));
       } else {
         heard_.at(verb)(values);
       }

@@ -1,0 +1,77 @@
+"""Tells what msnn and what it needs take on the disk of an environment, without what else is there.
+
+python benchmarks/start_up/installed_size.py                     # of this environment, with [all]
+python benchmarks/start_up/installed_size.py SITE_PACKAGES light  # of another, without extras
+
+Files are counted by the blocks that they take, with the bytecode beside them, as `du` does.
+"""
+
+from __future__ import annotations
+
+import sys
+import sysconfig
+import tomllib
+from collections.abc import Iterator
+from importlib.metadata import Distribution, distributions
+from importlib.util import cache_from_source
+from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).parents[2]
+_SHOWN = 12
+_BLOCK = 512
+"""Bytes of a block, by POSIX."""
+
+
+def main() -> None:
+    words = [word for word in sys.argv[1:] if word != "light"]
+    site = words[0] if words else sysconfig.get_path("purelib")
+    installed = {_name(found.name): found for found in distributions(path=[site])}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted: list[str] = [*project["dependencies"]]
+    if "light" not in sys.argv:
+        extras = project["optional-dependencies"]
+        wanted += [text for name, texts in extras.items() if name != "all" for text in texts]
+    names = set(_needed(wanted, installed))
+    if "msnn" in installed:
+        names.add("msnn")
+    sizes = {name: _size(installed[name]) for name in names}
+    print(f"{len(sizes)} packages, {sum(sizes.values()) / 1e6:,.0f} MB")
+    for name, size in sorted(sizes.items(), key=lambda item: -item[1])[:_SHOWN]:
+        print(f"{size / 1e6:10,.1f}  {name}")
+
+
+def _needed(wanted: list[str], installed: dict[str, Distribution]) -> Iterator[str]:
+    """The names of all that these ask for, directly or not."""
+    todo, seen = [Requirement(text) for text in wanted], set[str]()
+    while todo:
+        asked = todo.pop()
+        name = _name(asked.name)
+        if f"{asked.name}{sorted(asked.extras)}" in seen:
+            continue
+        seen.add(f"{asked.name}{sorted(asked.extras)}")
+        if name not in installed:
+            print(f"{name} is not installed, and not counted", file=sys.stderr)
+            continue
+        yield name
+        for text in installed[name].requires or ():
+            one = Requirement(text)
+            extras = ("", *asked.extras)
+            if one.marker is None or any(one.marker.evaluate({"extra": e}) for e in extras):
+                todo.append(one)
+
+
+def _name(text: str) -> str:
+    return canonicalize_name(text)
+
+
+def _size(found: Distribution) -> int:
+    files = {Path(str(found.locate_file(file))) for file in found.files or ()}
+    files |= {Path(cache_from_source(str(file))) for file in files if file.suffix == ".py"}
+    return sum(file.lstat().st_blocks * _BLOCK for file in files if file.is_file())
+
+
+if __name__ == "__main__":
+    main()

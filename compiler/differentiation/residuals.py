@@ -1,0 +1,101 @@
+"""Writes losses that are sums of squares as residuals with their slopes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from compiler.differentiation.training_step import element_factors, scored_error
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Relation
+from compiler.ir.program import Loss, Measure, NodeId
+from compiler.ir.scalars.slope_products import LARGEST_SLOPE
+from compiler.ir.types import Axis
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """A loss as Σ r² over its elements: r with its slopes ∂r/∂θ, both 0 where nothing is scored.
+
+    Both are 0, too, where a slope is infinite: no step can be made of it (decision 0184).
+    The slopes of the sum are exact, 2 Σ r ∂r/∂θ; for huber r has the weight of its element, and
+    where rows have factors w it is √w times the residual.
+    """
+
+    loss: Loss
+    values: NodeId
+    """Axes (…)."""
+    slopes: NodeId
+    """Axes (LEARNED, …)."""
+    left_out: NodeId | None
+    """√w where a slope is infinite, else 0, axes (…); None where none can be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unsquared:
+    """A residual is factor · error; the factor counts as constant in its slopes, None for 1."""
+
+    error: NodeId
+    factor: NodeId | None
+    root: NodeId | None
+    """√ of the factors of rows, a part of the factor; None for 1."""
+
+
+def unsquared_residual(builder: GraphBuilder, loss: Loss) -> Unsquared:
+    """The residual of a loss that is a sum of squares."""
+    assert loss.target is not None, "a loss without a target compares nothing"
+    error = scored_error(builder, loss)
+    axes = builder.type(error).axes
+    root = None
+    if loss.rows is not None:
+        root = builder.apply("sqrt", element_factors(builder, loss, loss.rows))
+    if loss.measure is not Measure.HUBER:
+        assert loss.measure is Measure.MSE, "other losses are no sums of squares"
+        return Unsquared(error, root, root)
+    # |e| ≤ 1: (e/√2)²; beyond, the weight 1/|e| gives the square the slope of the straight line
+    # (iteratively reweighted least squares; Holland, Welsch 1977).
+    one = builder.broadcast(builder.constant(1.0), axes)
+    size = builder.maximum(builder.apply("abs", error), one)
+    half = builder.broadcast(builder.constant(0.5), axes)
+    factor = builder.apply("sqrt", builder.divide(half, size))
+    return Unsquared(error, factor if root is None else builder.multiply(root, factor), root)
+
+
+def residual_row(
+    builder: GraphBuilder,
+    loss: Loss,
+    residual: Unsquared,
+    slopes: NodeId,
+    leaves_out: Callable[[], bool],
+) -> Residuals:
+    """A residual with its slopes, without those that are infinite."""
+    directions = builder.type(slopes).axes[0]
+    values = _weighted(builder, residual.factor, residual.error)
+    slopes = _weighted(builder, residual.factor, slopes, directions)
+    if not builder.infinite_values.can_be_infinite(slopes) or not leaves_out():
+        return Residuals(loss, values, slopes, None)
+    # one slope that is no number leaves the whole residual out, for every learned number
+    size = builder.sum(builder.apply("abs", slopes), directions.name)
+    axes = builder.type(size).axes
+    # no relation holds for NaN
+    largest = builder.broadcast(builder.constant(LARGEST_SLOPE), axes)
+    finite = builder.compare(Relation.LESS_EQUAL, size, largest)
+    zero, one = (builder.broadcast(builder.constant(value), axes) for value in (0.0, 1.0))
+    everywhere = (directions, *axes)
+    nothing = builder.broadcast(builder.constant(0.0), everywhere)
+    return Residuals(
+        loss,
+        builder.select(finite, values, zero),
+        builder.select(builder.broadcast(finite, everywhere), slopes, nothing),
+        builder.select(finite, zero, one if residual.root is None else residual.root),
+    )
+
+
+def _weighted(
+    builder: GraphBuilder, factor: NodeId | None, value: NodeId, directions: Axis | None = None
+) -> NodeId:
+    if factor is None:
+        return value
+    if directions is not None:
+        factor = builder.broadcast(factor, (directions, *builder.type(factor).axes))
+    return builder.multiply(value, factor)

@@ -1,0 +1,60 @@
+"""Reads how far moving-horizon estimation looks back, and how it solves."""
+
+from __future__ import annotations
+
+from compiler.elaboration.control.control_problem import ITERATIONS, TOLERANCE
+from compiler.elaboration.control.plausible import TOO_LONG, check_tolerance
+from compiler.ir.program import Program
+from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.sampling import Sampling
+from compiler.moving_horizon.window_problem import window_problem
+from compiler.optimal_control.problem import Mode
+from compiler.optimal_control.structure import estimate, numbers_of
+from compiler.state_estimation.problem import EstimationProblem, MovingWindow
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.errors import estimation as errors
+from spec_schema.sections.estimation import MovingHorizon
+
+
+def moving_window(
+    section: MovingHorizon, program: Program, findings: Findings
+) -> MovingWindow | None:
+    """The window of a section; None where it does not fit the samples."""
+    _check_something_moves(section, findings)
+    solver = None if section.solver is None else section.solver.interior_point
+    mode: Mode = "converged" if solver is None else solver.mode
+    iterations, tolerance = ITERATIONS[mode], TOLERANCE
+    if solver is not None:
+        check_tolerance(solver, findings)
+        if solver.structure == "condensed":
+            findings.report(errors.condensed_window(solver.place.key))
+        iterations = solver.iterations or iterations
+        tolerance = solver.tolerance or tolerance
+    try:
+        horizon = Sampling(program.sample_time, findings).samples(section.horizon)
+    except LoweringFailed:
+        return None
+    return MovingWindow(
+        horizon=horizon,
+        is_fixed=mode == "fixed",
+        iterations=iterations,
+        tolerance=tolerance,
+    )
+
+
+def check_size(problem: EstimationProblem, section: MovingHorizon, findings: Findings) -> None:
+    """Reports a window that fits into no computer that it is meant for."""
+    control = window_problem(problem).control
+    memory = numbers_of(control, "staged") * 8
+    if memory > TOO_LONG:
+        told = f"about {memory / 2**20:,.0f} MiB"
+        products = estimate(control).staged
+        place = section.horizon.span
+        findings.report(errors.window_of_memory(control.horizon - 1, told, products, place))
+
+
+def _check_something_moves(section: MovingHorizon, findings: Findings) -> None:
+    """A window in which nothing is uncertain has nothing to decide."""
+    deviations = (*section.initial.values(), *section.process.values())
+    if not section.parameters and not any(std.value > 0 for std in deviations):
+        findings.report(errors.nothing_uncertain(section.place.key))

@@ -1,0 +1,1 @@
+"""States moving-horizon estimation as an optimal control problem."""

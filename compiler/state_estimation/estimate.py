@@ -1,0 +1,50 @@
+"""Says what an estimator found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+
+class FilterStatus(IntEnum):
+    """What became of a correction; the numbers are those of controllers."""
+
+    FILTERED = 0
+    """The estimate is that of the measurements."""
+    CAPPED = 1
+    """Of a moving horizon: its iterations ran out before the tolerance."""
+    DIVERGED = 2
+    """Something is not finite: the estimate is as it was; of a moving horizon, the filter's."""
+    INPUT_NOT_FINITE = 3
+    """An input is NaN, or anything given infinite: the estimate is as it was."""
+    NOT_INITIALISED = 4
+    """Some state was never given."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What is known at a sample, by name and in the units of the spec."""
+
+    status: FilterStatus
+    states: dict[str, Array]
+    parameters: dict[str, Array]
+    std: dict[str, Array]
+    """Standard deviations of both."""
+    innovations: dict[str, Array]
+    """By signal what was measured less what was expected; NaN where nothing was."""
+
+
+@dataclass(frozen=True, slots=True)
+class WindowEstimate(Estimate):
+    """What moving-horizon estimation found; `std` and `innovations` are those of the filter."""
+
+    cost: float
+    """Of the window: squares of errors and noise, by their deviations; NaN without a solve."""
+    residual: float
+    """Largest error of the optimality conditions; ∞ without a solve."""
+    iterations: int

@@ -1,0 +1,1 @@
+"""Estimates states by windows of samples, with the solvers of controllers."""

@@ -1,0 +1,151 @@
+"""E0811-E0850, E0958, W0801-W0811: rows of data, their times, the sets that they form."""
+
+from collections.abc import Iterable, Sequence
+
+from msnn.errors.data.lists import and_more, listed
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
+from spec_schema.diagnostics.source import Span
+
+
+def time_gap(
+    file: str, row: int, step: float, expected: float, more: int, place: Span | None
+) -> Diagnostic:
+    """E0811: two rows that are not one sample time apart."""
+    message = f"the time step to row {row} of {file} is {step:.6g} s, not {expected:.6g} s"
+    notes = and_more(more, "gap")
+    repair = "`resample: none` makes an episode of each part, `resample: linear` fills short gaps"
+    return error("E0811", place, message, "time gap before this row", notes=notes, help=repair)
+
+
+def wrong_sample_time(file: str, found: float, expected: float, place: Span | None) -> Diagnostic:
+    """E0812: a file whose rows are all spaced otherwise than `sample_time`."""
+    message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
+    return error("E0812", place, message, "the second row", help=_repair_of_step(found, expected))
+
+
+def other_sample_time(*, file: str, found: float, expected: float) -> Diagnostic:
+    """W0811: rows that are spaced otherwise than `sample_time`."""
+    message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
+    return warning("W0811", None, message, help=_repair_of_step(found, expected))
+
+
+def _repair_of_step(found: float, expected: float) -> str:
+    """What to write where rows are `found` seconds apart and `sample_time` says otherwise."""
+    ratio = expected / found if found > 0 else 0.0
+    if abs(ratio / _DAY - 1) < 0.01:
+        return (
+            "the time seems to count days, as serial dates of a spreadsheet do, which text rounds: "
+            "format the cells as dates with times"
+        )
+    every = round(ratio)
+    if every > 1 and abs(ratio - every) < 0.01 * every:
+        return f"`every: {every}` takes one row in {every}"
+    if unit := next((u for u, f in _TIME_UNITS.items() if abs(ratio * f - 1) < 0.01), None):
+        return f"if the time is in {unit}, write `time: {{column: …, unit: {unit}}}`"
+    return f"write `sample_time: {_seconds(found)}`, or bring the rows to it by `resample:`"
+
+
+_TIME_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}
+"""Units that a column of time often has, and how many of them a second is."""
+
+
+_DAY = 86400.0
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.6g} s" if value >= 1 else f"{value * 1000:.6g} ms"
+
+
+def time_not_increasing(file: str, row: int, more: int, place: Span | None) -> Diagnostic:
+    """E0813: a time that is not later than the one before."""
+    message = f"the time in row {row} of {file} is not later than in the row before"
+    notes = and_more(more, "row")
+    repair = "sort the rows by time, and of rows with the same time keep one"
+    return error("E0813", place, message, "time does not increase", notes=notes, help=repair)
+
+
+def rows_not_there(what: str, file: str, rows: int, span: Span | None) -> Diagnostic:
+    """E0818: `from` or `to` that a file does not reach."""
+    message = f"{what} leaves no rows of {file}, which has rows 0 … {rows - 1}"
+    return error("E0818", span, message, "no rows left")
+
+
+def impossible_split(reason: str, span: Span | None) -> Diagnostic:
+    """E0819: a `split:` that cannot be made."""
+    return error("E0819", span, reason, "in this split")
+
+
+def no_rows_in_set(name: str, sets: Iterable[str], span: Span | None) -> Diagnostic:
+    """E0820: a set that a stage or a metric wants and that has no rows."""
+    notes = (f"sets with data: {listed(tuple(sets)) or 'none'}",)
+    return error("E0820", span, f"no data in the set `{name}`", "this set is empty", notes=notes)
+
+
+def sets_differ(sets: Sequence[str], span: Span | None) -> Diagnostic:
+    """E0958: other files than those of the spec, whose sets lay theirs out in different ways."""
+    message = (
+        f"the sets {listed([f'`{name}`' for name in sets])} lay out their files in different ways"
+    )
+    repair = f"say like which of them: `--data-set {sets[0]}`, or `data_set=` in Python"
+    return error("E0958", span, message, "whose columns do the given files have?", help=repair)
+
+
+def episodes_too_short(
+    name: str, longest: int, needed: int, wanted_by: str, span: Span | None
+) -> Diagnostic:
+    """E0821: no episode of a set holds one rollout."""
+    message = f"{wanted_by} needs {needed} rows, the longest episode of `{name}` has {longest}"
+    repair = "shorten the horizon, or look for gaps in the data"
+    return error("E0821", span, message, "every episode is too short", help=repair)
+
+
+def rows_all_skipped(skipped: int, longest: int, wanted_by: str, span: Span | None) -> Diagnostic:
+    """E0848: `skip_rows` of a stage or metric that leaves no row of any record."""
+    message = (
+        f"{wanted_by} skips the first {skipped} rows of each record, the longest has {longest}"
+    )
+    repair = "make `skip_rows:` shorter than the records"
+    return error("E0848", span, message, "nothing is scored", help=repair)
+
+
+def unfit_factor(loss: str, value: float, place: str, count: int, span: Span | None) -> Diagnostic:
+    """E0850: the factor of a row of a loss that is negative, infinite or missing."""
+    found = "missing" if value != value else f"{value:g}"
+    more = f" and in {count - 1} rows after it" if count > 1 else ""
+    message = f"`rows` of the loss `{loss}` is {found} in {place}{more}"
+    repair = "a factor is a number ≥ 0; `rows: where(s > 0, s, 0)` leaves out what is not"
+    return error("E0850", span, message, "how much does such a row count?", help=repair)
+
+
+def no_time_column(what: str, span: Span | None) -> Diagnostic:
+    """E0823: a duration where no time column gives rows a time."""
+    message = f"{what} is a time, but the data has no time column"
+    repair = "name the column with `time:`, or give a row number"
+    return error("E0823", span, message, "counted in rows without `time:`", help=repair)
+
+
+def outside_range(
+    *, signal: str, count: int, worst: float, low: float, high: float, unit: str, place: str
+) -> Diagnostic:
+    """W0801: data beyond the range that the spec declares."""
+    message = (
+        f"{count} samples of `{signal}` are outside its range {low:g} … {high:g}{unit}, "
+        f"the farthest is {worst:.6g} in {place}"
+    )
+    return warning("W0801", None, message)
+
+
+def episodes_skipped(
+    count: int, total: int, needed: int, wanted_by: str, files: Sequence[str]
+) -> Diagnostic:
+    """W0802: episodes that are too short to be used."""
+    message = (
+        f"{wanted_by} skips {count} of {total} episodes with fewer than {needed} rows: "
+        f"in {listed(files)}"
+    )
+    return warning("W0802", None, message)
+
+
+def record_dropped(file: str, row: int) -> Diagnostic:
+    """W0803: a record left out because an input is missing in it."""
+    return warning("W0803", None, f"{file} is left out: an input is missing in row {row}")

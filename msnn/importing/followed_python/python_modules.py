@@ -1,0 +1,46 @@
+"""Gives modules and their members in a followed function their names; nothing is imported."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import dataclass
+
+from msnn.importing.followed_python.torch_names import NUMBERS
+from msnn.importing.terms.arrays import RefusedError
+
+MODULES = frozenset({"torch", "math"})
+"""Those of which functions are translated; without an import, functions of a file know them too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Module:
+    """A name with members: `torch`, `torch.nn.functional`."""
+
+    path: str
+
+    def member(self, name: str) -> Module | float:
+        """A number of torch, or what is called by this name."""
+        is_number = self.path in MODULES and name in NUMBERS
+        return NUMBERS[name] if is_number else Module(f"{self.path}.{name}")
+
+
+def imported(statement: ast.Import | ast.ImportFrom) -> dict[str, Module | float]:
+    """What a statement gives names to. Raises RefusedError of other modules than are translated."""
+    if isinstance(statement, ast.ImportFrom):
+        module = _known("." * statement.level + (statement.module or ""))
+        for one in statement.names:
+            if one.name == "*":
+                raise RefusedError(f"an import of `{module.path}.*`")
+        return {one.asname or one.name: module.member(one.name) for one in statement.names}
+    found: dict[str, Module | float] = {}
+    for one in statement.names:
+        module = _known(one.name)
+        first = one.name.partition(".")[0]
+        found[one.asname or first] = module if one.asname else Module(first)
+    return found
+
+
+def _known(path: str) -> Module:
+    if path.partition(".")[0] in MODULES:
+        return Module(path)
+    raise RefusedError(f"an import of `{path}`")

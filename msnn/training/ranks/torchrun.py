@@ -1,0 +1,20 @@
+"""Knows whether torchrun has started this process with others."""
+
+from __future__ import annotations
+
+import os
+
+from msnn.errors.ranks import one_process_alone
+from spec_schema.diagnostics.diagnostic import SpecError
+
+
+def is_one_of_several() -> bool:
+    """Whether torchrun has started this process and others with it."""
+    started = "TORCHELASTIC_RUN_ID" in os.environ
+    return started and int(os.environ.get("WORLD_SIZE", "1")) > 1
+
+
+def refuse_several_processes() -> None:
+    """Raises SpecError under torchrun: trainings of a comparison are shared in other ways."""
+    if is_one_of_several():
+        raise SpecError((one_process_alone("a sweep or comparison"),))

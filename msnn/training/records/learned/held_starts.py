@@ -1,0 +1,159 @@
+"""Holds what residuals say of the learned numbers where each run's first rows decide its start.
+
+Starts x minimise Σ c̃ₗ r̃ₗᵀr̃ₗ over the first evaluations of their run, with slopes J̃ in the numbers
+and K̃ in x. The numbers θ minimise Σ cₗ rₗᵀrₗ of the evaluations after these, with slopes J and K,
+and take x as given. Where both hold, with A = Σ c̃ₗ K̃ₗᵀK̃ₗ and L = Σ c̃ₗ J̃ₗᵀK̃ₗ A⁻¹ of a run,
+
+    dx = −A⁻¹ Σ c̃ₗ K̃ₗᵀẽₗ − Lᵀ dθ,       so that the residuals follow θ by Dₗ = Jₗ − Kₗ Lᵀ,
+    M dθ = −Σ cₗ Jₗᵀeₗ + Σ_runs G Σ c̃ₗ K̃ₗᵀẽₗ,   M = Σ cₗ JₗᵀDₗ,   G = Σ cₗ JₗᵀKₗ A⁻¹:
+
+the noise ẽ of the first evaluations comes to θ by the starts (two-step estimators: Newey, McFadden,
+Handbook of Econometrics IV, 1994, section 6). It is in the residuals r after them too, as the error
+of a forecast, which is why σ² is not rᵀr / (n − p) there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from backends.gauss_newton_products import Products, StartBlocks
+from msnn.data.dataset import FloatArray, IntArray
+from msnn.training.engines.second_order.joint_starts import inverted_blocks, joined_blocks
+from msnn.training.records.learned.information import Information, numbers
+
+_ROUNDS = 50
+"""Of the equations for the variances of several losses; one loss is solved in the first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldStarts:
+    """That of residuals whose starts were found apart from the numbers."""
+
+    products: Mapping[str, Products]
+    """Of what is scored, the slopes in starts apart."""
+    shares: Mapping[str, float]
+    """cₗ of every loss that scores something."""
+    inverse: FloatArray
+    """A⁻¹ of each run, (runs, numbers of a start, the same)."""
+    follows: FloatArray
+    """L of each run, (runs, learned, numbers of a start)."""
+    spread: Mapping[str, FloatArray]
+    """c̃ₗ² K̃ₗᵀK̃ₗ of each run."""
+    slopes: Mapping[str, FloatArray] | None = None
+    """Covariances of the slope where runs overlap; else runs have no noise in common."""
+
+    @classmethod
+    def of_blocks(
+        cls,
+        products: Mapping[str, Products],
+        shares: Mapping[str, float],
+        first: Mapping[str, StartBlocks],
+        decided: Mapping[str, FloatArray],
+    ) -> HeldStarts:
+        """From products of what is scored, those of the first evaluations of runs, and their c̃."""
+        factors = {name: decided[name][:, None, None] for name in shares}
+        both = sum(factors[name] * first[name].curvature for name in shares)
+        mixed = sum(factors[name] * first[name].cross for name in shares)
+        inverse = inverted_blocks(np.asarray(both))
+        return cls(
+            products=products,
+            shares=shares,
+            inverse=inverse,
+            follows=np.asarray(mixed) @ inverse,
+            spread={name: factors[name] ** 2 * first[name].curvature for name in shares},
+        )
+
+    @classmethod
+    def of_runs(
+        cls,
+        products: Mapping[str, Products],
+        shares: Mapping[str, float],
+        first: Sequence[Mapping[str, Products]],
+        weights: Mapping[str, float],
+    ) -> HeldStarts:
+        """From products of what is scored, and those of the first evaluations of each run."""
+        counts = {name: np.array([run[name].count for run in first]) for name in shares}
+        decided = {name: weights[name] / np.maximum(counts[name], 1.0) for name in shares}
+        blocks = {name: joined_blocks([run[name] for run in first]) for name in shares}
+        return cls.of_blocks(products, shares, blocks, decided)
+
+    def of(self, free: IntArray) -> Information:
+        """The same of some of the numbers."""
+        some: dict[str, Products] = {}
+        for name, one in self.products.items():
+            blocks = _blocks(one)
+            starts = replace(blocks, cross=blocks.cross[:, free])
+            some[name] = replace(one, curvature=one.curvature[np.ix_(free, free)], starts=starts)
+        slopes = self.slopes
+        if slopes is not None:
+            slopes = {name: one[np.ix_(free, free)] for name, one in slopes.items()}
+        return replace(self, products=some, follows=self.follows[:, free], slopes=slopes)
+
+    def curvature(self) -> FloatArray:
+        """Σ cₗ DₗᵀDₗ."""
+        return np.asarray(sum(c * self._moving(name) for name, c in self.shares.items()))
+
+    def equations(self) -> FloatArray | None:
+        """M = Σ cₗ JₗᵀDₗ."""
+        return np.asarray(sum(c * self._crossing(name) for name, c in self.shares.items()))
+
+    def spreads(self) -> Mapping[str, FloatArray]:
+        """cₗ² JₗᵀJₗ + Σ G c̃ₗ² K̃ₗᵀK̃ₗ Gᵀ over runs that do not overlap."""
+        if self.slopes is not None:
+            return self.slopes
+        return {
+            name: c**2 * self.products[name].curvature
+            + np.einsum("rpn,rnm,rqm->pq", self.carried, self.spread[name], self.carried)
+            for name, c in self.shares.items()
+        }
+
+    def variances(self, inverse: FloatArray, measured: frozenset[str]) -> dict[str, float]:
+        """σₗ² that make the squares of every loss what they are: Σ over m of F[l, m] σₘ²."""
+        names = [name for name in self.shares if name in measured]
+        squares = np.array([self.products[name].squares for name in names])
+        factors = np.array([[self._factor(a, b, inverse) for b in names] for a in names])
+        found = squares / np.array([numbers(self.products, name) for name in names])
+        for _ in range(_ROUNDS if len(names) > 1 else 1):
+            found = found * squares / np.maximum(factors @ found, np.finfo(np.float64).tiny)
+        decided = np.diagonal(factors) > 0
+        return {n: float(v) if d else np.nan for n, v, d in zip(names, found, decided, strict=True)}
+
+    def _factor(self, name: str, noise: str, inverse: FloatArray) -> float:
+        """How much variance 1 of the noise of one loss adds to the squares of another."""
+        starts, spread = _blocks(self.products[name]), self.spread[noise]
+        moved = inverse @ self.spreads()[noise] @ inverse.T
+        forecast = self.inverse @ spread @ self.inverse
+        both = (starts.cross - self.follows @ starts.curvature) @ self.inverse @ spread
+        found = float(np.sum(self._moving(name) * moved))
+        found += float(np.sum(starts.curvature * forecast))
+        found -= 2.0 * float(np.einsum("rpn,rqn,qp->", both, self.carried, inverse.T))
+        if name == noise:
+            own = np.sum(inverse.T * self._crossing(name))
+            found += numbers(self.products, name) - 2.0 * self.shares[name] * float(own)
+        return found
+
+    @cached_property
+    def carried(self) -> FloatArray:
+        """G of each run."""
+        cross = sum(c * _blocks(self.products[name]).cross for name, c in self.shares.items())
+        return np.asarray(cross) @ self.inverse
+
+    def _crossing(self, name: str) -> FloatArray:
+        """JᵀD of a loss."""
+        one = self.products[name]
+        return one.curvature - np.einsum("rpn,rqn->pq", _blocks(one).cross, self.follows)
+
+    def _moving(self, name: str) -> FloatArray:
+        """DᵀD of a loss."""
+        crossing, own = self._crossing(name), _blocks(self.products[name]).curvature
+        mixed = self.products[name].curvature - crossing
+        return crossing - mixed.T + np.einsum("rpn,rnm,rqm->pq", self.follows, own, self.follows)
+
+
+def _blocks(one: Products) -> StartBlocks:
+    assert one.starts is not None, "starts are apart"
+    return one.starts

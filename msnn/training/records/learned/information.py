@@ -1,0 +1,106 @@
+"""Holds what residuals say of the learned numbers where their runs start at known values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from backends.gauss_newton_products import Products
+from compiler.ir.program import Measure
+from msnn.data.dataset import FloatArray, IntArray
+from msnn.training.plans.squared_losses import NUMBER_OF
+from msnn.training.plans.stage_plan import StagePlan
+
+
+class Information(Protocol):
+    """What decides the learned numbers, near the minimum.
+
+    A change dθ of them solves M dθ = −s, of which the noise of loss l makes the slope s vary.
+    """
+
+    def of(self, free: IntArray) -> Information:
+        """The same of some of the numbers, the others held."""
+        ...
+
+    def curvature(self) -> FloatArray:
+        """Of the total, starts following: flat where a change of the numbers changes nothing."""
+        ...
+
+    def equations(self) -> FloatArray | None:
+        """M where it is not the curvature: starts minimise something else than the total."""
+        ...
+
+    def spreads(self) -> Mapping[str, FloatArray]:
+        """Of every loss the covariance of s, for residuals of variance 1."""
+        ...
+
+    def variances(self, inverse: FloatArray, measured: frozenset[str]) -> dict[str, float]:
+        """σ² of the residuals of measured losses, with the inverse of M."""
+        ...
+
+
+def numbers(products: Mapping[str, Products], name: str) -> float:
+    """Residuals of a loss that have a share in its products."""
+    one = products[name]
+    counted = products.get(f"{NUMBER_OF}{name}")
+    number = one.count if counted is None else counted.cost
+    return number * (1.0 - one.left_out / one.count)
+
+
+def shares_of(plan: StagePlan, products: Mapping[str, Products]) -> dict[str, float]:
+    """cₗ of the losses that score something: what a squared residual adds to the total."""
+    names = [name for name in plan.loss_weights if name in products and products[name].count]
+    return {name: _share(plan, name, products[name]) for name in names}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SymmetricInformation:
+    """That of residuals whose starts are known, or were estimated with the numbers."""
+
+    products: Mapping[str, Products]
+    curvatures: Mapping[str, FloatArray]
+    """cₗ JₗᵀJₗ of every loss that scores something."""
+    shares: Mapping[str, float]
+    """cₗ."""
+    used_up: Mapping[str, float]
+    """Residuals that starts have paid for."""
+
+    def of(self, free: IntArray) -> Information:
+        """The same of some of the numbers."""
+        some = {name: one[np.ix_(free, free)] for name, one in self.curvatures.items()}
+        return SymmetricInformation(
+            products=self.products, curvatures=some, shares=self.shares, used_up=self.used_up
+        )
+
+    def curvature(self) -> FloatArray:
+        """Σ cₗ JₗᵀJₗ."""
+        return np.asarray(sum(self.curvatures.values()))
+
+    def equations(self) -> FloatArray | None:
+        """None: what the numbers minimise is the total."""
+        return None
+
+    def spreads(self) -> Mapping[str, FloatArray]:
+        """cₗ² JₗᵀJₗ."""
+        return {name: self.shares[name] * one for name, one in self.curvatures.items()}
+
+    def variances(self, inverse: FloatArray, measured: frozenset[str]) -> dict[str, float]:
+        """rₗᵀrₗ / (nₗ − pₗ)."""
+        found: dict[str, float] = {}
+        for name in (name for name in self.curvatures if name in measured):
+            freedom = numbers(self.products, name) - self.used_up.get(name, 0.0)
+            freedom -= float(np.sum(inverse * self.curvatures[name]))
+            found[name] = self.products[name].squares / freedom if freedom > 0 else np.nan
+        return found
+
+
+def _share(plan: StagePlan, name: str, found: Products) -> float:
+    """How much a squared residual adds to the total; near the minimum for a root."""
+    loss = next(loss for loss in plan.rollout.program.losses if loss.name == name)
+    share = plan.loss_weights[loss.name] / found.count
+    if loss.measure is Measure.RMSE and found.cost > 0:
+        return share / (2.0 * float(np.sqrt(found.cost / found.count)))
+    return share

@@ -1,0 +1,116 @@
+"""Computes what the residuals of a stage say of its learned numbers, starts of runs included."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from backends.files.c_compiler import CompilerMissingError
+from backends.gauss_newton_products import Products
+from msnn.data.dataset import BoolArray, Dataset, FloatArray
+from msnn.data.starts import Runs
+from msnn.simulation.rollout_plan import set_rollouts
+from msnn.simulation.start_fit import StartFit
+from msnn.training.engines.native.kernel_or_not import try_natively
+from msnn.training.engines.native.native_slopes import NativeSlopes
+from msnn.training.engines.second_order.joint_starts import JointStarts, without_starts
+from msnn.training.engines.second_order.squares import Slopes
+from msnn.training.plans.stage_data import TRAIN
+from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.records.learned.held_starts import HeldStarts
+from msnn.training.records.learned.information import Information, SymmetricInformation, shares_of
+from msnn.training.records.learned.overlapping_runs import of_overlapping_runs
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
+
+
+def information_of(
+    plan: StagePlan,
+    data: Dataset,
+    rows: Mapping[str, BoolArray] | None,
+    runs: Runs,
+    weights: Mapping[str, FloatArray],
+) -> tuple[Information, Mapping[str, Products], tuple[Diagnostic, ...]]:
+    """What residuals say of the numbers, and their products.
+
+    Starts that were estimated with the numbers are found again at the end, from all that is scored,
+    where the total is lowest in them too; those found apart, from the first evaluations alone.
+    """
+    starts = plan.rollout.starts
+    if starts is None:
+        squares, notes = _squares(plan, data, rows, runs, weights)
+        products = squares.products(runs, weights)
+        return _symmetric(plan, products, {}), products, notes
+    joint = plan.estimates_starts
+    fit = StartFit(starts.program, None if joint else starts.over, starts.skip if joint else 0)
+    found = fit.find(data.series, runs, weights, plan.loss_weights, rows if joint else None)
+    series = found.series(data.rows)
+    unknown = JointStarts(plan, data.series)
+    moved = unknown.moved(weights)
+    squares, notes = _squares(unknown.plan, data, rows, runs, moved)
+    squares.write(series, watched=False)
+    products = unknown.products(squares, runs, weights)
+    shares = shares_of(plan, products)
+    if joint:
+        left, used = without_starts(products, shares)
+        return _symmetric(plan, left, used), left, notes
+    overlapping = _overlapping_runs(plan, data)
+    if overlapping is not None:
+        return of_overlapping_runs(plan, data, rows, overlapping, weights), products, notes
+    whole = replace(unknown.plan, rollout=replace(unknown.plan.rollout, skip=0))
+    deciding = replace(runs, steps=np.minimum(runs.steps, starts.over))
+    squares, _ = _squares(whole, data, None, deciding, moved)
+    squares.write(series, watched=False)
+    first = unknown.of_each(squares, deciding, weights)
+    return HeldStarts.of_runs(products, shares, first, plan.loss_weights), products, notes
+
+
+def _overlapping_runs(plan: StagePlan, data: Dataset) -> Runs | None:
+    """The runs that are trained on; None where no row is in two of them."""
+    horizon, stride = plan.rollout.horizon, plan.rollout.stride
+    if not isinstance(horizon, int) or stride >= horizon:
+        return None
+    return set_rollouts(plan.rollout, data, TRAIN, stride, "standard errors", None, Findings())
+
+
+def _symmetric(
+    plan: StagePlan, products: Mapping[str, Products], used_up: Mapping[str, float]
+) -> Information:
+    shares = shares_of(plan, products)
+    return SymmetricInformation(
+        products=products,
+        curvatures={name: share * products[name].curvature for name, share in shares.items()},
+        shares=shares,
+        used_up=used_up,
+    )
+
+
+def _squares(
+    plan: StagePlan,
+    data: Dataset,
+    rows: Mapping[str, BoolArray] | None,
+    runs: Runs,
+    weights: Mapping[str, FloatArray],
+) -> tuple[Slopes, tuple[Diagnostic, ...]]:
+    """By kernels where there can be any, else by torch with what the user should know."""
+
+    def native(_: StagePlan) -> NativeSlopes:
+        squares = NativeSlopes(plan, data.series, rows)
+        squares.check(runs, weights)
+        return squares
+
+    notes: tuple[Diagnostic, ...] = ()
+    if plan.engine != "torch":
+        try:
+            # what is trained is not refused now, even where kernels were asked for
+            tried = try_natively(replace(plan, engine="auto"), native, in_double=False)
+            if tried.made is not None:
+                return tried.made, tried.notes
+            notes = tried.notes
+        except CompilerMissingError:
+            pass
+    # torch takes seconds to import: only where it computes
+    from msnn.training.engines.torch.torch_squares import TorchSquares
+
+    return TorchSquares(plan, data.series, rows, rows), notes

@@ -1,0 +1,49 @@
+"""Finds the number that somebody meant who wrote it as another language or a table does."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.errors import schema as errors
+from spec_schema.yaml_tree.nodes import Scalar, kind
+
+_LARGEST = 2**31
+
+
+def no_number(wanted: str, found: Scalar) -> Diagnostic:
+    """E0204 for a scalar that is no number, or no integer where one is `wanted`."""
+    said = kind(found)
+    if found.quoted and _number(found.text) is not None:
+        return errors.wrong_kind(wanted, said, found.span, "remove the quotes", found.text.strip())
+    meant = None if found.quoted else _meant(found.text, is_integer=wanted == "an integer")
+    repair = None if meant is None else f"write `{meant}`"
+    if meant is not None and "#" in meant:
+        repair = f"{repair}: a comment begins with a blank and `#`"
+    return errors.wrong_kind(wanted, said, found.span, repair, meant)
+
+
+def _meant(text: str, *, is_integer: bool) -> str | None:
+    """`1000` for `1_000`, `1000;` and, of integers, `1e3`; `0.01` for `1 %`; a comment apart."""
+    number, mark, comment = text.partition("#")
+    if mark and _number(number) is not None:
+        return f"{number} #{comment}"
+    plain = re.sub(r"(?<=\d)_(?=\d)", "", text).rstrip(";, ")
+    percent = re.fullmatch(r"([\d.]+)\s*%", plain)
+    value = _number(plain if percent is None else percent[1])
+    if value is None:
+        return None
+    if percent is not None:
+        return None if is_integer else f"{value / 100:g}"
+    if not is_integer:
+        return plain
+    return f"{int(value)}" if value.is_integer() and abs(value) < _LARGEST else None
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
