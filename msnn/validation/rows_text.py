@@ -11,6 +11,7 @@ def rows_text(data: Dataset, rows: IntArray) -> str:
     """`rows 5…1023 of 1024`, or their number in several records; `rows` are in order, each once."""
     if not len(rows):
         return "no rows"
+    # rows are counted from the beginning of their record, as files have them
     touched = [r for r in data.records if np.any((rows >= r.start) & (rows < r.stop))]
     if len(touched) > 1:
         total = sum(record.stop - record.start for record in touched)
