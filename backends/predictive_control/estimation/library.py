@@ -83,7 +83,7 @@ class FilterLibrary:
             x=out["x"].copy(),
             std=out["std"].copy(),
             innovation=out["innovation"].copy(),
-            residual=float(out["residual"]) if "residual" in self._out.dtype.fields else 0.0,
+            residual=float(out["residual"]) if "residual" in (self._out.dtype.names or ()) else 0.0,
         )
 
     def predict(self, inputs: Mapping[str, ArrayLike]) -> int:
