@@ -29,9 +29,11 @@ class ReferenceMethod:
         self._problem, self._functions = problem, functions
         self._last: Iterate | None = None
         self._is_good = False
+        self._has_failed_anew = False
+        """Whether the last solve began without a plan and found none."""
 
     def forget(self, applied: Array | None) -> None:
-        self._last, self._is_good = None, False
+        self._last, self._is_good, self._has_failed_anew = None, False, False
 
     def solve(self, given: Given, allowed: ControlRange, resting: Array) -> Found:
         method = InteriorPoint(self._functions, given, allowed.limits)
@@ -55,9 +57,11 @@ class ReferenceMethod:
         return self._found(given, allowed, outcome)
 
     def _cold(self, given: Given, allowed: ControlRange, resting: Array) -> tuple[Array, Array]:
-        """A plan to begin with: the last one clipped and rolled out, or what is applied now."""
+        """A plan to begin with: the last one clipped and rolled out, or what is applied now; where
+        that has just failed, controls at rest."""
         n, scale = self._problem.horizon, self._functions.scale_u
-        controls = np.tile(resting / scale, (n, 1))
+        begun = self._functions.resting if self._has_failed_anew else resting
+        controls = np.tile(begun / scale, (n, 1))
         if self._last is not None:
             controls = _shifted(self._last).controls
         controls = allowed.nearest(np.where(np.isfinite(controls), controls, 0.0))
@@ -74,7 +78,6 @@ class ReferenceMethod:
         f, tolerance = self._functions, self._problem.tolerance
         is_solved = bool(outcome.residual <= tolerance)
         is_finite = np.isfinite(outcome.residual)
-        self._last, self._is_good = outcome.iterate if is_finite else None, is_solved
         # rounding and gaps leave controls a little outside: what is returned is inside
         controls = allowed.nearest(outcome.iterate.controls)
         violation = outcome.violation
@@ -83,11 +86,15 @@ class ReferenceMethod:
             violation = float(np.maximum(violation, self._violation(given, allowed, controls)))
         keeps = violation <= max(tolerance, 1e-6)
         status = Status.SOLVED if is_solved else Status.CAPPED
+        is_plan = is_finite and keeps
+        # a plan that broke limits leads the next solve astray (decision 0326)
+        self._has_failed_anew = not is_plan and self._last is None
+        self._last, self._is_good = outcome.iterate if is_plan else None, is_solved
         states = outcome.iterate.states
         with np.errstate(all="ignore"):
             values = f.values(given, states, controls)
         return Found(
-            status=status if is_finite and keeps else Status.INFEASIBLE,
+            status=status if is_plan else Status.INFEASIBLE,
             plan=f.plan(states, controls),
             values=values,
             multipliers=f.multipliers(outcome.iterate.multipliers),

@@ -83,6 +83,7 @@ def joined(found: Sequence[Agreement]) -> Agreement:
             free_run=float(np.maximum(first.free_run, other.free_run)),
             bits=_sum(first.bits, other.bits),
             faults=(*first.faults, *other.faults),
+            untried=(*first.untried, *other.untried),
         )
     return first
 

@@ -40,6 +40,21 @@ integrator: rk4
 estimator: {ekf: {measured: {o: 0.1}, process: {x: 0.3}, initial: {x: 1}}}
 """
 
+LOST = """
+msnn: 1
+name: lost
+sample_time: 0.1 s
+inputs: {y: {}}
+states: {x: {next: 0.9 * x + 0.1 * log(x), init: 2}}
+outputs: {o: {expr: x, predicts: y}}
+estimator: {ekf: {measured: {o: 0.1}, process: {x: 0.3}, initial: {x: 1}}}
+"""
+LOSING = [2.0, 1.8, -0.5, None, None, None, 1.5, None, 1.4, 1.4]
+"""What is measured of it: the filter of samples that leave a window of two ends below 0, where
+nothing follows, while the filter that runs along has seen the 1.5."""
+LOST_AT = 7
+"""Nothing is measured, so that no window says better of the sample that leaves it."""
+
 
 def window(text: str, horizon: int, more: str = "") -> str:
     """The spec of a filter as that of a window, without a controller."""
@@ -313,3 +328,20 @@ def test_a_spread_is_a_root_of_a_covariance_that_may_be_singular() -> None:
         np.testing.assert_allclose(spread @ spread.T, covariance, atol=1e-12)
     covariance = np.diag([4.0, 0.0, 9.0])
     np.testing.assert_array_equal(spread_of(covariance, (0, 2)), [[2, 0], [0, 0], [0, 3]])
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_lost_arrival_filter_is_replaced_by_the_one_that_runs_along(
+    solver: Solver, tmp_path: Path
+) -> None:
+    """A window begins at the next sample: alone it is, of a linear measurement, Kalman's filter."""
+    estimator = opened(tmp_path, window(LOST, 2), solver)
+    for k, value in enumerate(LOSING):
+        if value is not None:
+            found = estimator.correct({"y": value})
+            assert found.status is FilterStatus.FILTERED
+            assert np.all(np.isfinite(estimator.vector))
+            is_alone = k in (0, LOST_AT + 1)
+            near = np.allclose(estimator.vector, estimator.filter.vector, rtol=0, atol=1e-9)
+            assert near == is_alone, k
+        estimator.predict()

@@ -154,6 +154,9 @@ def test_a_node_answers_with_the_parameters_that_it_computes_with(tmp_path: Path
         *([2.0, 3.0], [21.5], [2.0])
     ]
     assert published(found, "start.slope").shape == (1, 3)
+    found = said(program, ["get T"], "T:=")
+    assert "error parameter 'T' has invalid type: what was exported is used" in found
+    assert published(found, "T").tolist() == [[21.5]]
     found = said(program, ["get k", "set k 1 2", "get k", "set k 1 99", "get k"], "k:=4,5")
     assert published(found, "k").tolist() == [[4.0, 5.0], [1.0, 2.0], [1.0, 2.0]]
 

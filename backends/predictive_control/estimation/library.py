@@ -25,6 +25,8 @@ class FilterEstimate:
     x: Array
     std: Array
     innovation: Array
+    residual: float
+    """Of a window; a filter has none, 0."""
 
 
 class FilterLibrary:
@@ -79,7 +81,13 @@ class FilterLibrary:
         self._fill(self._measured, self._signals, known)
         status = self._call("correct", self._state, self._measured, self._out)
         out = self._out[0]
-        return FilterEstimate(status, out["x"].copy(), out["std"].copy(), out["innovation"].copy())
+        return FilterEstimate(
+            status=status,
+            x=out["x"].copy(),
+            std=out["std"].copy(),
+            innovation=out["innovation"].copy(),
+            residual=float(out["residual"]) if "residual" in (self._out.dtype.names or ()) else 0.0,
+        )
 
     def predict(self, inputs: Mapping[str, ArrayLike]) -> int:
         """Goes on to the next sample."""

@@ -60,5 +60,27 @@ def test_what_a_new_controller_solves_is_solved_after_infeasible_samples(
     assert iterations < 1.5 * fewest
 
 
+def test_in_python_an_infeasible_plan_is_not_begun_at_either(tmp_path: Path) -> None:
+    """But at the control that is applied; where nothing was planned before, at rest."""
+    text = BILINEAR.replace("STRUCTURE", "staged")
+    used, fresh = (controller(tmp_path, text, "python") for _ in range(2))
+    good, hopeless = {"p": 0.5, "v": 0.3}, {"p": 3.0, "v": 3.0}
+
+    def follows(*before: dict[str, float], applied: dict[str, float] | None) -> None:
+        used.reset()
+        statuses = [used.solve(state).status for state in before]
+        assert statuses[-1] is Status.INFEASIBLE
+        fresh.reset(control=applied)
+        np.testing.assert_array_equal(
+            used.solve(good).controls["u"], fresh.solve(good).controls["u"]
+        )
+
+    used.reset()
+    kept = used.solve(good), used.solve(hopeless)
+    follows(good, hopeless, applied={"u": float(kept[1].control["u"])})
+    follows(hopeless, applied=None)
+    follows(good, hopeless, hopeless, applied=None)
+
+
 def _drawn(random: np.random.Generator, p: float, v: float) -> dict[str, float]:
     return {"p": float(random.uniform(-p, p)), "v": float(random.uniform(-v, v))}

@@ -20,7 +20,7 @@ from tests.backends.predictive_control.test_filters import VECTORS
 from tests.conditions import require_tool
 from tests.control.specs import DELAYED, load
 from tests.control.test_estimator import LINEAR
-from tests.control.test_moving_horizon import BOUNDED, DRIVEN, drawn, window
+from tests.control.test_moving_horizon import BOUNDED, DRIVEN, LOSING, LOST, drawn, window
 
 SOLVED, CAPPED, FELL_BACK, INPUT_NOT_FINITE, NOT_INITIALISED = range(5)
 SPECS = {
@@ -35,7 +35,7 @@ SPECS = {
 def _written(name: str, folder: Path, dtype: Dtype = "float64") -> tuple[Path, MovingHorizon]:
     require_tool("gcc", install="apt install gcc")
     folder.mkdir(exist_ok=True)
-    model = load(folder, SPECS[name])
+    model = load(folder, {**SPECS, "lost": window(LOST, 2)}[name])
     weights = msnn.initial_weights(model)
     assert model.estimation is not None
     write_horizon(model.estimation, weights, folder / "c", prefix="plant", dtype=dtype)
@@ -140,6 +140,18 @@ def test_what_nothing_can_follow_is_never_solved(tmp_path: Path) -> None:
         assert library.predict({"torque": 0.0}) == SOLVED
     library.reset([0.3, 0.2])
     assert library.correct({"shadow": 0.2}).status == SOLVED
+
+
+def test_a_lost_arrival_filter_is_replaced_as_in_python(tmp_path: Path) -> None:
+    """To what two solves leave whose residuals are 1e-6, of numbers of size 1."""
+    library, judge = _built("lost", tmp_path)
+    library.reset([2.0])
+    for value in LOSING:
+        if value is not None:
+            expected, found = judge.correct({"y": value}), library.correct({"y": value})
+            assert found.status == expected.status == SOLVED
+            np.testing.assert_allclose(found.x, judge.vector, atol=1e-5)
+        assert library.predict({}) == judge.predict()
 
 
 def test_single_precision_is_near(tmp_path: Path) -> None:

@@ -82,6 +82,7 @@ public:
 namespace exceptions
 {
 struct InvalidParameterValueException : std::runtime_error { using std::runtime_error::runtime_error; };
+struct InvalidParameterTypeException : std::runtime_error { using std::runtime_error::runtime_error; };
 }
 namespace node_interfaces
 {
@@ -100,7 +101,13 @@ public:
   {
     if (parameters_.count(name) != 0) { throw std::runtime_error("declared already: " + name); }
     T found = value;
-    if (!ignore_override && stub::launch().count(name) != 0) { stub::fill(found, stub::launch()[name]); }
+    if (!ignore_override && stub::launch().count(name) != 0) {
+      /* no numbers stand for another type, as an integer is where a double is declared */
+      if (stub::launch()[name].empty()) {
+        throw exceptions::InvalidParameterTypeException("parameter '" + name + "' has invalid type");
+      }
+      stub::fill(found, stub::launch()[name]);
+    }
     if (set_) {
       const auto result = set_({Parameter(name, stub::numbers(found))});
       if (!result.successful) {
@@ -184,7 +191,8 @@ inline void init(int argc, char ** argv)
     const std::size_t at = given.find(":=");
     std::istringstream words(given.substr(at + 2));
     std::string word;
-    while (std::getline(words, word, ',')) { stub::launch()[given.substr(0, at)].push_back(std::strtod(word.c_str(), nullptr)); }
+    std::vector<double> & values = stub::launch()[given.substr(0, at)];
+    while (std::getline(words, word, ',')) { values.push_back(std::strtod(word.c_str(), nullptr)); }
   }
 }
 inline void spin(const std::shared_ptr<Node> & node) { node->run(); }
