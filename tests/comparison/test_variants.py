@@ -62,6 +62,12 @@ def test_a_model_that_is_named_twice_is_one():
     assert [each.label for each in found] == ["a init=1", "a init=2"]
 
 
+def test_a_value_that_is_written_twice_is_one():
+    """Two processes would train it in one folder."""
+    found = variants([Path("a.msnn.yaml")], [grid_axis("k.init=0.1,1e-1,'0.1',0.10")], [])
+    assert [each.settings for each in found] == [("k.init=0.1",), ("k.init='0.1'",)]
+
+
 @pytest.mark.parametrize(
     ("text", "values", "labels"),
     [
