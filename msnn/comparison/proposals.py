@@ -98,7 +98,7 @@ class Proposals:
         for trial in trials:
             texts, is_over = trial.user_attrs.get(_TEXTS), trial.state.is_finished()
             if texts is None and not is_over:  # killed before it was known what it is of
-                self._study.tell(trial.number, state=self._failed)
+                self._say(trial.number, None)
             if texts is None or self._asked == self.search.draws.count:
                 continue
             self._asked += 1
@@ -135,20 +135,19 @@ class Proposals:
     def _axes(self) -> tuple[DrawAxis, ...]:
         return self.search.draws.axes
 
-    @property
-    def _failed(self) -> Any:
-        return self._optuna.trial.TrialState.FAIL
-
     def _tell(self, variant: Variant) -> None:
         lines = self._ended.get(variant, [])
         if len(lines) < len(self.lists.of([variant])):
             return
         score = _score(lines, self.search.wanted)
         for number in self._open.pop(variant, ()):
-            if math.isfinite(score):
-                self._study.tell(number, score)
-            else:
-                self._study.tell(number, state=self._failed)
+            self._say(number, score if math.isfinite(score) else None)
+
+    def _say(self, number: int, score: float | None) -> None:
+        """Gives the study the value of a proposal, or none; one that another command gave stays."""
+        state = self._optuna.trial.TrialState
+        over = state.FAIL if score is None else state.COMPLETE
+        self._study.tell(number, score, state=over, skip_if_finished=True)
 
     def _variant(self, texts: Sequence[str]) -> Variant:
         search = self.search

@@ -12,7 +12,7 @@ from msnn.errors.results import comparison as errors
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.reading.python_values import value_text
-from spec_schema.reading.setting_values import shown_value
+from spec_schema.reading.setting_values import one_form, shown_value
 from spec_schema.yaml_tree.nodes import Listing
 from spec_schema.yaml_tree.reader import read_tree
 
@@ -104,7 +104,10 @@ def variants(
             said = [f"{end}={shown_value(value)}" for end, value in zip(ends, values, strict=True)]
             label = " ".join([name, *said] if len(specs) > 1 or not said else said)
             found.append(Variant(spec, (*settings, *own), label, drawn.seed))
-    return tuple(dict.fromkeys(found))
+    once: dict[tuple[object, ...], Variant] = {}
+    for each in found:  # 0.1 and 1e-1 are one training, in one folder
+        once.setdefault((each.spec, *map(one_form, each.settings)), each)
+    return tuple(once.values())
 
 
 def _names(specs: Sequence[Path]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import cast
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText
@@ -63,7 +64,14 @@ def _written(plain: object) -> str:
 
 
 def _json(plain: object) -> str:
-    if isinstance(plain, float) and not math.isfinite(plain):
-        # JSON has no NaN and no ∞, YAML has
-        return ".nan" if math.isnan(plain) else f"{'-' if plain < 0 else ''}.inf"
-    return value_text(plain)
+    """As JSON has it, with YAML's words for numbers that JSON has none for, at any depth."""
+    match plain:
+        case float() if not math.isfinite(plain):
+            return ".nan" if math.isnan(plain) else f"{'-' if plain < 0 else ''}.inf"
+        case list():
+            return f"[{', '.join(map(_json, cast('list[object]', plain)))}]"
+        case dict():
+            entries = cast("dict[str, object]", plain).items()
+            return f"{{{', '.join(f'{value_text(key)}: {_json(item)}' for key, item in entries)}}}"
+        case _:
+            return value_text(plain)

@@ -12,9 +12,11 @@ from typing import Any
 import pytest
 
 import msnn as api
+from msnn.comparison.proposals import Proposals
+from msnn.comparison.trial import Trial
 from msnn.packages import OptionalPackage
 from msnn.project.new_project import new_project
-from msnn.training.records.run_log import LOG, read
+from msnn.training.records.run_log import LOG, RunLine, read
 from tests.cli.command_line import CommandLine
 from tests.cli.test_check import SPEC
 from tests.conditions import require_package
@@ -78,6 +80,28 @@ def test_what_was_proposed_before_a_search_was_killed_is_told(msnn: CommandLine)
     settings = [line.settings[-1] for line in read(Path("runs") / LOG)]
     assert len(settings) == 4
     assert settings[1] == "parameters.k.init=7.0 N/m"
+
+
+def test_a_value_that_another_command_has_told_stays(
+    msnn: CommandLine, monkeypatch: pytest.MonkeyPatch
+):
+    """Two commands with one study: the second trains what the first has asked, and tells it."""
+    require_package("optuna", install="pip install 'msnn[optuna]'")
+    ended = Proposals.ended
+
+    def ended_later(self: Proposals, trial: Trial, line: RunLine) -> None:
+        other = study("study.db")
+        for each in other.get_trials(deepcopy=False):
+            if not each.state.is_finished():
+                other.tell(each.number, 0.25)
+        ended(self, trial, line)
+
+    monkeypatch.setattr(Proposals, "ended", ended_later)
+    asked = ("sweep", SPEC, "--optuna", "study.db", "--draw", STIFFNESS, *SHORT)
+    said = msnn(*asked, "--draws", "2")
+    assert said.code == 0, said.err
+    assert [trial.value for trial in study("study.db").trials] == [0.25, 0.25]
+    assert len(read(Path("runs") / LOG)) == 2
 
 
 def test_a_proposal_that_diverges_has_failed_and_one_that_comes_twice_is_trained_once(

@@ -62,6 +62,12 @@ def test_a_model_that_is_named_twice_is_one():
     assert [each.label for each in found] == ["a init=1", "a init=2"]
 
 
+def test_a_value_that_is_written_twice_is_one():
+    """Two processes would train it in one folder."""
+    found = variants([Path("a.msnn.yaml")], [grid_axis("k.init=0.1,1e-1,'0.1',0.10")], [])
+    assert [each.settings for each in found] == [("k.init=0.1",), ("k.init='0.1'",)]
+
+
 @pytest.mark.parametrize(
     ("text", "values", "labels"),
     [
@@ -93,6 +99,7 @@ def test_labels_do_not_tell_the_command_line_from_python(
         ("a='a: b # c'", "a: b # c"),
         ("a=[1, 0x10]", [1, 16]),
         ("a={b: c}", {"b": "c"}),
+        ("a={b: [1.0, x]}", {"b": [1.0, "x"]}),
         ("a=", None),
         ("a=x", "x"),
     ],
@@ -107,4 +114,7 @@ def test_settings_have_one_form(setting: str, value: object):
 def test_the_form_tells_texts_from_numbers():
     assert one_form("a='5'") == 'a="5"' != one_form("a=5")
     assert one_form("a=.inf") == "a=.inf"
+    inside = "a={init: 1, max: .inf, b: [-.inf, .nan]}"
+    assert one_form(inside) == 'a={"init": 1, "max": .inf, "b": [-.inf, .nan]}'
+    assert one_form(one_form(inside)) == one_form(inside)
     assert one_form("no setting") == "no setting"

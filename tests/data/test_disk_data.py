@@ -111,6 +111,25 @@ def test_row_groups_outside_of_from_and_to_are_left_out(fleet: Path, keep: str) 
     assert {found.code for found in caught.value.diagnostics} == {"E0818"}
 
 
+@pytest.mark.parametrize("records", ["file", "row_group"])
+@pytest.mark.parametrize("bound", ["from: 4 s", "to: 4 s"])
+def test_bounds_in_time_pick_nothing_of_a_clock_that_was_set_back(
+    fleet: Path, bound: str, records: str
+) -> None:
+    """They took rows that do not lie between them."""
+    rows = np.arange(300)
+    time = 0.1 * np.where(rows >= 50, rows - 50, rows)
+    columns: dict[str, Any] = {"time": time, "u": rows % 7.0, "x": rows % 5.0}
+    path = fleet / "train/vehicle=7/a.parquet"
+    parquet.write_table(arrow.table(columns), path, row_group_size=100)
+    model = spec(fleet, "memory", records, more=f"\n  resample: none\n  {bound}")
+    with pytest.raises(SpecError) as caught:
+        measured(model, None, None, "training")
+    (found,) = caught.value.diagnostics
+    assert found.code == "E0813"
+    assert "row 50 of" in found.message
+
+
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_trainings_on_disk_have_the_bits_of_those_in_memory(fleet: Path, dtype: str) -> None:
     require_tool("gcc", install="apt install gcc")

@@ -151,6 +151,8 @@ def test_parquet_files_with_dates_are_joined(tmp_path: Path, kind: str) -> None:
         (["now", "later"], "E0840"),
         (np.array(["2026-11-22", "9999-12-31"], "M8[s]"), "E1319"),
         (np.array(["0001-01-01", "2026-11-22"], "M8[us]"), "E1319"),
+        (np.array(["2116-02-20", "2116-02-21"], "M8[s]"), "E1319"),
+        (np.array(["1823-11-11", "1823-11-13"], "M8[ns]"), "E1319"),
     ],
 )
 def test_what_is_wrong_with_dates_in_frames(tmp_path: Path, times: Any, code: str) -> None:

@@ -64,19 +64,20 @@ def joined_files(
     parts: list[FilePart] = []
     left_out = Findings()
     outside: dict[tuple[str, Path], Findings] = {}
+    reached: set[tuple[str, Path]] = set()
     for file in files:
         own = Findings()
         part = read_part(program, data, file, filters.get(file.source), own, beside)
         if part is None and _is_outside(file, own):
             outside.setdefault((file.source, file.path), own)
             continue
+        reached.add((file.source, file.path))
         findings.report(*own.since(0))
         if part is None or (drops and _dropped(part, left_out)):
             continue
         parts.append(part if disk is None else disk.taken(part))
-    with_rows = {(part.file.source, part.file.path) for part in parts}
     for file, own in outside.items():
-        if file not in with_rows:
+        if file not in reached:
             findings.report(*own.since(0))
     if findings.failed:
         if disk is not None:

@@ -74,12 +74,21 @@ def picked_rows(
             return None
         later = time <= bound.seconds + bound.slack if index else time < bound.seconds - bound.slack
         bounds[index] = int(np.sum(later))
+        if not later[: bounds[index]].all():  # of a clock that was set back, they are no range
+            findings.report(errors.time_not_increasing(file, *_disorder(time), None))
+            return None
     first, stop = max(bounds[0], 0), min(bounds[1], rows)
     if first >= stop:
         span = next(length.span for length in (first_length, last_length) if length is not None)
         findings.report(errors.rows_not_there("the choice of rows", file, rows, span))
         return None
     return RowRange(first, stop, every)
+
+
+def _disorder(time: FloatArray) -> tuple[int, int]:
+    """The first row whose time is not later than that of the row before, and how many more."""
+    wrong = ~(np.diff(time) > 0)
+    return int(np.argmax(wrong)) + 1, int(wrong.sum()) - 1
 
 
 def continuity(

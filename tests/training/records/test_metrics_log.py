@@ -1,0 +1,17 @@
+"""The file of epochs: what others read of it while a training runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from msnn.training.records.metrics_log import MetricsLog
+
+
+def test_a_line_is_there_before_the_file_is_closed(tmp_path: Path):
+    log = MetricsLog(tmp_path / "metrics.jsonl")
+    log.append({"epoch": 1, "total": float("nan")})
+    assert log.path.read_text() == '{"epoch": 1, "total": null}\n'
+    log.close()
+    log.append({"epoch": 2})
+    assert log.path.read_text().splitlines()[1:] == ['{"epoch": 2}']
+    log.close()
