@@ -11,7 +11,9 @@ def rows_text(data: Dataset, rows: IntArray) -> str:
     """`rows 5…1023 of 1024`, or their number in several records; `rows` are in order, each once."""
     if not len(rows):
         return "no rows"
-    touched = [r for r in data.records if np.any((rows >= r.start) & (rows < r.stop))]
+    bounds = [(record.start, record.stop) for record in data.records]
+    counts = np.diff(np.searchsorted(rows, bounds))[:, 0].tolist()
+    touched = [record for record, count in zip(data.records, counts, strict=True) if count]
     if len(touched) > 1:
         total = sum(record.stop - record.start for record in touched)
         return f"{len(rows)} of {total} rows in {len(touched)} records"
