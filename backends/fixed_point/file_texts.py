@@ -190,6 +190,7 @@ def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
             from_init=1,
             steps=_STEPS,
             singles=0,
+            writes=False,
             count=len(runs) * _STEPS,
             lag=_LAG,
         ),

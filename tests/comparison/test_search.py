@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import signal
+from collections.abc import Generator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -132,6 +134,15 @@ def test_without_the_extra_the_line_that_installs_it_is_told(
     assert not Path("runs").exists()
 
 
+@pytest.fixture
+def own_signals() -> Generator[None]:
+    """A rank ignores SIGTERM from its start on; other tests' processes must not inherit that."""
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.usefixtures("own_signals")
 @pytest.mark.parametrize("verb", ["sweep", "compare"])
 def test_torchrun_starts_no_comparison(
     msnn: CommandLine, monkeypatch: pytest.MonkeyPatch, verb: str

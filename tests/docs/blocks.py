@@ -16,6 +16,7 @@ _BLOCK = re.compile(
     _COMMENTS + r"^(?P<indent> *)```(?P<info>[^`\n]*)\n(?P<text>.*?)^(?P=indent)```$",
     re.MULTILINE | re.DOTALL,
 )
+_UNSEEN = re.compile(r"(?:[\s>*+-]|\d+[.)])*(?:```|~~~|<pre\b)")
 _MARK = re.compile(r"^<!-- (" + "|".join(MARKS) + r"): *(.*?) *-->$", re.MULTILINE | re.DOTALL)
 _GENERATED = re.compile(r"^<!-- generated: .*?^<!-- end -->$", re.MULTILINE | re.DOTALL)
 
@@ -53,10 +54,14 @@ def blocks_of(page: Path) -> list[Block]:
     return [_block(text, found, made) for found in _BLOCK.finditer(text)]
 
 
+def without_code(page: Path) -> str:
+    """A page with empty lines in place of its blocks and of what is said of them."""
+    return _BLOCK.sub(lambda found: "\n" * found[0].count("\n"), page.read_text(encoding="utf-8"))
+
+
 def indented_code(page: Path) -> list[int]:
     """Lines of code without a fence, which nobody can mark: four blanks after an empty line."""
-    text = _BLOCK.sub(lambda found: "\n" * found[0].count("\n"), page.read_text(encoding="utf-8"))
-    lines = text.split("\n")
+    lines = without_code(page).split("\n")
     return [
         n + 1
         for n, line in enumerate(lines)
@@ -64,10 +69,15 @@ def indented_code(page: Path) -> list[int]:
     ]
 
 
+def unseen_code(page: Path) -> list[int]:
+    """Lines of code that `blocks_of` does not see: behind other fences, in quotes, in HTML."""
+    return [n for n, line in enumerate(without_code(page).split("\n"), 1) if _UNSEEN.match(line)]
+
+
 def _in_list(lines: list[str], n: int) -> bool:
     """Whether the nearest line above that is not indented is an item of a list."""
     above = (line for line in reversed(lines[:n]) if line.strip() and not line.startswith(" "))
-    return re.match(r"[-*]|\d+\.", next(above, "")) is not None
+    return re.match(r"(?:[-*]|\d+\.) ", next(above, "")) is not None
 
 
 def _block(text: str, found: re.Match[str], made: list[tuple[int, int]]) -> Block:

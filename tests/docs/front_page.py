@@ -76,7 +76,7 @@ def front_figures() -> str:
             _demo("vehicle_steering"),
         ),
     ]
-    return table(("measured", "", "by"), rows)
+    return table(("measured in examples", "", "by"), rows)
 
 
 def _demo(example: str) -> str:

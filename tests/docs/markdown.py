@@ -46,17 +46,18 @@ def wrapped(text: str, first: str = "", rest: str = "") -> str:
 
     Code and what looks like a mark at the beginning of a line stay where they mean the same.
     """
-    lines, line = list[str](), ""
+    lines: list[str] = []
+    line: list[str] = []
     for word in re.findall(r"(?:`[^`]*`|\S)+", text):
-        begun = first if not lines else rest
-        if not line:
-            line = begun + word
-        elif len(line) + 1 + len(word) <= 100 or _MARK_OF_A_LINE.fullmatch(word):
-            line += f" {word}"
-        else:
-            lines.append(line)
-            line = rest + word
-    return "\n".join([*lines, line])
+        begun = rest if lines else first
+        line.append(word)
+        if len(begun) + len(" ".join(line)) > 100 and len(line) > 1:
+            moved = [line.pop()]
+            while _MARK_OF_A_LINE.fullmatch(moved[0]) and len(line) > 1:
+                moved.insert(0, line.pop())
+            lines.append(begun + " ".join(line))
+            line = moved
+    return "\n".join([*lines, (rest if lines else first) + " ".join(line)])
 
 
 def apart(*parts: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.conditions import require_tool
-from tests.docs.blocks import Block, blocks_of, indented_code
+from tests.docs.blocks import Block, blocks_of, indented_code, unseen_code
 from tests.docs.page_run import ROOT, PageRun
 from tests.golden import assert_golden
 
@@ -31,6 +31,12 @@ def _own(page: Path) -> list[Block]:
 def test_no_code_stands_without_a_fence(page: Path):
     lines = indented_code(page)
     assert not lines, f"{_named(page)}: put ``` around the code of lines {lines}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_named)
+def test_all_code_is_seen(page: Path):
+    lines = unseen_code(page)
+    assert not lines, f"{_named(page)}: give lines {lines} a fence ``` after blanks alone"
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if _own(page)], ids=_named)

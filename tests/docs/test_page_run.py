@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.blocks import blocks_of, indented_code
+from tests.docs.blocks import blocks_of, indented_code, unseen_code
 from tests.docs.page_run import PageRun
 
 FENCE = "```"
@@ -96,6 +96,22 @@ def test_code_without_a_fence_is_found_outside_of_lists(tmp_path: Path):
     page = tmp_path / "page.md"
     page.write_text("Run\n\n    msnn check\n\n- an item\n\n    goes on\n", encoding="utf-8")
     assert indented_code(page) == [3]
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "{tildes}sh\nls\n{tildes}",
+        "> ```sh\n> ls\n> ```",
+        "1. ```sh\n   ls\n   ```",
+        "<pre>ls</pre>",
+    ],
+)
+def test_code_that_would_not_be_run_is_found(code: str, tmp_path: Path):
+    page = tmp_path / "page.md"
+    code = code.format(tildes="~" * 3)
+    page.write_text(f"```sh\nls\n```\n\n{code}\n", encoding="utf-8")
+    assert unseen_code(page)[0] == 5
 
 
 def test_a_test_of_another_page_of_the_folder_is_no_test_of_this_one(tmp_path: Path):

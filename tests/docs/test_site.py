@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,9 +19,8 @@ from tests.cli.command_line import ROOT, in_new_process
 from tests.conditions import require_package
 from tests.docs.diagnostics import all_messages
 from tests.docs.keys import known_keys
+from tests.docs.usable import MODES, faults_of
 from tests.reports.browser import opened
-
-SIZES = [(width, dark) for width in (1280, 390) for dark in (False, True)]
 
 
 @pytest.fixture(scope="module")
@@ -63,12 +61,12 @@ def test_the_index_has_every_verb_layer_key_and_message():
     assert set(re.findall(r"`(\w+)`", messages)) == {each.code for each in all_messages()}, WRITTEN
 
 
-def test_every_page_is_in_the_navigation():
+def test_every_page_is_in_the_navigation_once():
     listed = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
     pages = [*(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "how-to").glob("*.md")]
     for page in pages:
         named = f": {page.relative_to(ROOT / 'docs')}\n"
-        assert named in listed, f"name {page.name} in mkdocs.yml"
+        assert listed.count(named) == 1, f"name {page.name} in mkdocs.yml, once"
 
 
 def test_the_commands_of_the_front_page(tmp_path: Path):
@@ -84,16 +82,21 @@ def test_the_commands_of_the_front_page(tmp_path: Path):
 
 
 @pytest.mark.parametrize("page", ["index.html", "names.html", "tutorial.html"])
-@pytest.mark.parametrize(("width", "dark"), SIZES)
+@pytest.mark.parametrize(("width", "dark"), MODES)
 def test_everybody_can_use_it(site: Path, page: str, width: int, dark: bool):
-    """axe-core finds nothing, nothing is wider than the screen, nothing was fetched in vain."""
-    require_package("axe_selenium_python", "make setup")
-    from axe_selenium_python import Axe
+    """axe-core finds nothing, nothing is wider than the screen, nothing was fetched in vain.
 
+    `benchmarks/site/look.py` opens all pages.
+    """
+    require_package("axe_selenium_python", "make setup")
     with opened(site / page, width=width, dark=dark) as browser:
-        axe: Any = Axe(browser)
-        axe.inject()
-        violations = axe.run()["violations"]
-        assert violations == [], axe.report(violations)
-        assert browser.execute_script("return document.documentElement.scrollWidth") <= width
-        assert browser.get_log("browser") == []
+        assert faults_of(browser, width) == []
+
+
+def test_spec_picture_c_and_figures_are_one_screen_of_a_desk(site: Path):
+    with opened(site / "index.html") as browser:
+        ends = browser.execute_script(
+            """return [".front pre code", ".front-claim img", ".front-figures table"].map(
+                (part) => document.querySelector(part).getBoundingClientRect().bottom)"""
+        )
+        assert max(ends) <= 900

@@ -13,7 +13,15 @@ from tests.conditions import require_package, require_tool
 @contextmanager
 def opened(page: Path, *, width: int = 1280, dark: bool = False) -> Generator[Any]:
     """A driver with the page; what a page of this width shows of phones is set too."""
-    chromium = require_tool("chromium", "apt install chromium")
+    with chromium(width=width, dark=dark) as browser:
+        browser.get(page.as_uri())
+        yield browser
+
+
+@contextmanager
+def chromium(*, width: int, dark: bool) -> Generator[Any]:
+    """A driver for one page after the other."""
+    program = require_tool("chromium", "apt install chromium")
     driver = require_tool("chromedriver", "apt install chromium-driver")
     require_package("selenium", "make setup")
     from selenium.webdriver import Chrome
@@ -21,7 +29,7 @@ def opened(page: Path, *, width: int = 1280, dark: bool = False) -> Generator[An
     from selenium.webdriver.chrome.service import Service
 
     options = Options()
-    options.binary_location = chromium
+    options.binary_location = program
     for word in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
         options.add_argument(word)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
@@ -31,7 +39,6 @@ def opened(page: Path, *, width: int = 1280, dark: bool = False) -> Generator[An
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
-        browser.get(page.as_uri())
         yield browser
     finally:
         browser.quit()

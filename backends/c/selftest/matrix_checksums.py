@@ -1,4 +1,4 @@
-"""Hashes the bits of a Jacobian: all entries of many steps would be long files."""
+"""Hashes the bits of Jacobians and states: all entries of many steps would be long files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ cancel."""
 
 
 def checksums(matrices: Mapping[str, NDArray[Any]]) -> list[int]:
-    """FNV-1a, mixed, of the words of all matrices (steps, rows, columns) in float32, for each step.
+    """FNV-1a, mixed, of the words of all matrices (steps, …) in float32, for each step.
 
     Entries go in the order of the struct; one NaN is as good as another, and so is one zero: C
     leaves out terms that are 0, and with them what they do to the sign of a sum that is 0.

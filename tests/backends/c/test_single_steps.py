@@ -45,6 +45,13 @@ states:
   q: {next: 0.5 * q - u, init: 0, range: [-40, 40]}
 outputs: {y: {expr: p + q}}
 """
+_HIDDEN_STATE = """
+sample_time: 100 ms
+inputs: {u: {range: [-1, 1]}}
+parameters: {k: 0.7}
+states: {x: {next: "0.5 * x + where(u - x > 0, k, 0.5) * (u - x)", init: 0}}
+outputs: {y: {expr: x}}
+"""
 _ROUNDED_SUM = """
 inputs: {u: {range: [1, 9], on_invalid: clamp}, v: {range: [1, 9], on_invalid: clamp}}
 outputs: {y: {expr: "abs(0.37 * exp(2.3 * u) * v - 171.7 * v * v * u)"}}
@@ -113,6 +120,19 @@ def test_a_state_leaves_its_range_while_the_other_does_not() -> None:
         assert np.any((values > limit) & (values < 1.01 * limit) & (others <= other[1]))
 
 
+def test_what_a_single_step_leaves_in_the_states_is_compared(tmp_path: Path) -> None:
+    """No output of the step shows how the next state decides near 0, and few steps come near."""
+    program = to_step_form(compiled(_HIDDEN_STATE))
+    write_c(program, {}, tmp_path, COptions())
+    source = tmp_path / "src" / "test.c"
+    right = source.read_text(encoding="ascii")
+    wrong = right.replace("> 0.0f) ? ", "> 0.001f) ? ")
+    assert wrong != right
+    assert "agree" in _tested(tmp_path)
+    source.write_text(wrong, encoding="ascii")
+    assert "leaves another state" in _tested(tmp_path)
+
+
 def test_parameters_of_their_own_are_in_the_vectors_of_the_test_program(tmp_path: Path) -> None:
     program, _ = _made(_TWO_ROOTS)
     write_c(program, {}, tmp_path, COptions(extras=("jacobian",)))
@@ -149,11 +169,16 @@ def test_a_step_that_decides_nothing_has_golden_runs_all_the_same(tmp_path: Path
 @pytest.mark.parametrize("params", ["const", "tunable"])
 def test_other_parameters_keep_their_bounds(params: ParameterAccess, tmp_path: Path) -> None:
     """Learned knots rise in every golden step: C finds its piece by their order."""
-    compiler = require_tool("gcc", install="apt install gcc")
     program = compiled(_LEARNED_KNOTS)
     write_c(program, {}, tmp_path, COptions(params=params))
-    sources = [str(path) for part in ("src", "test") for path in (tmp_path / part).glob("*.c")]
-    binary = str(tmp_path / "binary")
-    flags = ["-std=c99", "-O1", "-ffp-contract=off", f"-I{tmp_path / 'include'}"]
+    assert "agree" in _tested(tmp_path)
+
+
+def _tested(folder: Path) -> str:
+    """What the test program of an export prints."""
+    compiler = require_tool("gcc", install="apt install gcc")
+    sources = [str(path) for part in ("src", "test") for path in (folder / part).glob("*.c")]
+    binary = str(folder / "binary")
+    flags = ["-std=c99", "-O1", "-ffp-contract=off", f"-I{folder / 'include'}"]
     subprocess.run([compiler, *flags, *sources, "-o", binary, "-lm"], check=True)
-    assert "agree" in subprocess.run([binary], check=False, capture_output=True, text=True).stdout
+    return subprocess.run([binary], check=False, capture_output=True, text=True).stdout

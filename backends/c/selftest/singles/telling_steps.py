@@ -46,7 +46,7 @@ def telling_steps(
     rare = np.arange(len(found)) >= len(found) - len(beside.equal)
     found, rare = found.of(np.flatnonzero(settled)), rare[settled]
     changes = steps.changes()
-    plain = steps.seen(found.of(np.arange(PLAIN)), changes).sum(axis=0)
+    plain = steps.seen(found.of(np.arange(PLAIN)), changes, states=False).sum(axis=0)
     left = [change for change, count in zip(changes, plain, strict=True) if count < _RARE]
     alone = slopes_alone(steps, decisions, random)
     chosen = [*_at_limits(found, decisions, steps), *_both_sides(beside, outcomes, steps)]

@@ -120,7 +120,10 @@ class TrialSteps:
         # a change shows in what is compared after one step
         self._shown: list[tuple[ChangeableGraph, list[NodeId]]] = []
         outputs = [output.node for output in program.outputs]
-        graphs = [(program.step, outputs)]
+        compared = {*self.written_names}
+        left = [state.next for state in self.program.states if state.name in compared]
+        self._left = {*left} - {*outputs}
+        graphs = [(self.program.step, [*outputs, *left])]
         if jacobian:
             graphs.append((jacobian.graph, jacobian.roots))
         for graph, roots in graphs:
@@ -206,8 +209,13 @@ class TrialSteps:
         """Every change of an operand in the step, 0, and in the Jacobian, 1."""
         return [(g, c) for g, (graph, _) in enumerate(self._shown) for c in graph.changes()]
 
-    def seen(self, trials: Trials, changes: Sequence[tuple[int, Change]]) -> NDArray[np.bool_]:
-        """Which changes show in what is compared after each step, (B, changes)."""
+    def seen(
+        self, trials: Trials, changes: Sequence[tuple[int, Change]], *, states: bool = True
+    ) -> NDArray[np.bool_]:
+        """Which changes show in what is compared after each single step, (B, changes).
+
+        Without `states` in what is compared after each step of a golden run.
+        """
         count = len(trials)
         found = np.zeros((count, len(changes)), np.bool_)
         for number, (graph, roots) in enumerate(self._shown):
@@ -228,6 +236,8 @@ class TrialSteps:
                 )
                 differ = np.zeros(len(copies), np.bool_)
                 for root in roots:
+                    if number == 0 and not states and root in self._left:
+                        continue
                     expected = repeated_batch(right[root], count).reshape(count, -1)
                     given = repeated_batch(wrong[root], len(copies)).reshape(len(copies), -1)
                     differ |= _differ(given, np.tile(expected, (len(part), 1))).any(axis=1)

@@ -13,6 +13,7 @@ from backends.c.selftest.kernel_cases import kernel_cases
 from backends.c.selftest.text.expected_text import expected_text
 from backends.c.selftest.text.golden_helpers import helper_functions, resumed_step
 from backends.c.selftest.text.golden_jacobian import slopes_function
+from backends.c.selftest.text.golden_states import state_function
 from backends.c.selftest.text.golden_text import (
     differs_function,
     golden_functions,
@@ -115,6 +116,7 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
     if interface.options.is_exact:
         singles = golden_singles(program, interface, weights, begun, _SINGLES_SEED)
     alone = len(singles.starts) if singles else 0
+    writes = bool(singles and singles.vectors.written)
     every = [*runs, singles.vectors] if singles else runs
     vectors = render(
         "vectors.h.j2",
@@ -122,14 +124,14 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         "Golden vectors",
         guard=f"{prefix.upper()}_VECTORS_H",
         functions=_golden(interface, runs, starts, singles),
-        hashes=_hashes(interface),
+        hashes=_hashes(interface) or writes,
         runs=len(runs),
         steps=_TEST_STEPS,
         singles=alone,
         from_init=FROM_INIT,
         tunes=bool(singles and singles.tunes),
         linearized=singles.linearized if singles else 0,
-        writes=bool(singles and singles.vectors.written),
+        writes=writes,
         written=sum(bool(run.written) for run in runs),
         starts=len(runs) + len(starts),
     )
@@ -143,6 +145,7 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         from_init=FROM_INIT,
         steps=_TEST_STEPS,
         singles=alone,
+        writes=writes,
         count=len(runs) * _TEST_STEPS + alone,
         lag=_LAG,
     )
@@ -208,4 +211,6 @@ def _golden(
         if not interface.outputs and _compares(interface):
             functions.insert(0, differs_function(interface.prefix))
         functions.append(slopes_function(interface, interface.jacobian, every))
+    if singles and singles.vectors.written:
+        functions.append(state_function(interface, singles))
     return [printer.function(function) for function in functions]
