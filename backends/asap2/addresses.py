@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeAlias
 
+# comments, strings and words, as the standard has them: a keyword within a string is none
 _TOKEN = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|""|[^"\\])*"|[^\s"]+', re.DOTALL)
 _BLOCKS = ("CHARACTERISTIC", "MEASUREMENT", "AXIS_PTS", "MEMORY_SEGMENT")
 
@@ -47,6 +48,7 @@ def filled(text: str, find: Find, *, big_endian: bool = False) -> str:
             changes.append((place, f"0x{symbol.address:X}"))
             if link is not None:
                 changes.append((link, f'"{symbol.name}"'))
+    # from the end to the front: places before a change stay where they are
     for token, new in sorted(changes, key=lambda change: change[0].begin, reverse=True):
         text = text[: token.begin] + new + text[token.end :]
     return text
@@ -61,6 +63,7 @@ def linked(text: str) -> list[str]:
 
 def _tokens(text: str) -> Iterator[_Token]:
     for found in _TOKEN.finditer(text):
+        # comments stay in the file: they are no tokens, but their text is not touched
         if not found[0].startswith(("/*", "//")):
             yield _Token(found[0], found.start(), found.end())
 
@@ -68,6 +71,7 @@ def _tokens(text: str) -> Iterator[_Token]:
 def _objects(tokens: list[_Token]) -> Iterator[list[_Token]]:
     """The tokens of each object, from its keyword to its end."""
     begin: int | None = None
+    # /end stands before the keyword of what it ends
     for index, token in enumerate(tokens[:-1]):
         kind = tokens[index + 1].text
         if kind in _BLOCKS and token.text == "/begin":

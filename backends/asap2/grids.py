@@ -21,17 +21,20 @@ def grids(program: Program) -> dict[str, Knots]:
     for _, node in graph:
         if not isinstance(node.op, ops.Subtract | ops.Compare):
             continue
+        # fuzzy sets and tables take the distance from points, or compare with them
         value, points = (graph.unrepeated(arg) for arg in node.args)
         at, kind = graph[points].op, graph[points].type
         if not isinstance(at, ops.Constant) or len(kind.axes) != 1:
             continue
         axis = kind.axes[0]
+        # a value along the axis itself is no number that is looked up on it
         if graph[value].type.axis(axis.name) is not None or not _ascends(at.values):
             continue
         unit = graph[value].type.unit
         knots = Knots(at.values, "" if unit is None else unit.text, _looked_up(graph, value))
         for name in _names_downstream(graph, points, axis.name):
             found.setdefault(name, set()).add(knots)
+    # two lists of numbers along one axis: neither is told
     return {name: next(iter(all)) for name, all in found.items() if len(all) == 1}
 
 

@@ -17,6 +17,7 @@ from backends.asap2.objects import (
 )
 from backends.ports.identifiers import ascii_text
 
+# what an ECU's type can hold, where the spec has no range: ASAP2 wants limits of everything
 _LARGEST: dict[Storage, float] = {
     "FLOAT32_IEEE": 3.4028234663852886e38,
     "FLOAT64_IEEE": 1.7976931348623157e308,
@@ -44,9 +45,11 @@ def a2l_text(model: CalibratedModel) -> str:
     """
     names = _names(model)
     scales = list(dict.fromkeys(_scales(model)))
+    # equal scales share a method: tools list them
     methods = {scale: f"{model.prefix}.CM{number}" for number, scale in enumerate(scales, 1)}
     used: list[_Layout] = [(entry.storage, _order(entry)) for entry in _parameters(model)]
     lines = [
+        # */ in a name would end the comment
         f"/* {_plain(model.name).replace('*/', '* /')}: made by msnn. {model.remark} */",
         "ASAP2_VERSION 1 71",
         f"/begin PROJECT {model.prefix} {quoted(model.doc)}",
@@ -62,6 +65,7 @@ def a2l_text(model: CalibratedModel) -> str:
     for storage, order in dict.fromkeys(used):
         lines += [
             f"/begin RECORD_LAYOUT {_layout(model, storage, order)}",
+            # row or column: which index runs fastest, in ASAP2's words
             f"  FNC_VALUES 1 {storage} {order} DIRECT",
             "/end RECORD_LAYOUT",
         ]
@@ -97,6 +101,7 @@ def quoted(text: str) -> str:
 def _plain(text: str) -> str:
     """One line of printable ASCII."""
     line = " ".join(ascii_text(text).split())
+    # ASAP2 is a format of bytes: only ASCII is the same to all tools
     return "".join(character if character.isprintable() else " " for character in line)
 
 
@@ -108,6 +113,7 @@ def _names(model: CalibratedModel) -> dict[tuple[Struct, str], str]:
     """By struct and member: `prefix.name`, which neither keywords nor other models have."""
     found: dict[tuple[Struct, str], str] = {}
     taken = {f"{model.prefix}.CM{number}" for number in range(1, len(model.objects) + 1)}
+    # dots are allowed between identifiers; anything else in a name is written as C has it
     for entry in model.objects:
         parts = entry.name.split(".")
         fits = all(part.isascii() and part.isidentifier() for part in parts)

@@ -29,6 +29,8 @@ def positions(type: Type) -> Positions:
 def gather(column: Expression, wanted: Positions) -> Expression:
     """A column of the elements at these positions, in the C order of `wanted`."""
     flat = wanted.ravel()
+    # an index that changes nothing would be a node for CasADi, and each node costs time in every
+    # call
     if np.array_equal(flat, np.arange(column.numel())):
         return column
     if column.numel() == 1:  # picking from a 1×1 matrix gives a row
@@ -43,12 +45,14 @@ def broadcast(column: Expression, operand: Type, result: Type) -> Expression:
     index = tuple(
         slice(None) if axis.name in operand.axis_names else np.newaxis for axis in result.axes
     )
+    # axes by name (R3): their order is the result's, and missing ones get the length 1
     placed = positions(operand).transpose(order)[index]
     return gather(column, np.broadcast_to(placed, result.shape))
 
 
 def concat(columns: Sequence[Expression], operands: Sequence[Type], axis: str) -> Expression:
     """The arrays one after the other along one axis."""
+    # vertcat puts the operands one below the other: positions are counted on
     ends = np.cumsum([operand.size for operand in operands])
     parts = [
         positions(operand) + end - operand.size for operand, end in zip(operands, ends, strict=True)
@@ -60,6 +64,7 @@ def concat(columns: Sequence[Expression], operands: Sequence[Type], axis: str) -
 def total(column: Expression, operand: Type, axis: str) -> Expression:
     """Σ over one axis."""
     terms = np.moveaxis(positions(operand), operand.position(axis), 0)
+    # a matrix whose columns are the terms: sums along its rows
     return casadi.sum2(_matrix(column, terms.reshape(terms.shape[0], -1)))
 
 
@@ -69,6 +74,7 @@ def contract(
     """Σ over one axis of the product: a matrix product unless the operands share more axes."""
     shared = [a for a in result.axes if all(a.name in type.axis_names for type in operands)]
     # CasADi writes a product with a matrix of zeros as 0 and so loses a NaN
+    # an axis that both keep is not summed: CasADi has no stack of matrices
     if shared or left.is_zero() or right.is_zero():
         size = operands[0].axes[operands[0].position(axis)].size
         terms = Type((Axis(axis, size), *result.axes))
@@ -87,5 +93,6 @@ def contract(
 
 def _matrix(column: Expression, columns: Positions) -> Expression:
     """The matrix whose columns are the elements at the rows of `columns`."""
+    # CasADi fills matrices by columns: a row of `columns` becomes a column
     count, length = columns.shape
     return casadi.reshape(gather(column, columns), length, count)

@@ -81,6 +81,7 @@ class ControlProgram:
         self._constraints: list[Expression] = []
         self._variables: list[Expression] = []
         self._cost: Expression = casadi.MX(0)
+        # x_0 is a variable like the states after it, made equal to this one by a constraint
         state = casadi.MX.sym("state", problem.states.size)
         self._ports = [*problem.disturbances.members, *problem.references.members]
         self._given = {
@@ -93,6 +94,7 @@ class ControlProgram:
             if k < problem.horizon:
                 parts = [values[self._names.next_states[m.name]] for m in problem.states.members]
                 following = casadi.vertcat(*parts) / self._scale_x
+                # in this sign: with the other one fatrop does not find the stages
                 self._constrain(stages[k + 1][0] - following, RowKind.GAP, k)
                 self._cost += values[self._names.outputs[problem.stage]]
             elif problem.terminal is not None:
@@ -144,6 +146,7 @@ class ControlProgram:
         size = self._stages[-1].excesses.stop
         lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
         for k, stage in enumerate(self._stages):
+            # an excess below 0 would be a gain
             lower[stage.excesses] = 0.0
             if k < len(low):
                 lower[stage.controls] = low[k] / self._scale_u
@@ -154,6 +157,7 @@ class ControlProgram:
 
     def _added_stage(self, k: int) -> tuple[Expression, Expression, dict[int, Expression]]:
         problem = self._problem
+        # at N nothing is decided
         controls = problem.controls.size if k < problem.horizon else 0
         excesses = {
             i: casadi.MX.sym(f"v_{k}_{i}", problem.type(path.value).size)
@@ -163,6 +167,7 @@ class ControlProgram:
         states = casadi.MX.sym(f"x_{k}", problem.states.size)
         moves = casadi.MX.sym(f"u_{k}", controls)
         first = self._stages[-1].excesses.stop if self._stages else 0
+        # the variables of a stage stand together: states, controls, excesses
         ends = np.cumsum(
             [first, problem.states.size, controls, sum(int(v.numel()) for v in excesses.values())]
         )
@@ -183,6 +188,7 @@ class ControlProgram:
             self._names.inputs[m.name]: _samples(self._given[m.name], k, m.axes)
             for m in self._ports
         }
+        # a port that nothing reads is no argument of the function
         known = {*self._step.name_in()}
         return self._step.call({name: v for name, v in arguments.items() if name in known})
 
@@ -208,8 +214,10 @@ class ControlProgram:
             assert path.linear is not None
             assert path.quadratic is not None
             excess = excesses[i]
+            # scaled excesses cost the same: w₁ e = w₁ s (e/s)
             self._cost += path.linear * path.scale * casadi.sum1(excess)
             self._cost += path.quadratic * path.scale**2 * casadi.sumsqr(excess)
+            # two rows of one excess: min ≤ g + v and g − v ≤ max
             self._constrain(value + excess, RowKind.LOW, k, path=i)
             self._constrain(value - excess, RowKind.HIGH, k, path=i)
 
@@ -225,6 +233,7 @@ class ControlProgram:
 
     def _rows_of(self, member: Member) -> int:
         """Samples of a port that are parameters."""
+        # N stages, and as many samples more as a window looks ahead of the last one
         return self._problem.horizon + (Type(member.axes).window or 1)
 
 
@@ -241,4 +250,5 @@ def _size(axes: Sequence[Axis]) -> int:
 def _samples(column: Expression, k: int, axes: Sequence[Axis]) -> Any:
     """What a port reads at k, its window last, of samples one after the other."""
     size, window = _size(axes), Type(tuple(axes)).window or 1
+    # samples first in memory, the window last in a port: the transpose turns one into the other
     return casadi.vec(casadi.reshape(column[k * size : (k + window) * size], size, window).T)

@@ -59,6 +59,7 @@ def write_casadi(
 
 
 def _save(function: casadi.Function, path: Path) -> Path:
+    # a reader never sees half a file: it is written beside and renamed
     with replacing(path) as temporary:
         function.save(str(temporary))
     return path

@@ -45,6 +45,7 @@ def build_function(program: Program, name: str = "step", *, form: Form = "mx") -
     ]
     states = {state.name: _symbol(names.states[state.name], state.axes) for state in program.states}
     parameters = _parameters(interface.parameters, names)
+    # while expressions are made: simplification acts at once, not when the function is built
     with exact_arithmetic():
         symbols = Symbols(_by_signal(inputs), states, parameters)
         values = lower_nodes(program.step, interface.step_nodes, symbols)
@@ -86,6 +87,7 @@ def casadi_names(program: Program) -> PortNames:
 
 
 def _prepared(program: Program) -> Program:
+    # CasADi multiplies slopes like any library: 0 · ∞ is NaN without the guards
     return guard_infinite_slopes(guard_untaken(expand_functions(program, NATIVE)))
 
 

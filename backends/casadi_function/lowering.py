@@ -38,6 +38,7 @@ class Symbols:
 @contextmanager
 def exact_arithmetic() -> Generator[None]:
     """Keeps CasADi from writing 0·x as 0 and x − x as 0, which hides a NaN that the judge shows."""
+    # the switch is global to CasADi, so it is put back even where lowering fails
     before = casadi.GlobalOptions.getSimplificationOnTheFly()
     casadi.GlobalOptions.setSimplificationOnTheFly(False)
     try:
@@ -100,6 +101,7 @@ def _lower(node: Node, values: list[Expression], types: list[Type], symbols: Sym
             return getattr(casadi, SCALAR_FUNCTIONS[function].casadi)(*values)
         case ops.Broadcast():
             return broadcast(values[0], types[0], node.type)
+        # C order already: only the axes have other names
         case ops.Reshape():
             return values[0]
         case ops.Slice(axis, start, stop):
@@ -118,6 +120,7 @@ def _lower(node: Node, values: list[Expression], types: list[Type], symbols: Sym
 
 
 def _read(port: Port, column: Expression, first: int, last: int) -> Expression:
+    # a read of the whole port is the port
     if (first, last) == (port.first, port.last):
         return column
     kept = slice(first - port.first, last - port.first + 1)
@@ -133,6 +136,7 @@ def _window(buffer: Expression, newest: Expression, window: Type) -> Expression:
 def _nearer(first: Expression, second: Expression, values: list[Expression]) -> Expression:
     """The operand whose relation holds, a tie to the first; where neither holds one is NaN."""
     left, right = values
+    # by two comparisons: where neither holds one is NaN, and so is the sum
     return casadi.if_else(first, left, casadi.if_else(second, right, left + right))
 
 

@@ -63,8 +63,10 @@ class OptimalControlNlp:
         self._program = ControlProgram(problem)
         settings = _OPTIONS[solver] | dict(options or {})
         if solver == "fatrop":
+            # fatrop must be told which constraints are equalities; IPOPT sees it by the bounds
             settings["equality"] = [row.kind.is_equality for row in self._program.rows]
         nlp = self._program.nlp
+        # the cost at what is returned, after excesses are put right
         self._cost = casadi.Function("cost", [nlp["x"], nlp["p"]], [nlp["f"]])
         self.solver: casadi.Function = casadi.nlpsol(
             "controller", solver, self._program.nlp, settings
@@ -100,6 +102,7 @@ class OptimalControlNlp:
             most = float(rates(self.problem)[row.element])
             return -most, most
         path = self.problem.path_limits[row.path]
+        # rows of a path begin at its first stage
         at = row.stage - (stages_of(self.problem, path).start or 0)
         low = float(along.path_min[row.path][at, row.element]) / path.scale
         high = float(along.path_max[row.path][at, row.element]) / path.scale

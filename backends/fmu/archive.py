@@ -23,6 +23,7 @@ def archive(files: Mapping[str, bytes]) -> bytes:
         for path in sorted(files):
             entry = zipfile.ZipInfo(path, _DATE)
             entry.compress_type = zipfile.ZIP_DEFLATED
+            # extractors take permission bits from systems that have them; binaries must be runnable
             entry.create_system = _UNIX
             mode = _PROGRAM if path.startswith(BINARIES) else _FILE
             entry.external_attr = mode << 16

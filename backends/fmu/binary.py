@@ -17,6 +17,8 @@ from backends.fmu.sources import Version
 HEADERS = Path(templates.__path__[0]) / "fmu" / "headers"
 """FMI's own, as the standard publishes them."""
 
+# no contraction: fused products would round otherwise than the judge; hidden names: two units in
+# one process must not share symbols
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared")
 
 
@@ -38,6 +40,7 @@ class Platform:
 
 
 _KNOWN = (
+    # glibc 2.17: binaries run on systems that old
     Platform("linux64", "x86_64-linux", "so", "x86_64-linux-gnu.2.17"),
     Platform(None, "aarch64-linux", "so", "aarch64-linux-gnu.2.17"),
     Platform("win64", "x86_64-windows", "dll", "x86_64-windows-gnu"),
@@ -58,6 +61,7 @@ def this_platform() -> Platform | None:
     machine = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}.get(
         platform.machine().lower()
     )
+    # 32-bit Python would load no 64-bit library
     if system is None or machine is None or sys.maxsize < 2**32:
         return None
     found = PLATFORMS.get(f"{machine}-{system}")
@@ -83,5 +87,6 @@ def _compiled(sources: tuple[tuple[str, str], ...], compiler: tuple[str, ...]) -
         library = folder / "unit.library"
         texts = [str(folder / name) for name, _ in sources if name.endswith(".c")]
         arguments = ["-s", f"-I{HEADERS}", f"-I{folder}", *texts]
+        # -s: the symbols of a build have no place in an archive
         compile_with([*compiler, *FLAGS], arguments, library)
         return library.read_bytes()

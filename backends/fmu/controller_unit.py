@@ -78,6 +78,7 @@ def _states(problem: ControlProblem, names: VariableNames) -> Iterator[Variable]
     docs = {state.name: state.doc for state in problem.program.states}
     registers = problem.registers
     for member in problem.states.members:
+        # shift registers have samples as numbers: oldest first
         origin = registers.get(member.name)
         length = member.axes[-1].size if origin is not None else 1
         ahead = getattr(origin, "ahead", 0)
@@ -98,6 +99,7 @@ def _known(problem: ControlProblem, names: VariableNames, dtype: Dtype) -> Itera
     signals = {signal.name: signal for signal in problem.program.signals}
     for field, member in zip(input_fields(problem), members, strict=True):
         signal = signals.get(member.name)
+        # limits rounded to the type that compares with them
         limits = None if signal is None else rounded_range(signal.range, dtype)
         yield Variable(
             name=names.add(field.name),
@@ -129,6 +131,7 @@ def _controls(
             name=names.add(member.name),
             kind=VariableKind.OUTPUT,
             array="y.u",
+            # references may move the limits from sample to sample: then no fixed range is right
             range=None if moves else rounded_range(_limits(own), dtype),
             doc=one_line(_doc(signals.get(member.name)), "of this sample, inside its limits"),
             start=np.zeros(member.size),
@@ -136,6 +139,7 @@ def _controls(
 
 
 def _limits(rows: tuple[Row, ...]) -> Range:
+    # of all elements: FMI has one range for an array
     low = min((-np.inf if row.minimum is None else row.minimum for row in rows), default=-np.inf)
     high = max((np.inf if row.maximum is None else row.maximum for row in rows), default=np.inf)
     return float(low), float(high)
@@ -145,6 +149,7 @@ def _first(
     problem: ControlProblem, resting: list[float], names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
     for member in problem.controls.members:
+        # what is applied before the first step limits its move, where there are rates
         values = resting[member.first : member.first + member.size]
         yield member_variable(
             member,

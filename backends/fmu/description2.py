@@ -42,6 +42,7 @@ def description_text(facts: UnitFacts, sources: Sequence[str], guid: str) -> str
         "CoSimulation",
         {
             "modelIdentifier": facts.prefix,
+            # a static model has no sample time: a step may be of any length
             "canHandleVariableCommunicationStepSize": _truth(facts.sample_time is None),
             "canNotUseMemoryManagementFunctions": "true",
             "canGetAndSetFMUstate": "true",
@@ -49,6 +50,7 @@ def description_text(facts: UnitFacts, sources: Sequence[str], guid: str) -> str
             "providesDirectionalDerivative": _truth(facts.depends is not None),
         },
     )
+    # FMI 2.0 lists sources here, FMI 3.0 in a file of its own
     files = child(simulation, "SourceFiles")
     for name in sources:
         child(files, "File", {"name": name})
@@ -99,6 +101,7 @@ def limits(variable: Variable) -> dict[str, str | None]:
 def _add(listed: Element, variable: Variable, facts: UnitFacts) -> None:
     for offset, (name, doc) in enumerate(element_names(variable, facts.labels)):
         scalar = _scalar(listed, name, variable.first + offset, doc, variable.kind)
+        # FMI forbids a start value where `initial` is calculated
         start = None if variable.kind.is_result else number_text(variable.start[offset])
         child(scalar, "Real", {**limits(variable), "start": start})
 
@@ -124,8 +127,10 @@ def _add_structure(root: Element, facts: UnitFacts) -> None:
         places: str | None = None
         if facts.depends is not None:
             inputs = facts.depends[variable.name]
+            # by places in the list, which begin with 1
             places = " ".join(str(i + 1) for v in inputs for i in range(v.first, v.first + v.size))
         for place in range(variable.first + 1, variable.first + variable.size + 1):
+            # without slopes nothing is said of dependencies: that means all inputs
             child(outputs, "Unknown", {"index": str(place), "dependencies": places})
             child(initial, "Unknown", {"index": str(place)})
     behind = facts.variables.status_reference + 1

@@ -34,6 +34,7 @@ def description_text(facts: UnitFacts, token: str) -> str:
         {
             "modelIdentifier": facts.prefix,
             "canHandleVariableCommunicationStepSize": "true" if every is None else "false",
+            # FMI 3.0: steps of an importer are whole multiples of this one
             "fixedInternalStepSize": None if every is None else number_text(every),
             "canGetAndSetFMUState": "true",
             "canSerializeFMUState": "true",
@@ -96,6 +97,7 @@ def _add(listed: Element, variable: Variable, facts: UnitFacts) -> None:
         "start": start,
     }
     found = child(listed, _type(facts), attributes)
+    # one dimension each, in C order, as the standard's
     for size in variable.shape:
         child(found, "Dimension", {"start": str(size)})
 
@@ -106,6 +108,7 @@ def _add_own(listed: Element, facts: UnitFacts) -> None:
     _add_count(listed, variables.status, variables.status_reference, facts.status_doc)
     if variables.iterations is not None:
         _add_count(listed, variables.iterations, variables.iterations_reference, ITERATIONS_DOC)
+    # FMI 3.0 wants the independent variable listed; version 2.0 knows time without
     attributes = {
         "name": variables.time,
         "valueReference": str(variables.time_reference),

@@ -44,6 +44,7 @@ def filter_unit(
     """The unit of a problem's filter; `about` is the description beside its C."""
     dtype: Dtype = about["dtype"]
     prefix: str = about["prefix"]
+    # the numbers that a filter begins with are those of the one in Python
     judge = KalmanFilter(problem, weights)
     names = VariableNames()
     given = list(_inputs(problem, about["in"], names, dtype))
@@ -53,6 +54,7 @@ def filter_unit(
         *_estimated(problem, judge, names),
         *_first(problem, judge, names, dtype),
     ]
+    # C has no empty struct: without inputs there is no member
     members = [f"{prefix}_in_t u;"] if given else []
     members += [f"{prefix}_measured_t measured;", "bool has_begun;"]
     return OnlineUnit(
@@ -208,6 +210,7 @@ def _first_sample(problem: EstimationProblem, name: str) -> int:
     if origin is None:
         return 0
     axes = problem.states.member(name).axes
+    # the oldest sample, counted from the step's
     return getattr(origin, "ahead", 0) - (Type(axes).window or 1)
 
 

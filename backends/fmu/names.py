@@ -27,6 +27,7 @@ class VariableNames:
 
 def is_structured(names: Collection[str]) -> bool:
     """Whether names keep to FMI's `structured` convention: identifiers of ASCII with dots."""
+    # the convention that allows dots: `plant.x` is a member there
     return all(part.isascii() and part.isidentifier() for name in names for part in name.split("."))
 
 
@@ -35,6 +36,7 @@ def element_names(variable: Variable, labels: Mapping[str, Sequence[str]]) -> li
     if not variable.shape:
         return [(variable.name, variable.doc)]
     found: list[tuple[str, str]] = []
+    # from 1, as FMI 2.0 writes elements
     for at in np.ndindex(variable.shape):
         index = ",".join(str(i + 1) for i in at)
         where = [

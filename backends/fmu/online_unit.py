@@ -126,6 +126,7 @@ def _facts(program: Program, unit: OnlineUnit, token: str) -> dict[str, Any]:
         "sample_time": real_literal(every, "float64"),
         "members": unit.members,
         "takes_inputs": unit.takes_inputs,
+        # NAN of <math.h> is a float
         "nan": "NAN" if unit.dtype == "float32" else "(double)NAN",
         "first_size": sum(variable.size for variable in firsts),
         "firsts": [
@@ -171,6 +172,7 @@ def _element(fill: Fill) -> str:
     """The number of the input that fills number i of the state."""
     if fill.size == fill.length:
         return "0"
+    # element i of a register is a past sample of the element that its row belongs to
     return f"((i - {fill.first}U) / {fill.length}U) * {fill.window}U"
 
 

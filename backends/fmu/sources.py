@@ -25,6 +25,7 @@ def model_sources(program: Program, interface: Interface, weights: Weights) -> d
     """The generated C that both versions share, by names of files in one folder."""
     texts = model_texts(program, interface, weights)
     prefix = interface.prefix
+    # sources lie in one folder of a unit: folders of an export are taken off
     sources = {p.removeprefix("src/"): text for p, text in texts.items() if p.startswith("src/")}
     return {f"{prefix}.h": texts[f"include/{prefix}.h"], **sources}
 
@@ -145,6 +146,7 @@ def _beginning(interface: Interface, variable: Variable) -> list[str]:
         variable.start
     ):
         return []
+    # all samples begin with the same number: that nearest to 0 within the range
     value = real_literal(float(variable.start[0]), interface.options.dtype)
     if not variable.shape:
         return [f"m->{variable.place} = {value};"]
@@ -165,6 +167,7 @@ def _fills(
     found: list[dict[str, Any]] = []
     for field, port in interface.windows:
         input = given.get(port.signal.name)
+        # an encoder's window of a signal that is no input must be set by the importer
         if input is None:
             continue
         to = samples[f"x0.{field.identifier}"]

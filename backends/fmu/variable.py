@@ -122,6 +122,7 @@ def member_variable(
 def placed(variables: Iterable[Variable]) -> tuple[Variable, ...]:
     """The same with references: each begins behind the numbers of the one before."""
     found: list[Variable] = []
+    # FMI 2.0 knows each number by a reference: arrays take as many as they have
     for variable in variables:
         first = found[-1].first + found[-1].size if found else 0
         found.append(replace(variable, first=first))

@@ -63,6 +63,7 @@ def _outputs(program: Program, interface: Interface, names: VariableNames) -> It
         output = program.output(field.name)
         means = ""
         if output.predicts is not None:
+            # a delayed step says what it predicts from its own sample on (decision 0209)
             ahead = output.predicts.ahead - program.late
             means = f"predicts {output.predicts.signal}[t{f'{ahead:+d}' if ahead else ''}]"
         yield Variable(
@@ -79,6 +80,7 @@ def _outputs(program: Program, interface: Interface, names: VariableNames) -> It
 
 def _declared(interface: Interface) -> Iterable[PlainState]:
     for memory in interface.states:
+        # memory of layers and registers is no quantity that a user knows
         if isinstance(memory, PlainState) and isinstance(memory.state.origin, Declared):
             yield memory
 
@@ -169,6 +171,7 @@ def _first_values(
 def _values_at_start(
     program: Program, states: Sequence[State], weights: Weights, dtype: Dtype
 ) -> Mapping[str, NDArray[Any]]:
+    # no log, no outputs: only the first values are asked for
     alone = replace(program, states=tuple(states), losses=(), outputs=(), expected=())
     found = Interpreter(alone, weights, dtype).start({}, [0])
     return {name: value[0].ravel() for name, value in found.items()}
@@ -178,6 +181,7 @@ def rounded_range(range: Range, dtype: Dtype) -> Range:
     """The limits as the C compares with them."""
     if range is None:
         return None
+    # a limit of 0.1 is another number in float32: the C compares with that one
     low, high = (float(bound) for bound in _as(dtype, np.array(range)))
     return low, high
 

@@ -87,6 +87,7 @@ def _depends(interface: Interface, variables: UnitVariables) -> dict[str, Sequen
                 for i in range(row.size)
                 for j in range(column.size)
             )
+            # a slope that is not known to be 0 is a dependency
             if any(direct.known[place] != 0.0 for place in places):
                 columns.append(inputs[column.name])
         depends[row.name] = columns

@@ -40,10 +40,12 @@ def write_units(
     compilers = _compilers(platforms)
     written: list[Path] = []
     for version in VERSIONS:
+        # the token is of the texts without one: it stands in them
         token = _token(facts, version, {**model, **unit(version, "")})
         sources = {**model, **unit(version, token)}
         files = _files(facts, version, sources, token)
         for platform, compiler in compilers.items():
+            # FMI 2.0 has no name for some machines: their unit has sources alone
             place = platform.path(version, facts.prefix)
             if place is not None:
                 files[place] = binary(sources, compiler)
@@ -65,6 +67,7 @@ def _compilers(platforms: Collection[str]) -> dict[Platform, Sequence[str]]:
     here = this_platform()
     found: dict[Platform, Sequence[str]] = {}
     if here is not None:
+        # without a compiler here the sources are the unit
         with suppress(CompilerMissingError):
             found[here] = find_compiler()
     for name, platform in PLATFORMS.items():
@@ -85,12 +88,14 @@ def _files(
         texts["modelDescription.xml"] = description3.description_text(facts, token)
         texts["sources/buildDescription.xml"] = description3.build_text(facts.prefix, compiled)
     texts["documentation/licenses/license.txt"] = _licence(version)
+    # archives have bytes: line ends stay as they are on every system
     return {path: text.encode("utf-8") for path, text in texts.items()}
 
 
 def _licence(version: Version) -> str:
     """The words of the README, and the licence that stands in FMI's headers."""
     header = (HEADERS / _HEADERS_OF[version][0]).read_text(encoding="utf-8")
+    # the licence of the headers must go with what is compiled from them
     begin = header.index("Copyright (C)")
     terms = header[begin : header.index("*/", begin)].rstrip()
     own = (
@@ -104,6 +109,8 @@ def _token(facts: UnitFacts, version: Version, sources: Mapping[str, str]) -> st
     """An identifier of what the unit computes and shows: another model has another one."""
     digest = hashlib.sha256()
     for path, data in sorted(_files(facts, version, sources, "").items()):
+        # lengths too, so that no two lists of files give the same bytes
         digest.update(f"{path}\n{len(data)}\n".encode())
         digest.update(data)
+    # a GUID in braces, as FMI 2.0 writes it
     return f"{{{uuid.UUID(bytes=digest.digest()[:16])}}}"

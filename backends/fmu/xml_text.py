@@ -27,6 +27,7 @@ def child(parent: Element, name: str, attributes: Attributes | None = None) -> E
 def xml_text(root: Element) -> str:
     """The document; quotes, brackets and line ends of any text are escaped."""
     indent(root)
+    # line ends in attributes are written as references: XML reads a bare one as a blank
     body = tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{body}\n'
 
@@ -36,9 +37,11 @@ def number_text(value: float) -> str:
     number = float(value)
     if not np.isfinite(number):
         return "NaN" if np.isnan(number) else "-INF" if number < 0 else "INF"
+    # 1e15 and below are exact integers, and shorter so
     return repr(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
 
 
 def _written(attributes: Attributes) -> dict[str, str]:
     known = {name: text for name, text in attributes.items() if text is not None}
+    # a character that XML cannot hold, in a doc, must not spoil the whole description
     return {name: _NO_XML.sub("\ufffd", text) for name, text in known.items()}

@@ -84,6 +84,8 @@ class Draft:
         sources = LeafNodes(ports, names.states, names.parameters)
         values = lower_nodes(self.program.step, self.interface.step_nodes, sources, nodes)
         for output in self.interface.outputs:
+            # an output may be an input as it is, or the same value as another one: ONNX wants a
+            # name of its own for each
             nodes.add_as(names.outputs[output.name], "Identity", [values[output.node]])
         for state in self.interface.states:
             nodes.add_as(names.next_states[state.name], "Identity", [values[state.next]])
@@ -138,6 +140,7 @@ class Draft:
         if series:
             shape, names = [STEPS, *shape], [STEPS, *names]
         declared = helper.make_tensor_value_info(name, _ELEMENTS[self.dtype], shape, doc)
+        # ONNX has no names of axes: denotations are where tools look for them
         for dimension, axis in zip(declared.type.tensor_type.shape.dim, names, strict=True):
             dimension.denotation = axis
         return declared
@@ -174,6 +177,7 @@ class Draft:
             "interface": metadata_text(metadata),
         }
         helper.set_model_props(model, properties)
+        # shapes are inferred too: a wrong one is found here, not by a runtime
         onnx.checker.check_model(model, full_check=True)
         return model
 

@@ -33,6 +33,7 @@ def write_onnx(
         f"{prefix}.onnx": build_model(program, weights, dtype),
         f"{prefix}_rollout.onnx": build_rollout(program, weights, dtype),
     }
+    # a model without results is refused by runtimes
     if program.states:
         models[f"{prefix}_initial_state.onnx"] = build_initial_state(program, weights, dtype)
     readme = readme_text(
@@ -47,4 +48,5 @@ def write_onnx(
 
 
 def _bytes(model: onnx.ModelProto) -> bytes:
+    # protobuf may write maps in any order otherwise: the same model would have other bytes
     return model.SerializeToString(deterministic=True)

@@ -40,6 +40,7 @@ def lower_nodes(
     values: dict[NodeId, str] = {}
     for index in nodes:
         node = graph[index]
+        # the place in the spec goes with each node, where viewers of ONNX show it
         place = f"line {node.span.line}" if node.span else ""
         onnx.describe(node.label or f"n{index}", place)
         operands = [values[arg] for arg in node.args]
@@ -106,6 +107,7 @@ def _lower(
             return _contract(values, types, node.type, axis, onnx)
         case ops.Window(state):
             last = len(shape) - 1
+            # oldest first: the buffer, then what is new (R1)
             newest = onnx.add("Unsqueeze", [values[0], onnx.integers([last])])
             return onnx.add("Concat", [sources.states[state], newest], axis=last)
         case _ as never:
@@ -115,6 +117,7 @@ def _lower(
 def _read(port: Port, value: str, read: tuple[int, int], type: Type, onnx: OnnxNodes) -> str:
     first, last = read
     before = port.type.shape
+    # ports hold all samples that any reader wants: each takes its own
     if read != (port.first, port.last):
         size = last - first + 1
         start = first - port.first
@@ -147,6 +150,7 @@ def _arranged(
     value: str, type: Type, groups: tuple[list[Axis], list[Axis], list[Axis]], onnx: OnnxNodes
 ) -> str:
     axes = [axis for group in groups for axis in group]
+    # axes together that MatMul takes as one: stack, rows, columns
     value = onnx.transposed(value, [type.position(axis.name) for axis in axes])
     return onnx.reshaped(value, tuple(axis.size for axis in axes), _stacked(*groups))
 

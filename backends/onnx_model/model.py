@@ -45,9 +45,11 @@ def build_rollout(
     """
     draft = Draft.of(program, weights, dtype)
     names, nodes = draft.names, draft.nodes()
+    # ONNX knows one space of names for a graph and what it contains
     inside = _inside(names, nodes)
     body = OnnxNodes(nodes.dtype, nodes.taken)
     draft.lower_step(body, inside)
+    # a Scan needs a series to know how often: without inputs its length is all that counts
     clock = draft.value(c_identifier("step", nodes.taken), (), "")
     body_graph = helper.make_graph(
         body.nodes,
@@ -65,6 +67,7 @@ def build_rollout(
         [value.name for value in arguments],
         [value.name for value in results],
         name="rollout",
+        # the last of the arguments are scanned, the first are the state
         num_scan_inputs=len(series),
         body=body_graph,
     )

@@ -59,6 +59,7 @@ class OnnxNodes:
     def integers(self, values: Iterable[int]) -> str:
         """A vector of 64-bit integers, for shapes and positions; equal ones are shared."""
         key = tuple(values)
+        # shapes are operands in ONNX: equal ones are one initialiser
         if key not in self._shapes:
             name = c_identifier("shape_" + "_".join(map(str, key)), self.taken)
             self.initializers.append(numpy_helper.from_array(np.array(key, np.int64), name))
@@ -88,6 +89,7 @@ class OnnxNodes:
         missing = [i for i, axis in enumerate(result.axes) if axis.name not in names]
         if not missing:
             return value
+        # a scalar expands to any shape; other values need their missing axes first
         if names:
             value = self.add("Unsqueeze", [value, self.integers(missing)])
         return self.add("Expand", [value, self.integers(result.shape)])

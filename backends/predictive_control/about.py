@@ -64,6 +64,7 @@ def _limits(rows: Rows, control: int) -> dict[str, Any]:
     """What a control never leaves, as far as it is a number; where its value before stands."""
     row = rows.rows[control]
     found: dict[str, Any] = {
+        # limits that follow references are no numbers
         "min": None if rows.move else row.minimum,
         "max": None if rows.move else row.maximum,
     }

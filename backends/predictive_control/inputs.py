@@ -45,6 +45,7 @@ def input_fields(problem: ControlProblem) -> tuple[InputField, ...]:
     found: list[InputField] = []
     for member, ahead in _members(problem):
         window = Type(member.axes).window or 1
+        # previewed ports hold the samples of all stages, and what windows read beyond
         samples = ahead + window - 1 if member.name in problem.previewed else 1
         count = member.size // window
         found.append(

@@ -81,6 +81,7 @@ class ControllerLibrary:
         """(x, u) of all stages, (N+1, nx+nu); there is no control at the end."""
         at = np.asarray(self._plan["places"])
         stages = self._plan["step"] * np.arange(self._horizon + 1)
+        # the plan lies where the structure of the solver has it; places and step say where
         return self._state[0]["z"].ravel()[stages[:, None] + at]
 
     def _decided(self, function: str, values: Mapping[str, ArrayLike]) -> Decision:
@@ -101,4 +102,5 @@ class ControllerLibrary:
 def struct_type(members: list[dict[str, Any]]) -> np.dtype[Any]:
     """As C compilers place the members."""
     fields = [(m["name"], np.dtype(m["type"]), tuple(m["shape"])) for m in members]
+    # as compilers do: each member at a multiple of its own size
     return np.dtype(fields, align=True)

@@ -23,6 +23,7 @@ def multipliers_of(problem: ControlProblem, rows: Rows, library: ControllerLibra
     live = library.member("live") != 0
     live[:, : 2 * nu] |= np.repeat(library.member("room") == 0, 2, axis=1)  # held by both limits
     sides = np.where(live, library.member("multiplier").astype(np.float64), 0.0)
+    # sides alternate: low, high
     low, high = sides[:, 0::2], sides[:, 1::2]
     rate_low, rate_high = np.zeros((n, nu)), np.zeros((n, nu))
     for number, rate in enumerate(rows.rates):

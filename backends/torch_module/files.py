@@ -30,6 +30,7 @@ def write_torch(
     otherwise. Weights are physical float64 arrays, the initial values where none are given. Returns
     the paths. OSError where the folder cannot be written, ValueError for a weight of a wrong shape.
     """
+    # before text is made: a wrong weight leaves no file behind
     arrays = physical_weights(program, weights or {})
     metadata = {"program": program.name, "spec_sha256": program.spec_hash}
     interface = step_interface(program)

@@ -71,6 +71,7 @@ def static_nodes(graph: Graph) -> list[bool]:
 
 def prepared(program: Program) -> Program:
     """The program with functions that torch lacks written out, and slopes guarded."""
+    # before it is lowered: autograd multiplies slopes as they are
     return guard_infinite_slopes(guard_untaken(expand_functions(program, NATIVE_FUNCTIONS)))
 
 
@@ -216,9 +217,11 @@ class _Lowering:
             case ops.Broadcast():
                 return broadcast(self._code, args[0], types[0].axes, node.type.axes, static[0])
             case ops.Reshape():
+                # the batch stays in front, whatever its length
                 shape = node.type.shape if static[0] else (-1, *node.type.shape)
                 return self._call(torch.reshape, args[0], shape)
             case ops.Slice(axis, start, stop):
+                # counted from the end: with or without a batch axis it is the same
                 dim = node.type.position(axis) - len(node.type.axes)
                 return self._call(torch.narrow, args[0], dim, start, stop - start)
             case ops.Concat(axis):

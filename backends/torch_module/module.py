@@ -68,6 +68,7 @@ class TorchModel(nn.Module):
 
     def __init__(self, program: Program, dtype: torch.dtype, device: torch.device) -> None:
         super().__init__()
+        # raw variables belong to the program as given: `prepared` adds nodes, never parameters
         self._given = program
         self.dtype, self.device = dtype, device
         self._names = self._add_parameters()
@@ -89,6 +90,7 @@ class TorchModel(nn.Module):
         return _Evaluator(self.program.start, roots, self.dtype, self.device)
 
     def _add_parameters(self) -> dict[str, str]:
+        # attributes of a module are its namespace: a parameter called `train` would hide the method
         taken = set(dir(self))
         names: dict[str, str] = {}
         for parameter in self._given.parameters:
@@ -97,6 +99,7 @@ class TorchModel(nn.Module):
             initial = np.asarray(parameter.initial, dtype=np.float64).reshape(shape)
             if parameter.learn:
                 raw, _ = raw_value(parameter, initial)
+                # optimisers move raw variables, every value of which is within the bounds
                 self.register_parameter(name, nn.Parameter(self._tensor(raw)))
             else:
                 self.register_buffer(name, self._tensor(initial))
@@ -119,6 +122,7 @@ class TorchModel(nn.Module):
     def load_physical(self, weights: Mapping[str, FloatArray]) -> tuple[str, ...]:
         """Sets the named parameters; returns those that had to be moved off a bound."""
         moved: list[str] = []
+        # loading is no operation that slopes go through
         with torch.no_grad():
             for name, value in weights.items():
                 parameter = self._given.parameter(name)
@@ -132,6 +136,7 @@ class TorchModel(nn.Module):
         """Physical values as float64 arrays, as weight files hold them."""
         with torch.no_grad():
             return {
+                # a copy: the tensor goes on changing
                 name: value.detach().to("cpu", torch.float64).numpy().copy()
                 for name, value in self.physical().items()
             }
@@ -176,6 +181,7 @@ def gathered(log: Mapping[str, Tensor], t: Tensor) -> Windows:
     """Windows cut from whole logs around the rows `t`."""
 
     def windows(signal: str, first: int, last: int) -> Tensor:
+        # rows of each member: (B, window), then the window last (R1)
         rows = t[:, None] + torch.arange(first, last + 1, device=t.device)
         return torch.movedim(log[signal][rows], 1, -1)
 
@@ -201,6 +207,7 @@ class _Evaluator:
     ) -> None:
         static = static_nodes(graph)
         used = {arg for index, node in graph if not static[index] for arg in node.args}
+        # what is static and used by what is not: the border between the two pieces
         self._shared = sorted(
             index
             for index in used | set(roots)
@@ -211,6 +218,7 @@ class _Evaluator:
         for code in (self._before, self._main):
             if code is not None:
                 code.module.to(device)
+        # a static result is repeated for each member of the batch at last
         self._shapes = [graph[root].type.shape if static[root] else None for root in roots]
 
     def prepare(self, physical: Mapping[str, Tensor]) -> dict[NodeId, Tensor]:

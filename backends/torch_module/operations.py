@@ -46,6 +46,7 @@ def broadcast(
     kept = [axis.name for axis in new if axis.name in names]
     if kept != names:
         order = [names.index(name) + batch for name in kept]
+        # the batch stays first
         value = code.call_function(torch.permute, (value, (*range(batch), *order)))
     for position, axis in enumerate(new):
         if axis.name not in names:
@@ -71,6 +72,7 @@ def concat(
     dim: int,
 ) -> fx.Node:
     """The operands one after the other along `dim`, counted from the end."""
+    # cat repeats nothing: a static operand among batched ones must be repeated
     batched = next((arg for arg, fixed in zip(args, static, strict=True) if not fixed), None)
     if batched is not None:
         args = [
@@ -96,6 +98,7 @@ def contract(
     """Σ over one axis of the product of two operands, by the cheapest call that does it."""
     left, right = types
     flat = [len(type.axes) == 1 for type in types]
+    # a static vector on one side: a product with a matrix, however many axes the other one has
     if flat[1] and static[1] and left.position(axis) == len(left.axes) - 1:
         return code.call_function(torch.matmul, (args[0], args[1]))
     if flat[0] and static[0] and right.position(axis) == len(right.axes) - 1:
@@ -112,6 +115,7 @@ def _formula(types: Sequence[Type], static: Sequence[bool], result: Type) -> str
     letters: dict[str, str] = {}
     for type in types:
         for axis in type.axes:
+            # einsum knows letters only: as many axes as there are letters beside the batch's
             letters.setdefault(axis.name, "abcdefghijklmnopqrstuvwxy"[len(letters)])
     terms = [
         ("" if fixed else "z") + "".join(letters[axis.name] for axis in type.axes)

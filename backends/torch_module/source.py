@@ -31,6 +31,7 @@ from spec_schema.version import __version__
 _OWN_NAMES = {"inputs", "state", "windows", "batch", "torch", "self", "load_weights"}
 STEP, START = "constant", "start_constant"
 """What the constants of the two functions are called; the step reads inputs, the start windows."""
+# fx sets values to None that are used no more: noise in a file that people read
 _RELEASES = re.compile(r";  (?:\w+ = )+None$")
 
 
@@ -95,6 +96,7 @@ def _function(
     names: dict[str, str],
     constants: str,
 ) -> _Function:
+    # in double: constants are written with all their digits, whatever the module computes in
     lowered = lower_graph(graph, roots, torch.float64, identify=_argument_name, constants=constants)
     arguments = lowered.module.graph.find_nodes(op="placeholder")
     lines = [
@@ -173,6 +175,7 @@ def _window(leaf: TorchLeaf, name: str, first: int, last: int, interface: StepIn
 
 
 def _attribute_names(program: Program) -> dict[str, str]:
+    # names that torch.nn.Module has itself would be overwritten
     taken = {*dir(torch.nn.Module()), *_OWN_NAMES, "parametrizations", "parameter_names"}
     return {p.name: c_identifier(p.name, taken) for p in program.parameters}
 
@@ -232,12 +235,14 @@ def _line(
 
 
 def _array_text(values: list[float], shape: tuple[int, ...]) -> str:
+    # repr() of ∞ and NaN are no Python
     numbers = [repr(v) if math.isfinite(v) else f'float("{v}")' for v in values]
     return f"array({', '.join(['[' + ', '.join(numbers) + ']', *map(str, shape)])})"
 
 
 def _quoted(text: str) -> str:
     """Text of a spec as it may stand between triple quotes: one line that ends nothing."""
+    # text of a spec in a docstring must not end it, nor begin an escape
     plain = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     return plain.replace("\\", "\\\\").replace('"', '\\"')
 

@@ -66,6 +66,8 @@ def compile_spec(
     problems = Findings()
     try:
         linked = replace(link(spec, used or {}, weights or {}, problems), numbers=numbers or {})
+        # before anything is lowered: each name that a broken link leaves out would be reported as
+        # unknown
         problems.raise_errors()
         compile_it = partial(compile_linked, strict_units=strict_units, draw=draw)
         compiled = compile_it(linked, spec_hash=spec_hash)
@@ -158,6 +160,7 @@ def in_own_files(
     broken: dict[str, tuple[Diagnostic, ...]] = {}
     for name, file in used.items():
         path = file.source.path
+        # a file may be used under two names: it is compiled and told once
         if path in broken:
             continue
         try:
@@ -169,5 +172,6 @@ def in_own_files(
             broken[path] = tuple(d.seen_from(place, label) for d in error.diagnostics)
     read = [file for file in used.values() if file.source.path in broken]
     files = {source.path for file in read for source in file.sources}
+    # what a broken file's own names say above is not said again under full names
     others = (d for d in diagnostics if d.span is None or d.span.file not in files)
     return (*(d for found in broken.values() for d in found), *others)

@@ -27,11 +27,13 @@ def check_fitted_starts(context: Context, states: Sequence[State], losses: Seque
     estimated = [state for state in states if state.fit_over is not None]
     numbers = sum(Type(state.axes).size for state in estimated)
     most = max((state.fit_over or 0 for state in estimated), default=0)
+    # one report for all of them, where the first one stands
     for state in estimated[:1]:
         entry = context.spec.states[state.name]
         assert entry.init is not None
         assert entry.init.fit is not None
         names = [one.name for one in estimated]
+        # fewer equations than unknowns: many starts would be the best
         if most < numbers:
             place = entry.init.fit.over.span
             context.findings.report(errors.too_few_for_starts(names, most, numbers, place))

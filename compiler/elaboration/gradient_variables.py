@@ -20,6 +20,7 @@ def gradient_variables(spec: Spec) -> frozenset[str]:
     model = (spec.states, spec.equations, spec.outputs, spec.layers, spec.losses)
     waiting = [(call, _NOTHING) for call in calls_in(model)]
     for function in spec.functions.values():
+        # by itself an argument stands for no entry, and none is named ""
         unknown = {argument.value: "" for argument in function.args}
         waiting += [(call, unknown) for call in calls_in(function)]
     found: set[str] = set()
@@ -35,6 +36,7 @@ def gradient_variables(spec: Spec) -> frozenset[str]:
         wanted = [argument.value for argument in function.args]
         given = {key: _variable(value, arguments) for key, value in _given(call, wanted)}
         key = name, tuple(given.get(argument, "") for argument in wanted)
+        # a function that calls itself, which is reported later, would be entered for ever
         if key not in entered:
             entered.add(key)
             waiting += [(inner, given) for inner in calls_in(function)]

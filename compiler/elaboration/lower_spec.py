@@ -86,6 +86,7 @@ def _lowered_once(elaborated: Elaboration) -> LoweredSpec:
     outputs = _outputs(elaborated)
     ranges = signal_ranges(context)
     states = _states(elaborated, ranges)
+    # after outputs and states: the arrays that a loss reads of a layer exist once it was called
     losses = _losses(context, outputs)
     lower_unused(elaborated)
     return LoweredSpec(elaborated, outputs, states, losses, ranges, expected_values(context))
@@ -125,6 +126,7 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
             following = declared.next(name, entry)
         except LoweringFailed:
             following, type = None, None
+        # even where `next` failed: `init` has mistakes of its own to tell
         try:
             first = declared.start(name, entry, start)
         except LoweringFailed:
@@ -132,6 +134,7 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
         if following is None or type is None:
             continue
         needs: tuple[str, ...] = ()
+        # a discrete state whose `next` needs what an export prunes becomes a port of it (R13)
         if entry.next is not None and entry.der is None and not owner_of(name):
             needs = needed_submodels(context.spec, entry.next)
         found.append(
@@ -151,6 +154,7 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
             )
         )
         estimated = entry.init is not None and entry.init.fit is not None
+        # a reset may come at any step of a run; the log around its start is not there any more
         if entry.range_policy == "reset" and (estimated or reads_log(start.graph(), first)):
             place = entry.init.place.value if entry.init is not None else entry.place.key
             report = state_errors.reset_to_the_log(name, place, fitted=estimated)

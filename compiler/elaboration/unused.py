@@ -76,6 +76,7 @@ def _found_by_calling(elaborated: Elaboration, name: str, count: int) -> list[Di
     known = attempt.found()
     if known.buffers:
         attempt = _lowered_alone(elaborated, call, known)
+        # for its reports alone: a past that nothing fills
         attempt.histories.states()
     return [d for d in attempt.context.findings.in_order if d.severity == "error"]
 

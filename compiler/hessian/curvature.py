@@ -49,6 +49,8 @@ def curvatures(
 
 def bending_nodes(builder: GraphBuilder, count: int, groups: Sequence[Tangents]) -> list[NodeId]:
     """Those of the first `count` nodes that can have second slopes."""
+    # a node between inputs and results: what no direction moves has no slope, let alone a second
+    # one
     moving = [any(node in tangents for tangents in groups) for node in range(count)]
     return [
         node
@@ -76,6 +78,8 @@ def _terms(b: GraphBuilder, node: NodeId, adjoint: NodeId) -> Iterator[_Term]:
         case ops.Multiply() | ops.Contract():
             left, right = made.args
             # x² has the second slope 2
+            # with both operands the same there is one term, and it counts once for each of the two
+            # orders
             weight = b.add(adjoint, adjoint) if left == right else adjoint
             yield _Term(node, weight, left, right)
         case ops.Divide():
@@ -101,6 +105,7 @@ class _Block:
         self._b = builder
         self._rows = first.axis
         self._is_diagonal = first is second
+        # the same directions once as rows and once as columns: a quote keeps the two axes apart
         self._columns = Axis(f"{second.axis.name}'", second.axis.size)
         self._squares: NodeId | None = None
         """Terms of one operand: symmetric as they are, but for rounding."""
@@ -114,6 +119,8 @@ class _Block:
             return
         product = self._summed(term, rows.get(term.left), columns.get(term.right))
         self._products = self._sum(self._products, product)
+        # in a block off the diagonal the two orders are different entries; on it the mirror adds
+        # the other
         if not self._is_diagonal:
             product = self._summed(term, rows.get(term.right), columns.get(term.left))
             self._products = self._sum(self._products, product)
@@ -148,6 +155,8 @@ class _Block:
             return None
         b = self._b
         right = b.reshape(right, (self._columns, *b.type(right).axes[1:]))
+        # one tangent after the other: the product of both with the weight would have the axes of
+        # all
         weighted = _contracted(b, term.weight, left, (self._rows, *b.type(right).axes[1:]))
         return _contracted(b, weighted, right, (self._rows, self._columns))
 
@@ -166,6 +175,7 @@ def _contracted(b: GraphBuilder, left: NodeId, right: NodeId, kept: tuple[Axis, 
     mine, others = b.type(left).axes, b.type(right).axes
     shared = [a.name for a in mine if a.name not in names and a in others]
     infinite = b.infinite_values.is_made_of_infinite
+    # over a shared axis the sum of products is one contraction, which backends have a loop for
     if shared and not (infinite(left) or infinite(right)):
         product = b.contract_over(left, right, shared[-1])
     else:

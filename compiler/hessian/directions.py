@@ -42,6 +42,7 @@ class Directions:
         found: dict[NodeId, NodeId] = {}
         first = 0
         for member in self.members:
+            # columns of the identity: each member has the directions that stand for its own numbers
             values = np.eye(self.axis.size)[:, first : first + member.size]
             for leaf in leaves[member.name]:
                 axes = (self.axis, *builder.type(leaf).axes)
@@ -56,6 +57,7 @@ class Directions:
         for member in self.members:
             start = runs[-1].stop if runs else 0
             stop = start + member.size
+            # a run goes on where the next column follows in the matrix too
             if runs and runs[-1].column + start - runs[-1].start == member.first:
                 runs[-1] = DirectionRun(runs[-1].start, stop, runs[-1].column)
             else:
@@ -68,6 +70,8 @@ def grouped_directions(
 ) -> list[Directions]:
     """The groups of the variables that the graph reads; `leaves` has the nodes that read each."""
     read = [member for member in members if leaves.get(member.name)]
+    # sets of variables as the bits of an integer: a graph has thousands of nodes, and uniting two
+    # sets is one operation
     bits = {leaf: 1 << i for i, member in enumerate(read) for leaf in leaves[member.name]}
     depends: list[int] = []
     decisive: list[int] = []
@@ -77,10 +81,14 @@ def grouped_directions(
         for bit in of:
             mask |= bit
         depends.append(mask)
+        # with one operand that moves a contraction is linear, but tangents of one group go through
+        # it as one product
         if mask and (bends(node, [bool(bit) for bit in of]) or isinstance(node.op, ops.Contract)):
             decisive.append(mask)
     groups: dict[tuple[int, ...], list[Member]] = {}
     for i, member in enumerate(read):
+        # variables that the same operations bend have the same signature: their tangents are 0 or
+        # not together
         signature = tuple(place for place, mask in enumerate(decisive) if mask >> i & 1)
         groups.setdefault(signature, []).append(member)
     return [
@@ -95,6 +103,7 @@ def bends(node: Node, moving: Sequence[bool]) -> bool:
     match node.op:
         case ops.Multiply() | ops.Contract():
             return all(moving)
+        # n/d is linear in n: it bends where d moves
         case ops.Divide():
             return moving[1]
         case ops.Apply():

@@ -33,9 +33,11 @@ class DerivativeInterpreter:
         dtype: DTypeLike = np.float64,
     ) -> None:
         self._derivatives = derivatives
+        # a node that is two results is computed once, under its number
         outputs = tuple(Output(str(node), node) for node in dict.fromkeys(derivatives.roots))
         slopes = replace(
             program,
+            # nothing is stepped: multipliers are read as states whose values are given
             states=(),
             step=derivatives.graph,
             outputs=outputs,

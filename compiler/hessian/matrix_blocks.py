@@ -32,6 +32,7 @@ def slopes_of_result(
     """The rows of a result in a matrix of that width, from its tangents (directions, *axes)."""
     directions = builder.type(tangent).axes[0].name
     lengths = [axis.size for axis in result.axes]
+    # C order of the result's axes: one row of the matrix an element
     steps = tuple(width * int(np.prod(lengths[i + 1 :])) for i in range(len(lengths)))
     return [
         Placed(
@@ -58,6 +59,7 @@ def curvature_of_groups(
         for column in columns:
             node = builder.slice(part, second, column.start, column.stop)
             found.append(Placed(node, row.column * width + column.column, (width, 1)))
+            # a block off the diagonal is there once; its mirror image has the strides exchanged
             if rows is not columns:
                 found.append(Placed(node, column.column * width + row.column, (1, width)))
     return found
@@ -84,11 +86,13 @@ def matrix_of_blocks(
         )
         places = block.places(node.type.shape).ravel().tolist()
         number = known_number(builder, part.node)
+        # what is the same whatever is given needs no computed entry: exports write it as a constant
         if isinstance(node.op, ops.Constant) or number is not None:
             values = node.op.values if isinstance(node.op, ops.Constant) else [number] * len(places)
             for place, value in zip(places, values, strict=True):
                 known[place] = value
             continue
+        # the pattern says which elements can differ from 0 at all; the others are known too
         for place, differs in zip(places, pattern[part.node].ravel().tolist(), strict=True):
             known[place] = None if differs else 0.0
             fixed[place] = not moving[part.node]

@@ -42,6 +42,7 @@ def _picked(b: GraphBuilder, node: Node, axis: str, args: Sequence[NodeId]) -> N
         if not isinstance(op, ops.Constant) or len(axes) != 2:
             continue
         (rows,) = (a for a in axes if a.name != axis)
+        # an operand that has the axis of the rows itself is aligned with it, not multiplied by it
         if b.type(other).axis(rows.name) is not None:
             continue
         values = np.reshape(op.values, b.type(matrix).shape)
@@ -56,8 +57,11 @@ def _picked(b: GraphBuilder, node: Node, axis: str, args: Sequence[NodeId]) -> N
 def _runs(values: NDArray[np.float64]) -> list[tuple[int, int]] | None:
     """Rows start … stop−1 that pick elements one after the other, or nothing; None if too many."""
     nonzero = values != 0
+    # two numbers in a row are a sum, which no slice is
     if (nonzero.sum(axis=1) > 1).any():
         return None
+    # how far ahead of its row the picked column is: rows that pick one after the other share it,
+    # rows of zeros have None
     ahead = np.where(nonzero.any(axis=1), nonzero.argmax(axis=1) - np.arange(len(values)), None)
     runs: list[tuple[int, int]] = []
     for _, group in groupby(range(len(values)), key=lambda row: ahead[row]):

@@ -52,6 +52,7 @@ def _slopes_of_slopes(b: GraphBuilder, made: Node) -> dict[tuple[NodeId, NodeId]
     firsts = gradients(b, {value: one}, list(held.values()))
     found: dict[tuple[NodeId, NodeId], NodeId] = {}
     for i, first in enumerate(firsts):
+        # the second slopes are symmetric: each pair once, from the diagonal on
         others = operands[i:]
         wanted = [held[other] for other in others]
         seconds = [None] * len(wanted) if first is None else gradients(b, {first: one}, wanted)

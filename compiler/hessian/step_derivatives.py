@@ -100,6 +100,7 @@ def step_derivatives(
     program = guard_untaken(replace(program, losses=(), expected=()))
     named = {next_value(s.name): s.next for s in program.states if _has(next_states, s.name)}
     named |= {o.name: o.node for o in program.outputs if _has(outputs, o.name)}
+    # of what is flat only the slopes count: its operations are left out of the sum over what bends
     straight = [s.next for s in program.states if next_value(s.name) in flat]
     straight += [o.node for o in program.outputs if o.name in flat]
     builder, copies = _without_windows(program.step, [*named.values(), *straight])
@@ -117,6 +118,7 @@ def step_derivatives(
     types = {name: builder.type(node) for name, node in roots.items()}
     results = vector_of("r", [(name, type.axes, type.unit) for name, type in types.items()])
 
+    # tangents are computed for the nodes of the model alone, not for those of tangents before
     groups = [
         (group, tangents(builder, group.axis, group.seeds(builder, leaves), {}, count=count))
         for group in grouped_directions(builder.graph(), variables.members, leaves)
@@ -151,6 +153,7 @@ def step_derivatives(
         results=results,
         variables=variables,
         values={name: moved[node] for name, node in roots.items()},
+        # rows are results, columns variables, whatever the order in which nodes were made
         jacobian=matrix("J", results, slopes),
         hessian=matrix("H", variables, bends) if hessian else None,
     )
@@ -172,6 +175,7 @@ def _without_windows(
             continue
         args = tuple(copies[arg] for arg in node.args)
         if isinstance(node.op, Window):
+            # oldest sample first: the buffer, then what is new (R1)
             *axes, last = node.type.axes
             past = node.type.with_axes((*axes, Axis(WINDOW, last.size - 1)))
             with builder.at(node.span):
@@ -233,6 +237,7 @@ def _finished(
     for index, node in graph:
         if live[index]:
             args = [copies[arg] for arg in node.args]
+            # marks have done their work: what they held takes their place
             copies[index] = args[0] if is_held(node) else copy_node(draft, node, tuple(args))
             if index < count:
                 exact = max(exact, copies[index] + 1)

@@ -22,10 +22,13 @@ def spread_of(covariance: Array, uncertain: Sequence[int]) -> Array:
     size = len(rest)
     found = np.zeros((size, size))
     whole = np.diagonal(rest).copy()
+    # from the last number on, so that what a number shares with those behind it is taken off first
     for j in range(size - 1, -1, -1):
         variance = rest[j, j]
+        # not above, also where it is NaN: what rounding leaves of a variance is no uncertainty
         if not variance > _KNOWN * whole[j]:
             continue
         found[: j + 1, j] = rest[: j + 1, j] / np.sqrt(variance)
+        # what this column explains of the numbers before it
         rest[: j + 1, : j + 1] -= np.outer(found[: j + 1, j], found[: j + 1, j])
     return found[:, list(uncertain)]

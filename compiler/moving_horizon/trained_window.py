@@ -25,8 +25,10 @@ def trained_window(window: WindowProblem, weights: Mapping[str, ArrayLike]) -> C
     """
     control = window.control
     own = {parameter.name for parameter in control.program.parameters}
+    # weights of other parameters than the window reads would be refused as unknown
     given = {name: value for name, value in weights.items() if name in own}
     known = replace(control, program=inline_parameters(control.program, given))
+    # of all N+1 samples at once: the horizon of the problem has one stage more than the window
     steep = 2 * _FAR_OFF * control.horizon * size_of_cost(known) ** 0.5
     paths = tuple(
         path if path.hard else replace(path, linear=steep / path.scale)

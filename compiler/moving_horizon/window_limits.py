@@ -57,4 +57,5 @@ def _ends(problem: EstimationProblem, state: State) -> tuple[float | None, float
         numbers = problem.parameters[state.name]
         return numbers.minimum, numbers.maximum
     origin = problem.program.state(state.name).origin
+    # registers hold samples of others: limits would be said twice
     return state.range if state.range is not None and isinstance(origin, Declared) else (None, None)

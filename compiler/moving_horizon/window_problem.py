@@ -80,6 +80,7 @@ def window_problem(problem: EstimationProblem) -> WindowProblem:
     numbers = vector_of("x", [(s.name, s.axes, s.unit) for s in program.states])
     uncertain = _uncertain(problem, numbers)
     program, inputs = _with_flat_inputs(problem, program)
+    # a start is not measured alone: each sample of a window is a reference of its stage
     draft = _Draft(problem, program, numbers, uncertain)
     program = draft.program(inputs)
     scales = _scales(problem, window, program)
@@ -100,9 +101,11 @@ def window_problem(problem: EstimationProblem) -> WindowProblem:
             ),
         ),
         path_limits=limits,
+        # v is decided a stage before the window, w at each of its samples
         horizon=window.horizon + 1,
         blocks=(1,) * (window.horizon + 1),
         state_scales=scales,
+        # exact, but of what is left when errors and F count as linear: that is Gauss and Newton's
         hessian="exact",
         structure="staged",
         mode="fixed" if window.is_fixed else "converged",
@@ -147,6 +150,7 @@ def _with_flat_inputs(
             own = node.type.with_axes(_flat(node.type.axes))
             read = builder.signal(names[op.signal], 0, 0, own)
             copies[index] = builder.reshape(read, node.type.axes)
+        # everything but windows of inputs stays as it is
         else:
             copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
     known = {signal.name: signal for signal in program.signals}
@@ -168,6 +172,7 @@ def _scales(problem: EstimationProblem, window: MovingWindow, program: Program) 
     seconds = window.horizon * problem.sample_time
     for state in program.states:
         std = known.get(state.name, EstimatedNumbers(initial=0.0, drift=0.0))
+        # a walk spreads with the root of time
         size = max(std.initial, std.drift * seconds**0.5) or 1.0
         if state.range is not None and state.range[1] > state.range[0]:
             size = (state.range[1] - state.range[0]) / 2
@@ -199,10 +204,12 @@ class _Draft:
         """The whole program."""
         b, program = self._builder, self._program
         starts = b.signal(STARTS, 0, 0, Type())
+        # references are real numbers: 1 or 0, told apart half-way
         half = b.constant(0.5, unit=None)
         runs = b.compare(Relation.GREATER, b.signal(RUNS, 0, 0, Type()), half)
         states = tuple(
             replace(state, next=self._next(state, starts, runs), origin=Declared())
+            # registers are numbers like all others here: v moves them too
             for state in program.states
         )
         rest, errors, measured = self._residuals()
@@ -218,6 +225,7 @@ class _Draft:
                 self.spread,
             ),
             states=states,
+            # the newest sample is measured, and no noise follows it within the window
             outputs=(Output(_STAGE, b.add(rest, noise)), Output(_TERMINAL, rest), *errors),
             step=b.graph(),
         )
@@ -239,6 +247,7 @@ class _Draft:
         first = self._uncertain.index(member.first)
         own = b.slice(self._noise, _UNCERTAIN, first, first + member.size)
         own = b.reshape(own, state.axes)
+        # the variance grows by process² · Δt from sample to sample, its root by √Δt
         size = known[state.name].drift * self._problem.sample_time**0.5
         if not isinstance(state.origin, Tape):
             return b.add(state.next, b.multiply(b.constant(size, unit=None), own))
@@ -246,6 +255,7 @@ class _Draft:
         *axes, last = state.axes
         newest = b.slice(own, WINDOW, last.size - 1, last.size)
         newest = b.multiply(b.constant(size, unit=None), newest)
+        # what was fed back before has its noise already
         if last.size > 1:
             before = (*axes, Axis(WINDOW, last.size - 1))
             zeros = b.broadcast(b.constant(0.0, unit=None), before)
@@ -275,6 +285,7 @@ class _Draft:
             # what is not seen may be anything, not finite too
             is_seen = b.compare(Relation.GREATER, seen, b.constant(0.5, unit=None))
             found = b.select(is_seen, square, b.constant(0.0, unit=None))
+            # a measurement may be an array: each element has its own mark and its own error
             for axis in axes:
                 found = b.sum(found, axis.name)
             total = b.add(total, found)

@@ -76,12 +76,14 @@ def stages_of(problem: ControlProblem, path: PathLimits) -> slice:
 def block_starts(problem: ControlProblem) -> NDArray[np.bool_]:
     """(N): whether controls may change at k; where not, u_k = u_{k−1}."""
     found = np.zeros(problem.horizon, np.bool_)
+    # a block starts where those before it end
     found[np.cumsum((0, *problem.blocks[:-1]))] = True
     return found
 
 
 def log_of(problem: ControlProblem, given: Given, controls: Array) -> dict[str, Array]:
     """What the program reads at rows 0 … N; the last control stays where none is decided."""
+    # at N nothing is decided; stage costs there are not counted, but windows are evaluated
     held = np.concatenate([controls, controls[-1:]])
     log = dict(given.disturbances) | dict(given.references)
     for member in problem.controls.members:
@@ -98,6 +100,7 @@ def flat(values: Array) -> Array:
 def limits_program(problem: ControlProblem) -> Program:
     """What of the problem's program computes the limits."""
     each = (*problem.control_limits, *problem.path_limits)
+    # outputs are found by name: a limit that two bounds share is computed once
     names = {name for one in each for name in (one.limits.minimum, one.limits.maximum)}
     program = problem.program
     outputs = tuple(output for output in program.outputs if output.name in names)
@@ -107,6 +110,7 @@ def limits_program(problem: ControlProblem) -> Program:
 def limits_along(problem: ControlProblem, interpreter: Interpreter, given: Given) -> LimitsAlong:
     """The limits at the references given; `interpreter` runs `limits_program`, or all of it."""
     n, nu = problem.horizon, problem.controls.size
+    # limits read references alone: any controls and states do
     log = log_of(problem, given, np.zeros((n, nu)))
     states = by_name(problem.states, np.zeros((n + 1, problem.states.size)))
     outputs = interpreter.step(log, np.arange(n + 1), states, losses=False).outputs
@@ -114,6 +118,7 @@ def limits_along(problem: ControlProblem, interpreter: Interpreter, given: Given
     def along(limits: Limits, size: int) -> tuple[Array, Array]:
         ends: list[Array] = []
         for name, nothing in ((limits.minimum, -np.inf), (limits.maximum, np.inf)):
+            # ∞ compares as no limit does, and no formula needs a special case
             values = np.full((n + 1, 1), nothing) if name is None else flat(outputs[name])
             ends.append(np.broadcast_to(values, (n + 1, size)))
         return ends[0], ends[1]
@@ -144,6 +149,7 @@ def scales(problem: ControlProblem) -> tuple[Array, Array]:
 def rates(problem: ControlProblem) -> Array:
     """(nu): the most that each control moves between samples; ∞ where nothing limits it."""
     known = {control.name: control.rate for control in problem.control_limits}
+    # without a rate nothing limits the step
     found = [np.full(m.size, known[m.name] or np.inf) for m in problem.controls.members]
     return np.concatenate(found)
 

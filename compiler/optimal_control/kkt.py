@@ -74,6 +74,7 @@ class Judge:
 
     def residuals(self, given: Given, plan: Plan, multipliers: Multipliers) -> Residuals:
         """The residuals at a plan."""
+        # a plan that leads to ∞ or NaN is judged: its residual is NaN, which is no warning
         with np.errstate(all="ignore"):
             return self._judged(given, plan, multipliers).residuals()
 
@@ -92,6 +93,7 @@ class Judge:
             plan=plan,
             multipliers=multipliers,
             limits=limits_along(problem, interpreter, given),
+            # a plant without memory has no next states, and concatenating nothing is an error
             following=np.concatenate([*following, np.empty((len(rows), 0))], axis=1),
             outputs={name: flat(value) for name, value in values.outputs.items()},
             A=found["A"],
@@ -120,6 +122,7 @@ class _Judged:
     def residuals(self) -> Residuals:
         x, n = self.plan.states, self.problem.horizon
         scale_x, scale_u = scales(self.problem)
+        # x_0 is part of the plan: it has to be what was measured
         gaps = np.concatenate([x[:1] - self.given.state, x[1:] - self.following[:n]])
         bounds, products = self._limits()
         return Residuals(
@@ -140,12 +143,14 @@ class _Judged:
         problem, z = self.problem, self.multipliers
         n = problem.horizon
         by_x, by_u = (slope[:, 0].copy() for slope in self._slopes_of(problem.stage))
+        # at N the stage cost does not count, and no control is there to decide
         by_x[n], by_u[n] = 0.0, 0.0
         if problem.terminal is not None:
             by_x[n] = self._slopes_of(problem.terminal)[0][n, 0]
         for path, low, high in zip(problem.path_limits, z.path_min, z.path_max, strict=True):
             stages = stages_of(problem, path)
             of_x, of_u = self._slopes_of(path.value)
+            # the gradient of −z_minᵀ(g − g_min) − z_maxᵀ(g_max − g)
             by_x[stages] += np.einsum("ks,ksx->kx", high - low, of_x[stages])
             by_u[stages] += np.einsum("ks,ksu->ku", high - low, of_u[stages])
         rate = z.rate_max - z.rate_min
@@ -157,8 +162,10 @@ class _Judged:
         for k in range(n - 1, -1, -1):
             gradient[k] = by_u[k] + self.B[k].T @ costate
             costate = by_x[k] + self.A[k].T @ costate
+            # u_{k−1} stands in x_k: what limits the move limits the control of the stage before too
             costate[places[held]] -= rate[k][held]
         starts = block_starts(problem)
+        # within a block there is one control: its gradient is the sum over its samples
         for k in range(n - 1, 0, -1):
             if not starts[k]:
                 gradient[k - 1] += gradient[k]
@@ -174,10 +181,13 @@ class _Judged:
 
         def hard(distance: Array, multiplier: Array, scale: Array | float) -> None:
             real = np.isfinite(distance)
+            # ∞ is no limit, and no distance to one
             exceeded.append(np.maximum(-distance / scale, 0.0)[real])
             products.append((np.abs(distance) * multiplier)[real])
             products.append(np.ravel(np.maximum(-multiplier, 0.0) * scale))
+            # where NaN is the limit or the value, nothing is kept
             exceeded.append(np.where(np.isnan(distance), np.nan, 0.0).ravel())
+            # without a limit there is nothing that a multiplier could multiply
             products.append(np.where(real, 0.0, multiplier).ravel())
 
         hard(u - self.limits.control_min, z.control_min, scale_u)
@@ -187,6 +197,7 @@ class _Judged:
         moved[:, held] = u[:, held] - x[:-1, places[held]]
         hard(moved + most, z.rate_min, scale_u)
         hard(most - moved, z.rate_max, scale_u)
+        # a control may not move within its block: a limit of width 0
         exceeded.append((np.abs(moved) / scale_u)[~block_starts(problem)].ravel())
         for i, path in enumerate(problem.path_limits):
             value = self.outputs[path.value][stages_of(problem, path)]
@@ -199,6 +210,7 @@ class _Judged:
                     continue
                 assert path.linear is not None
                 assert path.quadratic is not None
+                # what is beyond costs, and is no fault: the limit that counts is moved by v
                 beyond = np.maximum(-distance, 0.0)
                 steepest = path.linear + 2 * path.quadratic * beyond
                 hard(distance + beyond, multiplier, path.scale)

@@ -166,6 +166,7 @@ class ControlProblem:
             return None
         member = self.states.member(name)
         length = member.axes[-1].size
+        # the newest sample of each row of the register: windows end with it (R1)
         return tuple(range(member.first + length - 1, member.first + member.size, length))
 
     def node(self, output: str) -> NodeId:
@@ -182,6 +183,7 @@ class ControlProblem:
         live = needed(graph, nodes)
         ops = [node.op for index, node in graph if live[index]]
         states = {op.name for op in ops if isinstance(op, ReadState)}
+        # a `Window` reads its state's buffer without naming it in an operation of its own
         states |= {op.state for op in ops if isinstance(op, Window)}
         signals = {op.signal for op in ops if isinstance(op, ReadSignal)}
         return Reads(frozenset(states), frozenset(signals))

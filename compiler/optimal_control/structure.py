@@ -46,6 +46,7 @@ def estimate(problem: ControlProblem) -> Estimate:
     """What the structures cost for a problem; weights make no difference."""
     form = window_form(problem)
     n, nx, nu = problem.horizon, problem.states.size, problem.controls.size
+    # products of a Riccati step: Aᵀ P A and its sides, the factor of nu, and the gains
     staged = n * (nx * (nx + nu) * (2 * nx + nu) + nu**3 // 3 + nu * nx * (nx + nu))
     return Estimate(staged, _condensed(n, nu, form), form.states)
 
@@ -54,6 +55,8 @@ def numbers_of(problem: ControlProblem, structure: Chosen) -> int:
     """About how many numbers a controller keeps, activations and weights apart."""
     n, nx, nu = problem.horizon, problem.states.size, problem.controls.size
     paths = sum(problem.type(path.value).size for path in problem.path_limits)
+    # both sides of each limit keep slack, multiplier, excess, the excess's multiplier and steps of
+    # these
     sides = 12 * (nu + paths)
     if structure == "staged":
         width = nx + nu

@@ -26,6 +26,7 @@ def trained(problem: ControlProblem, weights: Mapping[str, ArrayLike]) -> Contro
     whole horizon changes by about N · c over a distance s, and an exact penalty must be steeper.
     """
     known = replace(problem, program=inline_parameters(problem.program, weights))
+    # where every weight is said, nobody needs the size of the cost
     if all(path.hard or path.linear is not None for path in problem.path_limits):
         steepest = 0.0
     else:
@@ -44,6 +45,7 @@ def trained(problem: ControlProblem, weights: Mapping[str, ArrayLike]) -> Contro
 def size_of_cost(problem: ControlProblem) -> float:
     """The largest stage cost at points drawn from what is declared; 1 where none is finite."""
     program = problem.program
+    # the same points each time: an exported controller must not depend on chance
     random = np.random.default_rng(0)
     limits = {control.name: control.scale for control in problem.control_limits}
     rows = DRAWS + 1 + max((_ahead(m.axes) for m in problem.disturbances.members), default=0)
@@ -57,6 +59,7 @@ def size_of_cost(problem: ControlProblem) -> float:
     }
     found = Interpreter(program).step(log, np.arange(DRAWS), states, losses=False)
     costs = np.abs(found.outputs[problem.stage])
+    # costs that are 0 everywhere say nothing of how steep they are
     finite = costs[np.isfinite(costs) & (costs > 0)]
     return float(finite.max()) if finite.size else 1.0
 

@@ -76,6 +76,7 @@ def window_form(problem: ControlProblem) -> WindowForm:
             results.append(f"next({state.name})")
             sizes.append(size)
             continue
+        # windows are last among the axes (R1), so that a row of the buffer is one element's past
         length = state.axes[-1].size
         count = size // length
         control = _signal(program, pushed[state.name])
@@ -84,12 +85,14 @@ def window_form(problem: ControlProblem) -> WindowForm:
             memory += [
                 Sample(is_control=True, number=first + i, lag=length - j)
                 for i in range(count)
+                # oldest first: place j of L holds u_{k−L+j}
                 for j in range(length)
             ]
             continue
         first = sum(sizes)
         newest += [len(memory) + i * length + length - 1 for i in range(count)]
         memory += [
+            # and here, with the newest of this stage, s_{k−L+1+j}
             Sample(is_control=False, number=first + i, lag=length - 1 - j)
             for i in range(count)
             for j in range(length)
@@ -124,6 +127,7 @@ def _is_shifted(program: Program, state: State) -> bool:
 def _signal(program: Program, node: NodeId) -> str | None:
     """The signal whose sample of this step a node is."""
     found = program.step[node]
+    # reshapes change no number
     while isinstance(found.op, Reshape | Identity):
         found = program.step[found.args[0]]
     op = found.op

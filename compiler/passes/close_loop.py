@@ -103,6 +103,7 @@ def close_loop(program: Program, signals: Iterable[str], warm_up: int = 0) -> Pr
     starts = GraphBuilder(program.start)
     # feed-through alone reads no past: no tape
     tapes = [loop.state(builder, starts, copies) for loop in loops.values() if loop.length]
+    # a closed input is a target from now on: losses compare with its log (R6), the step reads none
     listed = tuple(replace(s, role=Role.TARGET) if s.name in loops else s for s in program.signals)
     counts = [_countdown(builder, starts, warm_up)] if loops and warm_up else []
     program = with_step(program, builder.graph(), copies)
@@ -135,8 +136,10 @@ class _Loop:
     def read(
         self, builder: GraphBuilder, op: ReadSignal, node: Node, copies: dict[NodeId, NodeId]
     ) -> NodeId:
+        # k = 0 and only s[t] is read: the output itself, without memory
         if self.ahead == op.first == op.last == 0:
             return builder.reshape(self._predicted(builder, copies), node.type.axes)
+        # k = 0 with a past: the tape ends with t−1, and the output of this step follows
         if self.ahead == op.last == 0:
             value = self._with_prediction(builder, copies)
         else:
@@ -148,6 +151,7 @@ class _Loop:
         predicted = builder.broadcast(copies[self.output.node], axes)
         if not self.warm:
             return predicted
+        # > 0, not ≥: the count is of evaluations that are left
         lasts = builder.compare(
             Relation.LESS, builder.constant(0.0), builder.state(WARM_UP, Type())
         )
@@ -162,6 +166,7 @@ class _Loop:
     def state(
         self, builder: GraphBuilder, starts: GraphBuilder, copies: dict[NodeId, NodeId]
     ) -> State:
+        # R4, step 5: the oldest sample leaves, what is predicted now enters
         moved = builder.slice(self._with_prediction(builder, copies), WINDOW, 1, self.length + 1)
         name, kept = self.signal.name, self._windowed(self.length)
         return State(
@@ -170,6 +175,7 @@ class _Loop:
             kept.unit,
             Tape(name, self.ahead),
             next=moved,
+            # R4, start: the tape is the log up to t0+k−1
             start=starts.log(name, self.first, self.ahead - 1, kept),
             range=self.signal.range,
             doc=self.signal.doc,
@@ -184,6 +190,7 @@ def _countdown(builder: GraphBuilder, starts: GraphBuilder, warm_up: int) -> Sta
         WARM_UP,
         (),
         None,
+        # set anew at each start, not with the states that a run goes on from
         LayerMemory(starts_fresh_each_run=True),
         next=builder.maximum(left, builder.constant(0.0)),
         start=starts.constant(float(warm_up)),
@@ -193,6 +200,7 @@ def _countdown(builder: GraphBuilder, starts: GraphBuilder, warm_up: int) -> Sta
 def _loops(program: Program, names: Iterable[str], *, warm: bool) -> dict[str, _Loop]:
     """What closes each of the inputs; one that the step does not read needs nothing."""
     known = {signal.name: signal for signal in program.signals}
+    # losses read the log (R6): only reads of the step decide how long the tape is
     extents = extents_of(program.step, log=False)
     loops: dict[str, _Loop] = {}
     for name in names:
@@ -202,8 +210,10 @@ def _loops(program: Program, names: Iterable[str], *, warm: bool) -> dict[str, _
         found = [out for out in program.outputs if out.predicts and out.predicts.signal == name]
         if not found:
             raise LoopError(LoopFault.UNPREDICTED, name, span=signal.span)
+        # a signal is fed by one thing (R4)
         if len(found) > 1:
             raise LoopError(LoopFault.PREDICTED_TWICE, name, span=found[1].span)
+        # fewer axes are repeated; more have no place in the signal
         if not set(program.step[found[0].node].type.axes) <= set(signal.axes):
             raise LoopError(LoopFault.AXES, name, span=found[0].span)
         predicts = found[0].predicts
@@ -216,9 +226,11 @@ def _cycle_error(program: Program, error: CycleError) -> LoopError:
     nodes = [program.step[index] for index in error.nodes]
     closed = [node for node in nodes if isinstance(node.op, ReadSignal)]
     names: list[str] = []
+    # what the spec names on the way, each once: nodes between are nobody's words
     for node in nodes:
         name = node.op.signal if isinstance(node.op, ReadSignal) else node.label
         if name is not None and name not in names:
             names.append(name)
+    # a cycle without a closed input would be one of the spec, which lowering has reported
     signal = closed[0].op.signal if isinstance(closed[0].op, ReadSignal) else ""
     return LoopError(LoopFault.CYCLE, signal, tuple(names), closed[0].span)

@@ -60,12 +60,15 @@ def _drawn(
         args = tuple(copies[arg] for arg in node.args)
         if not isinstance(node.op, Dropout):
             copies[index] = copy_node(builder, node, args)
+        # out of training, and in frozen layers, dropout does nothing (R9)
         elif node.op.layer in without or node.op.rate == 0:
             copies[index] = args[0]
         else:
+            # numbered over both graphs, so that no two dropouts share their chance
             mask = Mask(f"dropout {len(masks) + 1}", node.op.rate, node.type.size)
             masks.append(mask)
             with builder.at(node.span):
+                # chance is a series of the data (decision 0040): all backends read the same
                 factors = builder.log(mask.signal, 0, 0, Type((_elements(mask),)))
                 kept = builder.reshape(factors, node.type.axes)
                 copies[index] = builder.multiply(args[0], kept)

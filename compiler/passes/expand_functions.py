@@ -26,6 +26,7 @@ def expand_functions(program: Program, native: frozenset[str]) -> Program:
 
 
 def _expanded(graph: Graph, native: frozenset[str]) -> tuple[Graph, dict[NodeId, NodeId]]:
+    # where each node of the first graph is by now, after each round
     places = {index: index for index, _ in graph}
     # a definition may use functions that are not native either
     while any(isinstance(node.op, Apply) and node.op.function not in native for _, node in graph):
@@ -36,6 +37,7 @@ def _expanded(graph: Graph, native: frozenset[str]) -> tuple[Graph, dict[NodeId,
             if isinstance(node.op, Apply) and node.op.function not in native:
                 with builder.at(node.span):
                     copies[index] = _definition(builder, node.op.function, args)
+                # the value keeps its name, whatever it is computed by
                 if node.label is not None:
                     builder.name(copies[index], node.label)
             else:

@@ -34,6 +34,7 @@ def limit_expected(program: Program) -> Program:
                 low, high = (builder.constant(end, unit=node.type.unit) for end in ranges[index])
                 copy = builder.clamp(copy, low, high)
         copies[index] = copy
+    # outputs and states that are the equation itself are clamped too: the range holds for all users
     limited = with_step(program, builder.graph(), copies)
     expected = tuple(replace(entry, node=raw[entry.node]) for entry in program.expected)
     return replace(limited, expected=expected)

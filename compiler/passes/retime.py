@@ -80,6 +80,7 @@ def _buffers(program: Program) -> dict[str, _Buffer]:
         moved = following.op == Slice(WINDOW, 1, kept + 1)
         if isinstance(state.origin, History) and moved:
             (window,) = following.args
+            # fed by one window, or another reader of the same state would see samples of f(x)
             if windows.get(state.name) == [window]:
                 found[state.name] = _Buffer(state, program.step[window].args[0], kept)
     return found
@@ -90,6 +91,7 @@ def _uses(
 ) -> dict[str, list[NodeId]]:
     """By buffer: values made of its samples that something not made of them alone needs."""
     needed = {output.node for output in program.outputs}
+    # the buffer's own next value is the shift that the new buffer replaces
     needed |= {state.next for state in program.states if state.name not in buffers}
     for index, node in program.step:
         if index not in work.sampled:
@@ -149,6 +151,7 @@ def _worthwhile(program: Program, moves: list[_Move]) -> list[_Move]:
 
 def _fits(program: Program, move: _Move) -> bool:
     samples = program.step[move.buffer.newest].type
+    # the samples themselves are wanted: nothing moves
     if move.name == move.buffer.state.name:
         return False
     types = [program.step[index].type for index in move.uses]

@@ -133,6 +133,7 @@ class _RobotCall:
                 )
                 self.context.findings.report(report)
                 raise LoweringFailed
+            # a literal stays a number, so that sums with 0 and products with ±1 fold away
             value = op.values[0] if isinstance(op, Constant) else self._scalar(node)
             return [value] * joint.size
         if isinstance(op, Constant) and axes == (joint,):
@@ -163,6 +164,8 @@ class _RobotCall:
     def _refuse_singular(self) -> None:
         """Refuses a robot whose joints' accelerations do not follow from the torques."""
         robot = self.part.robot
+        # with the masses that the file has: those that are learned are known only where the model
+        # runs
         known = with_masses(replace(robot, learned=frozenset()), self._parameter)
         joint = undetermined_joint(known)
         if joint is not None:
@@ -213,6 +216,7 @@ class _RobotCall:
         for node in nodes:
             more = builder.type(node).axes
             rest = in_order((*rest, *(axis for axis in more if axis not in rest)))
+        # no dim of a spec has a blank: none of the arguments is meant
         flat = Axis(f"{self.name}.{len(nodes)} numbers", 1)
         parts = [builder.reshape(builder.broadcast(node, rest), (flat, *rest)) for node in nodes]
         whole = Axis(flat.name, len(parts))

@@ -39,6 +39,7 @@ def _pose(body: Body, at: Number) -> Pose:
     x, y, z = zip(*body.rotation, strict=True)
     if body.slides:
         return Pose(body.rotation, plus(body.offset, scaled(at, z)))
+    # columns of R Rz(q): a joint's axis is the z of its body's frame
     sine, cosine = _applied("sin", at), _applied("cos", at)
     first = plus(scaled(cosine, x), scaled(sine, y))
     second = plus(scaled(cosine, y), scaled(-sine, x))

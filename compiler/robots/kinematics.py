@@ -25,6 +25,7 @@ def velocity(bodies: RigidBodies, place: BodyPoint, q: Numbers, dq: Numbers) -> 
     spin, speed = NOTHING, NOTHING
     for body in line:
         to_body = transposed(poses[body].rotation)
+        # along the axes of the body: Rᵀ (v + ω × r) of what its parent does
         speed = times(to_body, plus(speed, cross(spin, poses[body].offset)))
         x, y, z = times(to_body, spin)
         if tree[body].slides:
@@ -33,6 +34,7 @@ def velocity(bodies: RigidBodies, place: BodyPoint, q: Numbers, dq: Numbers) -> 
             spin = (x, y, z + dq[body])
     found: Triple = plus(speed, cross(spin, place.offset))
     for body in reversed(line):
+        # a velocity is turned on its way out; offsets would move a place
         found = times(poses[body].rotation, found)
     return list(found)
 

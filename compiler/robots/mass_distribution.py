@@ -47,6 +47,7 @@ class MassDistribution:
         Σ' = R Σ Rᵀ + h' rᵀ + r h'ᵀ + m r rᵀ with h' = R h.
         """
         turned = times(R, self.first)
+        # half = h' + m r/2: then half rᵀ + r halfᵀ are all three terms of the shift
         half = plus(turned, scaled(0.5, scaled(self.mass, r)))
         pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
         shift = symmetric(*(half[i] * r[j] + r[i] * half[j] for i, j in pairs))

@@ -20,6 +20,7 @@ def mass_matrix(bodies: RigidBodies, q: Numbers) -> Entries:
     tree = bodies.robot.bodies
     composite = list(bodies.masses)
     matrix: Entries = [[0.0] * (index + 1) for index in range(len(tree))]
+    # children stand behind their parents: in reverse, all that hangs on a body is in it by now
     for index in reversed(range(len(tree))):
         body = tree[index]
         force, moment = _of_unit_acceleration(composite[index], slides=body.slides)
@@ -39,6 +40,8 @@ def mass_matrix(bodies: RigidBodies, q: Numbers) -> Entries:
 
 def _of_unit_acceleration(mass: MassDistribution, *, slides: bool) -> tuple[Triple, Triple]:
     """Force and moment that accelerate a body by 1 along its z or about it."""
+    # along z a mass at r pulls with (0, 0, 1) and turns with r × that; about z it is accelerated by
+    # (−y, x, 0)
     hx, hy, _ = mass.first
     if slides:
         return (0.0, 0.0, mass.mass), (hy, -hx, 0.0)
@@ -52,6 +55,7 @@ def solved(bodies: RigidBodies, matrix: Entries, right: list[Number]) -> list[Nu
     factors, pivots_of = _factorised(parents, matrix)
     inverses = [1.0 / pivot for pivot in pivots_of]
     x = list(right)
+    # Lᵀ D L x = b: Lᵀ from the leaves to the base, then D, then L back to the leaves
     for i in reversed(range(len(parents))):
         for j in _ancestors(parents, i):
             x[j] = x[j] - factors[i][j] * x[i]

@@ -59,8 +59,10 @@ def forward_dynamics(
     q, dq, tau = arguments
     matrix = _with_armature(bodies, mass_matrix(bodies, q))
     for index, number in enumerate(diagonal):
+        # a number at each joint alone leaves the pattern of zeros as the tree has it
         matrix[index][index] = matrix[index][index] + number
     still = [0.0] * len(q)
+    # with ddq = 0 Newton-Euler gives C(q, dq) dq + g(q) at once
     bias = joint_forces(bodies, q, dq, still, bodies.robot.gravity)
     right = [force - other for force, other in zip(tau, bias, strict=True)]
     return solved(bodies, matrix, right)
@@ -82,6 +84,7 @@ def undetermined_joint(bodies: RigidBodies) -> int | None:
         assert isinstance(pivot, float)
         own = diagonal[index]
         assert isinstance(own, float)
+        # written so that NaN counts too
         if not pivot > _SMALLEST_PIVOT * own:
             return index
     return None
@@ -91,6 +94,7 @@ def _inverse_dynamics(bodies: RigidBodies, arguments: Arguments) -> list[Number]
     """τ = M(q) ddq + C(q, dq) dq + g(q)."""
     q, dq, ddq = arguments
     forces = joint_forces(bodies, q, dq, ddq, bodies.robot.gravity)
+    # the inertia of a rotor behind a gear: felt by its own joint alone
     rotors = _armature(bodies)
     return [f + rotor * a for f, rotor, a in zip(forces, rotors, ddq, strict=True)]
 

@@ -18,8 +18,6 @@ from compiler.robots.numbers import (
 )
 from spec_schema.robots.robot import WORLD
 
-_STILL: Rows = (NOTHING, NOTHING, NOTHING)
-
 
 def joint_forces(
     bodies: RigidBodies, q: Numbers, dq: Numbers, ddq: Numbers, gravity: Triple
@@ -37,6 +35,7 @@ def joint_forces(
     turning: list[Rows] = []
     forces: list[tuple[Triple, Triple]] = []
     accelerations: list[Triple] = []
+    # a base that is accelerated upwards: then no body needs a weight of its own
     upwards = scaled(-1.0, gravity)
     angular: list[Triple] = []
     for body, pose, mass, speed, change in zip(tree, poses, bodies.masses, dq, ddq, strict=True):
@@ -46,12 +45,15 @@ def joint_forces(
         else:
             spin = times(to_body, spins[body.parent])
             twist = times(to_body, angular[body.parent])
+            # the acceleration, relative to the parent's origin, of the place where the joint is
             moved = times(turning[body.parent], pose.offset)
             pull = times(to_body, plus(accelerations[body.parent], moved))
         x, y, z = spin
         if body.slides:
+            # 2 ω × (z v): Coriolis, of a body that slides on one that turns
             pull = plus(pull, (2.0 * y * speed, -2.0 * x * speed, change))
         else:
+            # ω × (z dq): the joint's axis is turned by its parent
             twist = plus(twist, (y * speed, -x * speed, change))
             spin = (x, y, z + speed)
         spins.append(spin)
@@ -60,6 +62,7 @@ def joint_forces(
         turning.append(_turning(spin, twist))
         forces.append(_force(mass, pull, turning[-1]))
     found: list[Number] = [0.0] * len(tree)
+    # outwards speeds, inwards forces: what a body needs its parent must pass on
     for index in reversed(range(len(tree))):
         force, moment = forces[index]
         body, pose = tree[index], poses[index]

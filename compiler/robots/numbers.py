@@ -48,10 +48,12 @@ class SignedNode:
 
     def __mul__(self, other: Number) -> Number:
         if not isinstance(other, SignedNode):
+            # such numbers are geometry: 0 · ∞ is 0 here, as the product is none
             if other in (0.0, 1.0, -1.0):
                 return 0.0 if other == 0.0 else self if other == 1.0 else -self
             size = self.builder.constant(abs(other), unit=None)
             other = SignedNode(self.builder, size, other < 0.0)
+        # a·b and b·a are one node
         result = self._made(ops.Multiply(), *sorted((self.node, other.node)))
         return result if self.is_negative == other.is_negative else -result
 

@@ -18,6 +18,7 @@ def augmented(program: Program, parameters: Collection[str]) -> Program:
 
     %1: scalar = state k              # next: itself
     """
+    # the log of a parameter is the parameter itself: it is read as a state from here on
     nodes = (
         replace(node, op=ReadState(node.op.name))
         if isinstance(node.op, ReadParameter) and node.op.name in parameters
@@ -32,6 +33,7 @@ def augmented(program: Program, parameters: Collection[str]) -> Program:
             unit=p.unit,
             origin=Declared(),
             next=builder.state(p.name, Type(p.axes, p.unit)),
+            # the value that training left is where estimation begins
             start=starts.parameter(p.name, Type(p.axes, p.unit)),
             doc=p.doc,
             span=p.span,

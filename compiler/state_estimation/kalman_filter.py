@@ -54,6 +54,7 @@ class KalmanFilter:
         self._derivatives = step_derivatives(program, inputs=(), hessian=False)
         self._judge = DerivativeInterpreter(self._derivatives, program, self._weights, self.dtype)
         self._columns = self._places()
+        # a variance grows with time: by std² a second
         self.drift: Array = self._deviations(initial=False) ** 2 * problem.sample_time
         self.covariance: Array = np.zeros((self._size, self._size), self.dtype)
         self.vector: Array = np.zeros(self._size, self.dtype)
@@ -67,6 +68,7 @@ class KalmanFilter:
         self.vector = np.zeros(self._size, self.dtype)
         self.covariance = np.diag(self._deviations(initial=True) ** 2).astype(self.dtype)
         alone = [s for s in program.states if not reads_log(program.start, s.start)]
+        # registers fill with the first sample that they are given, not with what `history` says
         alone = [state for state in alone if state.name not in problem.registers]
         start = Interpreter(replace(program, states=tuple(alone), outputs=()), self._weights)
         self._known = set()
@@ -97,10 +99,12 @@ class KalmanFilter:
             raise ValueError(f"measured signals are {sorted(known)}, given are {unknown} too")
         log = self._log(inputs or {}, self.problem.inputs_measured)
         given = {name: np.asarray(value, float) for name, value in measured.items()}
+        # NaN says not measured; ∞ says that a sensor is broken
         if any(np.any(np.isinf(v)) for v in given.values()) or _is_not_finite(log):
             return self._told(FilterStatus.INPUT_NOT_FINITE, {})
         if not self._is_complete:
             return self._told(FilterStatus.NOT_INITIALISED, {})
+        # copies: where something is not finite at last, the estimate is as it was
         vector, covariance = self.vector.copy(), self.covariance.copy()
         innovations: dict[str, Array] = {}
         for name, value in given.items():
@@ -108,6 +112,7 @@ class KalmanFilter:
             point = vector if around is None else around
             expected, slopes = self._expected(measurement.value, log, point)
             if around is not None:
+                # the measurement as it is at `around`, carried over to the estimate by its slopes
                 expected = expected + (slopes @ (vector - around)).reshape(expected.shape)
             if value.shape != expected.shape:
                 raise ValueError(f"`{name}` has shape {value.shape}, not {expected.shape}")
@@ -120,6 +125,7 @@ class KalmanFilter:
                     rest = self.dtype.type(number) - row @ (vector - before)
                     gain, covariance = _joseph(covariance, row, variance)
                     vector = vector + gain * rest
+        # at the end, not after each number: the corrections of one sample belong together
         vector = self.within(vector)
         if not (np.all(np.isfinite(vector)) and np.all(np.isfinite(covariance))):
             return self._told(FilterStatus.DIVERGED, innovations)
@@ -146,9 +152,11 @@ class KalmanFilter:
         names = [next_value(member.name) for member in self.numbers.members]
         transition = jacobian[self._rows(names)]
         vector = np.concatenate([*(np.ravel(results[name]) for name in names), np.empty(0)])
+        # F(around) + A (ξ − around): the window solved for what F is linear about
         if around is not None:
             vector = vector + transition @ (self.vector - around)
         covariance = transition @ self.covariance @ transition.T
+        # rounding lets the triangles drift apart, sample after sample
         covariance = (covariance + covariance.T) / 2 + np.diag(self.drift).astype(self.dtype)
         if not (np.all(np.isfinite(vector)) and np.all(np.isfinite(covariance))):
             return FilterStatus.DIVERGED
@@ -193,6 +201,7 @@ class KalmanFilter:
                 std = table[member.name].initial if initial else table[member.name].drift
                 values = np.full(Type(member.axes).shape, std)
                 if isinstance(self.problem.registers.get(member.name), Tape) and not initial:
+                    # what was fed back before was corrected before: noise is of the newest alone
                     values[..., :-1] = 0.0
                 found[member.first : member.first + member.size] = values.ravel()
         return found
@@ -237,6 +246,7 @@ class KalmanFilter:
         for name, origin in problem.registers.items():
             if name in self._known or not isinstance(origin, History):
                 continue
+            # a register of an input fills with its first sample at every place (R13)
             if origin.source in inputs and np.all(np.isfinite(log[origin.source][0])):
                 self._give(
                     name, np.repeat(log[origin.source][0][..., None], self._length(name), -1)
@@ -268,6 +278,7 @@ class KalmanFilter:
         self._known.add(name)
 
     def _told(self, status: FilterStatus, innovations: dict[str, Array]) -> Estimate:
+        # below 0 only by rounding
         std = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
         found, deviations = (
             {name: value[0] for name, value in by_name(self.numbers, v[None]).items()}
@@ -286,9 +297,11 @@ class KalmanFilter:
 def _joseph(covariance: Array, row: Array, variance: Any) -> tuple[Array, Array]:
     """The gain of one number with the slope `row`, and the covariance once it is known."""
     gain: Array = covariance @ row
+    # one number at a time, so that s is a number and no system is to be solved
     gain = gain / (row @ gain + variance)
     keep: Array = np.eye(len(row), dtype=covariance.dtype) - np.outer(gain, row)
     after: Array = keep @ covariance @ keep.T + variance * np.outer(gain, gain)
+    # as in `predict`: both triangles stay equal
     return gain, (after + after.T) / 2
 
 

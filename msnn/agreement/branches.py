@@ -59,6 +59,7 @@ def branches(
     """
     program = subject.program
     weights = physical_weights(program, subject.weights)
+    # values are compared under the names that messages give them: outputs and states may share one
     judged = labelled(wanted.outputs, wanted.next_states) | labelled_first(wanted.states)
     steps = Steps(
         program.step,
@@ -83,14 +84,17 @@ def branches(
     faults: list[Fault] = []
     for given in (steps, firsts):
         left_open = undecided(given, dtype)
+        # first states are judged like steps: their graph has conditions too
         for name in given.nodes:
             value = _Value(name, judged[name], found[name], STEP_LIMIT[dtype])
             where = np.zeros(len(given.rows), bool)
+            # steps that leave more open than is tried are compared with nothing, and counted
             where[list(left_open.vast)] = True
             by_step: dict[int, list[OpenDecision]] = {}
             for choice in left_open.choices:
                 by_step.setdefault(choice.step, []).append(choice)
             for step, choices in by_step.items():
+                # with all choices near to the judge there is no decision of rounding to speak of
                 where[step] = not all(value.is_judged(choice) for choice in choices)
                 fault = value.fault(choices) if where[step] else None
                 if fault is not None:
@@ -109,6 +113,7 @@ class _Value:
 
     @property
     def scale(self) -> float:
+        # relative to the largest of the record: a value that is 0 now has no size
         finite = np.abs(self.judged[np.isfinite(self.judged)])
         return float(finite.max(initial=0.0))
 

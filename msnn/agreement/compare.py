@@ -36,6 +36,8 @@ def compare(subject: Subject, loaded: Loaded, record: AgreementRecord) -> Agreem
     assert exact or loaded.step is not None, "without single steps there is nothing to be near to"
     wanted = subject.judge("float64")
     same = subject.judge(subject.dtype) if exact else wanted
+    # bits are compared to the end of the record; near numbers drift apart, and a run of a thousand
+    # steps tells as much
     free = _free_run(loaded, same, same.steps if exact else FREE_STEPS)
     single = _start_and_steps(subject, loaded, same.beginning, wanted, record)
     slopes = measured_slopes(subject, loaded.slopes, same)
@@ -96,6 +98,7 @@ def _start_and_steps(
     """The states before the first step, and single steps from those of the judge."""
     if loaded.step is None or loaded.start is None:
         return _Single(NOTHING, {}, {})
+    # each step from the judge's state: errors do not add up
     found = labelled(*loaded.step(wanted.inputs, wanted.states, wanted.steps))
     found |= labelled_first(loaded.start(beginning))
     single = single_steps(subject.program, subject.weights, record, wanted)
@@ -104,6 +107,7 @@ def _start_and_steps(
     judged = labelled(wanted.outputs, wanted.next_states) | labelled_first(wanted.states)
     costs = deviations(rounded, judged)
     if subject.is_exact:
+        # what promises bits is compared with the judge of its own arithmetic
         measured = Deviations(deviations(found, judged), costs, bits_of_each(found, rounded))
         return _Single(measured, costs, {})
     dtype = "float32" if subject.dtype == "float32" else "float64"
@@ -113,9 +117,12 @@ def _start_and_steps(
     errors = deviations(open_steps.settled(rounded, judged), judged)
     undecided, untried = open_steps.counts, list(open_steps.untried)
     far = {fault.of for fault in _far(subject, Deviations(deviated, errors, {}))}
+    # a bound for each value costs another run: only of values that are too far by the simple
+    # measure
     if far and dtype == "float64":
         doubted = {name: values for name, values in settled.items() if name in far}
         inside = within_rounding(subject.program, subject.weights, record, wanted, doubted)
+        # inside its bound a value is as right as float64 can be
         deviated |= dict.fromkeys(inside, 0.0)
         for name, unbounded in inside.items():
             every = unbounded | open_steps.at[name]
@@ -132,6 +139,7 @@ def _far(subject: Subject, measured: Deviations) -> tuple[Fault, ...]:
     return tuple(
         FarStep(name, deviation, limits[name])
         for name, deviation in found.items()
+        # written so that NaN is far
         if not deviation <= limits[name]
     )
 

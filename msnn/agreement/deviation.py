@@ -30,6 +30,7 @@ def bits_of_each(found: Arrays, wanted: Arrays) -> dict[str, int]:
     counts: dict[str, int] = {}
     for name, values in wanted.items():
         a, b = np.ascontiguousarray(found[name]), np.ascontiguousarray(values)
+        # bits as integers: −0 and +0 differ, as do NaN of other payloads, which are let pass
         unsigned = {4: np.uint32, 8: np.uint64}[b.dtype.itemsize]
         same = a.view(unsigned) == b.view(unsigned)
         counts[name] = int(np.sum(~(same | (np.isnan(a) & np.isnan(b)))))
@@ -42,9 +43,11 @@ def _deviation(found: NDArray[Any], wanted: NDArray[Any]) -> float:
     scale = float(np.abs(b[finite]).max(initial=0.0))
     a, b, finite = found.astype(np.float64), b[: len(found)], finite[: len(found)]
     others_differ = ~finite & ~((a == b) | (np.isnan(a) & np.isnan(b)))
+    # NaN and ∞ have to stand where the judge has them
     if others_differ.any() or not np.isfinite(a[finite]).all():
         return math.inf
     error = float(np.abs(a[finite] - b[finite]).max(initial=0.0))
     if not error:
         return 0.0
+    # of a signal that is 0 everywhere any error is infinite
     return error / scale if scale else math.inf

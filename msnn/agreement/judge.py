@@ -27,6 +27,7 @@ def judge(
     states: list[Arrays] = []
     outputs: list[Arrays] = []
     nexts: list[Arrays] = []
+    # one step after the other: a free run feeds on its own states
     for t in range(record.t0, record.t0 + record.steps):
         values = interpreter.step(log, t, current, losses=False)
         states.append(dict(current))
@@ -65,6 +66,7 @@ def _samples(
     """Each port's samples at every row, (rows, *shape of the port)."""
     found: list[tuple[Port, NDArray[Any]]] = []
     for port in ports:
+        # windows oldest first, t last (R1)
         around = rows[:, None] + np.arange(port.first, port.last + 1)
         values = np.moveaxis(log[port.signal.name][around], 1, -1)
         found.append((port, values.reshape(len(rows), *port.type.shape)))

@@ -52,6 +52,7 @@ def judged_words(
     numbers = physical_weights(program, weights)
     integers = integer_program(program, numbers, WIDTHS[format])
     windows = {
+        # windows of an export in fixed point may begin and end elsewhere than those of the judge
         port.name: _words(port, judged.beginning.window(port.name, first, port.axes[-1].size))
         for port, first in zip(integers.windows, integers.window_firsts, strict=True)
     }
@@ -112,6 +113,7 @@ def _proof(stepper: ExactStepper, integers: IntegerProgram, along: _Run) -> Proo
     and `<` in place of `<=` is no other program elsewhere.
     """
     runs = [along]
+    # beside the record: words that make both sides of a comparison equal are drawn for it
     for golden in golden_equalities(integers, _EQUAL_STEPS, _SEED):
         runs.append(_Run.of(integers, golden.start.windows, golden.inputs))
     pairs = [_both(stepper, integers, run) for run in runs]
@@ -131,6 +133,7 @@ def _both(
     exact = stepper.steps(run.inputs, before, count)
     first = stepper.start(run.windows, integers.first_samples)
     ends = {memory.name: _ends(memory) for memory in integers.memories}
+    # fixed point saturates at the ends of its words, real numbers do not
     firsts = {name: np.clip(first[name], *ends[name]) for name in begun}
     following = {name: exact.next_states[name] for name in after}
     return (
@@ -150,6 +153,7 @@ def _bounds(integers: IntegerProgram) -> dict[str, float]:
 
     def bound(error: StepError) -> float:
         low, high = (kept if error.is_state else ends)[error.name]
+        # what float64 loses of the exact step counts by the size of the value
         return error.largest + LOST * max(-low, high)
 
     outputs, states = (
@@ -176,6 +180,7 @@ def _run(
 
 def _words(port: WordPort, values: NDArray[Any], *steps: int) -> NDArray[np.int64]:
     """The nearest words, (*steps, *shape)."""
+    # to the nearest word, and within the words that there are
     words = np.clip(np.rint(np.ldexp(values, port.fraction)), port.low, port.high)
     return words.reshape(*steps, *(axis.size for axis in port.axes)).astype(np.int64)
 

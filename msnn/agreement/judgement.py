@@ -37,6 +37,7 @@ class Beginning:
 
     def window(self, signal: str, first: int, length: int) -> NDArray[Any]:
         """As many samples of a signal from `first` on, (…, length): some backends need fewer."""
+        # a backend may need fewer of the past than the judge's window has
         begin = first - self.window_firsts[signal]
         return self.windows[signal][..., begin : begin + length]
 

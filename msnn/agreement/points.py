@@ -42,8 +42,10 @@ def points(program: Program, judged: Judgement) -> Points:
     somewhere along the record. All are within their ranges; one that has none stays within its
     largest magnitude along the record, or within 1 where it never leaves 0.
     """
+    # a generator whose numbers are the same on every machine and version
     random = np.random.Generator(np.random.Philox(0))
     corners: list[_Draw] = [
+        # singular points are where slopes differ between tools: 0, a hair above, and ends of ranges
         lambda seen, range, is_input: np.zeros_like(seen[0]),
         lambda seen, range, is_input: np.full_like(seen[0], 0.0 if is_input else TINY),
         lambda seen, range, is_input: np.full_like(seen[0], range[0]),
@@ -67,7 +69,9 @@ def points(program: Program, judged: Judgement) -> Points:
         found: dict[str, NDArray[Any]] = {}
         for name, seen in arrays.items():
             low, high = _finite(ranges[name], seen)
+            # rounding may leave a drawn number outside by a digit
             drawn = [np.clip(draw(seen, (low, high), are_inputs), low, high) for draw in draws]
+            # points of the record first, so that their places are those of its steps
             found[name] = np.concatenate([seen[:steps], np.array(drawn, seen.dtype)])
         return found
 
@@ -85,6 +89,7 @@ def log_of(
     ports = step_interface(program).inputs
     back = max([0, *(-port.first for port in ports)])
     span = back + max([0, *(port.last for port in ports)]) + 1
+    # each point has rows of its own, as many as ports reach around
     rows = back + span * np.arange(count)
     log: dict[str, NDArray[Any]] = {}
     for port in ports:

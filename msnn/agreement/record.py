@@ -38,12 +38,14 @@ def agreement_record(model: Model, program: Program, folder: Path) -> AgreementR
     """
     from msnn.data.reading.load import load_data
 
+    # what is predicted is compared with nothing here: its samples need not be in the record
     program = _unscored(program)
     if model.spec.data is not None:
         try:
             data = load_data(program, model.spec.data, folder)
         except SpecError:
             return drawn_record(program, "drawn numbers, as the spec's data cannot be read")
+        # longest of those without gap: a free run goes through all of it
         stretches = data.stretches()
         if len(stretches):
             start, stop = stretches[int(np.argmax(stretches[:, 1] - stretches[:, 0]))].tolist()
@@ -76,7 +78,9 @@ def _record(
     program: Program, log: Mapping[str, FloatArray], rows: int, origin: str
 ) -> AgreementRecord:
     far = reach(_unscored(program))
+    # steps need what ports read ahead, and no rows beyond the last
     steps = min(rows - far.back - far.ahead, rows - far.back)
+    # the states before the first step may read the log ahead (R7)
     if rows - far.back <= far.start_ahead:
         steps = 0
     return AgreementRecord(log, far.back, max(min(steps, MOST_STEPS), 0), origin)
@@ -85,5 +89,6 @@ def _record(
 def _limits(signal: Signal) -> tuple[float, float]:
     low, high = signal.range or (-1.0, 1.0)
     if not math.isfinite(low):
+        # half-open ranges are made as wide as the default one
         low = high - 2.0 if math.isfinite(high) else -1.0
     return low, high if math.isfinite(high) else low + 2.0

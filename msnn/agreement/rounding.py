@@ -29,6 +29,7 @@ def single_steps(
     program: Program, weights: Mapping[str, FloatArray], record: AgreementRecord, wanted: Judgement
 ) -> dict[str, Arrays]:
     """Outputs and next states of the interpreter in float32, each step from the judge's state."""
+    # states are those of float64, rounded: a step is compared, not the way to it
     log = {name: series.astype(np.float32) for name, series in record.log.items()}
     states = {name: values.astype(np.float32) for name, values in wanted.states.items()}
     rows = record.t0 + np.arange(record.steps)
@@ -87,7 +88,9 @@ def within_rounding(
             # both are within the spread of the exact value
             spread = np.broadcast_to(2.0 * values[node].spread(bounds.unit), of_judge.shape)
             apart = np.abs(found[name] - of_judge)
+            # all of a value, or none: a value of which one step is too far has a fault
             if np.all(apart <= spread):
+                # an infinite bound lets anything pass: there nothing was compared
                 unbounded = (np.isinf(spread) & (apart > 0)).reshape(len(spread), -1)
                 inside[name] = np.any(unbounded, axis=1)
     return inside
@@ -99,5 +102,6 @@ def step_limit(dtype: str, rounding: float) -> float:
     Rounding errors scale with the precision, whatever magnifies them: a difference of near numbers,
     a division by a short sample time.
     """
+    # errors of rounding scale with the precision
     share = float(np.finfo(dtype).eps) / float(np.finfo(np.float32).eps)
     return max(STEP_LIMIT[dtype], ORDERS * rounding * share if np.isfinite(rounding) else 0.0)

@@ -42,6 +42,7 @@ def measured_slopes(
     if slopes is None:
         return NOTHING
     drawn = points(subject.program, judged)
+    # slopes at singular points may be infinite: that is what is looked at
     with np.errstate(all="ignore"):
         found = slopes.at(drawn.inputs, drawn.states, drawn.count)
         wanted = _matrices(subject, slopes.jacobian, drawn, "float64")
@@ -82,10 +83,12 @@ class _Judge:
         """Of the judge's entries; `values` are of columns, `sums` of rows, by their vectors."""
         rows, count = sums[matrix.rows.letter], len(judged)
         finite = np.isfinite(_flat(matrix.rows, rows.values, count))
+        # where the value itself is not finite its slope means nothing
         wanted = np.where(finite[:, :, np.newaxis], judged, np.nan)
         terms = _magnitude(_flat(matrix.rows, rows.terms, count))[:, :, np.newaxis]
         column = _magnitude(_flat(matrix.columns, values[matrix.columns.letter], count))
         largest = column.max(axis=0, initial=0.0)
+        # a column that is 0 at all points says nothing of the size of its slopes
         natural = np.where(largest > TINY, terms / largest, 0.0)
         return _Judge(wanted, np.maximum(natural, _magnitude(wanted).max(initial=0.0)))
 
@@ -95,6 +98,7 @@ class _Judge:
         Where the judge's slope is infinite, one that is very steep in the same direction is meant.
         """
         found, wanted = found.astype(np.float64), self.wanted
+        # `STEEP` of the guards, times other slopes, stands for an infinite one
         steep = np.isinf(wanted) & (np.sign(wanted) * found >= _STEEP * self.scale)
         right = (found == wanted) | np.isnan(wanted) | steep
         errors = np.where(right, 0.0, np.abs(found - wanted) / self.scale)

@@ -67,6 +67,7 @@ def undecided(given: Steps, dtype: FloatType) -> Undecided:
     vast: set[int] = set()
     if own.decisions:
         judge = own if dtype == "float64" else _Evaluation(given, "float64")
+        # in blocks, as memory grows with steps times nodes
         for begin in range(0, len(given.rows), _BLOCK):
             block = list(range(begin, min(begin + _BLOCK, len(given.rows))))
             doubtful = own.doubtful(block, judge)
@@ -91,6 +92,7 @@ class _Evaluation:
         judged = values if judge is self else judge._run(steps, [{} for _ in steps])
         found = np.zeros(len(steps), bool)
         for node in self.decisions:
+            # open by rounding, or decided otherwise since inputs were rounded
             differs = (values[node].error > 0) | (values[node].value != judged[node].value)
             found |= differs.reshape(len(differs), -1).any(axis=1)
         return [step for step, is_doubtful in zip(steps, found, strict=True) if is_doubtful]
@@ -105,11 +107,13 @@ class _Evaluation:
             doubts = {node: self._doubts(node, values[node], len(at)) for node in self.decisions}
             following: list[tuple[int, _Way]] = []
             for place, (step, way) in enumerate(pending):
+                # one condition after the other: what a choice leads to may decide the next
                 node = next((n for n, doubt in doubts.items() if doubt[place].any()), None)
                 if node is None:
                     found.append(self._choice(step, values, place))
                     continue
                 elements = np.flatnonzero(doubts[node][place]).tolist()
+                # 2ⁿ ways of n elements
                 if len(elements) > MOST_WAYS.bit_length():
                     vast.add(step)
                     continue
@@ -143,6 +147,7 @@ class _Evaluation:
         return np.broadcast_to(decision.error > 0, shape).reshape(count, -1)
 
     def _choice(self, step: int, values: Sequence[Bounded], place: int) -> OpenDecision:
+        # what no data enter has one row for all
         def at(array: NDArray[Any]) -> NDArray[Any]:
             return array[place if len(array) > 1 else 0]
 

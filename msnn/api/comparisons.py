@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,19 +49,17 @@ def compare(
     a Cortex-M4F, where the tools are installed. `runs/runs.jsonl` has every training; one that is
     there is not repeated. Raises SpecError and TrainingInterruptedError.
     """
-    from msnn.comparison.compare import ComparisonOptions
-
-    options = ComparisonOptions(
-        settings=setting_texts(settings),
+    options = _options(
+        settings=settings,
         data=data,
-        data_root=_place(data_root),
-        held_out=on,
+        data_root=data_root,
+        on=on,
         seeds=seeds,
         folds=folds,
-        runs=_place(runs),
+        runs=runs,
         jobs=jobs,
-        criterion=by,
-        counts_cost=cost,
+        by=by,
+        cost=cost,
     )
     return _ranked([specs] if isinstance(specs, str | Path) else specs, grid, options, listener)
 
@@ -107,11 +106,45 @@ def sweep(
     whose log it shares: what is there is not trained again. Raises SpecError,
     MissingExtraError and TrainingInterruptedError.
     """
+    common = _options(
+        settings=settings,
+        data=data,
+        data_root=data_root,
+        on=on,
+        seeds=seeds,
+        folds=folds,
+        runs=runs,
+        jobs=jobs,
+        by=by,
+        cost=cost,
+    )
+    options = replace(
+        common,
+        draws=_draws(draw, draws, draw_seed),
+        ray=ray,
+        optuna=None if optuna is None else str(optuna),
+    )
+    return _ranked([spec], grid, options, listener)
+
+
+def _options(
+    *,
+    settings: Settings,
+    data: Frames | None,
+    data_root: str | Path | None,
+    on: str,
+    seeds: int,
+    folds: bool,
+    runs: str | Path | None,
+    jobs: int,
+    by: str | None,
+    cost: bool,
+) -> ComparisonOptions:
+    """The arguments that every comparison takes, as its engine has them."""
     from msnn.comparison.compare import ComparisonOptions
 
-    options = ComparisonOptions(
+    return ComparisonOptions(
         settings=setting_texts(settings),
-        draws=_draws(draw, draws, draw_seed),
         data=data,
         data_root=_place(data_root),
         held_out=on,
@@ -119,12 +152,9 @@ def sweep(
         folds=folds,
         runs=_place(runs),
         jobs=jobs,
-        ray=ray,
-        optuna=None if optuna is None else str(optuna),
         criterion=by,
         counts_cost=cost,
     )
-    return _ranked([spec], grid, options, listener)
 
 
 def _ranked(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from compiler.optimal_control.horizon import Array
-from msnn.control.horizon_functions import HorizonFunctions, RowLimits, Values
+from msnn.control.horizon_functions import HorizonFunctions
+from msnn.control.horizon_values import RowLimits, Values
 
 _NARROW = 1e-7
 """Limits that leave less than this, scaled, are set apart so that there is an inside …"""
@@ -20,6 +21,7 @@ class BarrierLimits:
         whole = np.concatenate([limits.low, limits.high], axis=1)
         ends = np.concatenate(_with_inside(limits), axis=1)
         self.signs = np.repeat([1.0, -1.0], limits.low.shape[1])
+        # ∞ − ∞ would be NaN: what limits nothing has the end 0 and is not active
         self.active = np.isfinite(ends)
         self.ends = np.where(self.active, ends, 0.0)
         # controls are put within their limits at last, so that those of the method are theirs
@@ -27,7 +29,10 @@ class BarrierLimits:
         is_control = np.array([number % size < nu for number in range(2 * size)], np.bool_)
         self._judged_ends = np.where(is_control, self.ends, np.where(self.active, whole, 0.0))
         linear, quadratic = (np.tile(w, 2) for w in (limits.linear, limits.quadratic))
+        # an infinite cost of excess is what makes a limit hard
         self.soft = self.active & np.isfinite(linear)
+        # boxes and moves of controls are kept by `ControlRange` whatever the plan: only path limits
+        # can be given up
         is_path = np.arange(2 * size) % size >= 2 * nu
         self.has_hard = bool(np.any(self.active & ~self.soft & is_path))
         self.linear = np.where(self.soft, linear, 0.0)
@@ -59,14 +64,17 @@ class BarrierLimits:
         beyond = np.maximum(-distance, 0.0) + barrier
         low = np.zeros_like(distance)
         high = self.linear + 2 * self.quadratic * (beyond + barrier) + 1.0
+        # more halvings than a double has digits
         for _ in range(60):
             z = (low + high) / 2
             # ν v = μ with ν = w₁ − z + 2 w₂ v
             rest, bend = self.linear - z, 2 * self.quadratic
             root = np.sqrt(rest**2 + 4 * bend * barrier)
+            # of the two forms of a root of a quadratic the one that subtracts nothing from its like
             smaller = 2 * barrier / np.where(rest + root > 0, rest + root, np.inf)
             larger = (root - rest) / np.where(bend > 0, 2 * bend, np.inf)
             v = np.where(rest >= 0, smaller, np.where(bend > 0, larger, np.inf))
+            # z = 0 is the end where μ/z is ∞
             above = distance + v - barrier / np.maximum(z, 1e-300) > 0
             low, high = np.where(above, low, z), np.where(above, z, high)
         return (low + high) / 2
@@ -76,5 +84,6 @@ def _with_inside(limits: RowLimits) -> tuple[Array, Array]:
     """The limits, hard ones that leave no room a little apart."""
     is_narrow = (limits.high - limits.low < _NARROW) & np.isinf(limits.linear)
     apart = np.where(is_narrow, _APART, 0.0)
+    # relative to the limit: 1e-8 is below the rounding of a limit of 1e9
     size = np.maximum(1.0, np.where(np.isfinite(limits.low), np.abs(limits.low), 0.0))
     return limits.low - apart * size, limits.high + apart * size

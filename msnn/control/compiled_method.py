@@ -43,6 +43,7 @@ class CompiledMethod:
         plan = plan_of(self._problem, self._c)
         with np.errstate(all="ignore"):
             states, controls = self._functions.scaled(plan)
+            # the plan of the C is judged by the interpreter, as a plan of Python's is
             values = self._functions.values(given, states, controls)
             violation = BarrierLimits(self._functions, allowed.limits).violation(values)
         return Found(

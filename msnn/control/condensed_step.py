@@ -35,14 +35,18 @@ def condensed_step(
     first = 0
     for k in range(n):
         if held.stages[k]:
+            # decided earlier: u_k moves with the state that holds u_{k−1}
             along[k, nx:] = held.selection @ along[k, :nx]
             along[k, nx:, count] += held_gaps[k]
         else:
             along[k, nx:, first : first + nu] = np.eye(nu)
             first += nu
+        # the plant's slopes carry each decided control, and the column of what happens by itself,
+        # on
         along[k + 1, :nx] = slopes[k] @ along[k]
         along[k + 1, :nx, count] += gaps[k]
     bent = hessian @ along
+    # Σ_k of both sides: the quadratic form in v, and in its last column what v meets
     whole: Array = np.tensordot(along, bent, axes=([0, 1], [0, 1]))
     linear: Array = whole[:count, count] + np.einsum("kwv,kw->v", along[:, :, :count], gradient)
     own: Array = (whole[:count, :count] + whole[:count, :count].T) / 2
@@ -50,9 +54,11 @@ def condensed_step(
         factor = np.linalg.cholesky(own)
     except LinAlgError:
         return None
+    # Cholesky goes through down to rounding: a direction without curvature is told by its pivot
     if not np.all(np.diagonal(factor) ** 2 > LEAST_CURVATURE * np.max(np.abs(own), initial=0.0)):
         return None
     best: Array = np.linalg.solve(own, -linear).astype(np.float64)
+    # the last column counts once
     found = np.concatenate([best, np.ones(1)])
     moves: Array = along @ found
     return moves[:, :nx], moves[:n, nx:]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from compiler.optimal_control.horizon import Array
-from msnn.control.horizon_functions import HorizonFunctions, RowLimits
+from msnn.control.horizon_functions import HorizonFunctions
+from msnn.control.horizon_values import RowLimits
 
 
 class ControlRange:
@@ -19,6 +20,7 @@ class ControlRange:
         self._move = limits.high[:n, nu : 2 * nu]
         scaled = state / functions.scale_x
         has_before = np.any(functions.held.selection != 0, axis=1)
+        # NaN: nobody knows what was applied, so that nothing limits the first move
         self._before = np.where(has_before, functions.held.selection @ scaled, np.nan)
         self._reachable = self._ranges()
 
@@ -33,6 +35,7 @@ class ControlRange:
         found = np.empty_like(controls)
         before = self._before
         low, high = self._by_block()
+        # where the limits to come can still be reached
         ahead = self._leads_on()
         for k in range(len(controls)):
             if not self._starts[k]:
@@ -40,6 +43,7 @@ class ControlRange:
                 continue
             reach = np.where(np.isnan(before), np.inf, self._move[k])
             origin = np.where(np.isnan(before), 0.0, before)
+            # a move of ∞ from 0 is no limit; NaN would be carried into both ends
             lowest = np.maximum(np.maximum(low[k], ahead[0][k]), origin - reach)
             highest = np.minimum(np.minimum(high[k], ahead[1][k]), origin + reach)
             # where limits contradict each other, the box wins
@@ -64,6 +68,7 @@ class ControlRange:
         low, high = self._low.copy(), self._high.copy()
         for k in range(len(low) - 1, 0, -1):
             if not self._starts[k]:
+                # a block keeps one control: it has to be within the limits of all its samples
                 low[k - 1] = np.maximum(low[k - 1], low[k])
                 high[k - 1] = np.minimum(high[k - 1], high[k])
         return low, high
@@ -72,6 +77,7 @@ class ControlRange:
         """From where the limits of the samples to come can be reached."""
         low, high = self._by_block()
         for k in range(len(low) - 2, -1, -1):
+            # one sample earlier, as far as one move can make up for
             move = self._move[k + 1] if self._starts[k + 1] else 0.0
             low[k] = np.maximum(low[k], low[k + 1] - move)
             high[k] = np.minimum(high[k], high[k + 1] + move)
@@ -84,6 +90,7 @@ class ControlRange:
             if k == 0:
                 known = ~np.isnan(self._before)
                 move = np.where(known, self._move[0], np.inf)
+                # forwards then: what can be reached from what was applied
                 origin = np.where(known, self._before, 0.0)
                 low[0] = np.maximum(low[0], origin - move)
                 high[0] = np.minimum(high[0], origin + move)

@@ -69,6 +69,7 @@ class Controller:
         or with a preview (N+1, *shape) and (N, *shape). Raises ValueError for names and shapes that
         the problem does not have.
         """
+        # before it is measured: a measurement that is not finite is taken back
         problem, before = self.problem, self._memory.known
         self._memory.measure(x or {})
         coming = self._coming(problem.disturbances, disturbances or {}, problem.horizon)
@@ -79,6 +80,7 @@ class Controller:
             return self._kept(Status.NOT_INITIALISED)
         given = Given(self._memory.vector(), coming, wanted)
         if not _is_finite(given):
+            # a NaN that stayed in the memory would refuse every later sample too
             self._memory.restore(before)
             return self._kept(Status.INPUT_NOT_FINITE)
         limits = self._functions.limits(given)
@@ -89,6 +91,7 @@ class Controller:
             found = self._kept(Status.INFEASIBLE, allowed)
         else:
             found = self._told(given, allowed, self._method.solve(given, allowed, self._resting()))
+        # also what a failure returns is applied, and the next sample begins from it
         self._applied = _joined(problem.controls, found.control, "control")
         self._memory.advance(given, self._applied)
         return found
@@ -151,6 +154,7 @@ class Controller:
             status=status,
             control=held,
             controls={name: np.repeat(value[None], n, axis=0) for name, value in held.items()},
+            # no number of a plan is left by which it could be compared
             states={},
             cost=np.nan,
             residual=np.inf if found is None else _or_infinite(found.residual),
@@ -185,6 +189,7 @@ class Controller:
             if array.shape != wanted:
                 raise ValueError(f"`{name}` has shape {array.shape}, not {wanted}")
             samples = array if name in self.problem.previewed else array[None]
+            # windows that look ahead of the last stage have samples too
             rows = self.problem.horizon + 1 + self._functions.ahead
             rest = np.repeat(samples[-1:], rows - len(samples), axis=0)
             found[name] = np.concatenate([samples, rest])

@@ -7,8 +7,6 @@ entries first; what a stage lacks is 0 there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from compiler.hessian.interpret import DerivativeInterpreter
@@ -34,44 +32,8 @@ from compiler.optimal_control.horizon import (
 )
 from compiler.optimal_control.problem import ControlProblem, Limits
 from compiler.optimal_control.structure import chosen_structure
+from msnn.control.horizon_values import RowLimits, Slopes, Values
 from msnn.control.riccati import HeldControls
-
-
-@dataclass(frozen=True, slots=True)
-class Values:
-    """Of one plan."""
-
-    cost: float
-    """J without penalties."""
-    following: Array
-    """F(x_k, u_k), (N, nx)."""
-    rows: Array
-    """h, (N+1, m)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Slopes:
-    """First derivatives at one plan."""
-
-    cost: Array
-    """∂J/∂(x_k, u_k), (N+1, nx+nu)."""
-    following: Array
-    """∂F/∂(x_k, u_k), (N, nx, nx+nu)."""
-    rows: Array
-    """∂h/∂(x_k, u_k), (N+1, m, nx+nu)."""
-
-
-@dataclass(frozen=True, slots=True)
-class RowLimits:
-    """Of the rows h: where they begin and end, ∓∞ where nothing limits them, and what excess costs.
-
-    All (N+1, m) but for the costs, (m): ∞ for a row that is hard.
-    """
-
-    low: Array
-    high: Array
-    linear: Array
-    quadratic: Array
 
 
 class HorizonFunctions:
@@ -97,6 +59,7 @@ class HorizonFunctions:
             problem.program, inputs=controls, outputs=self._outputs, flat=problem.flat
         )
         self._curved = DerivativeInterpreter(self._derivatives, problem.program)
+        # line searches and residuals want slopes without the Hessian, by far the larger part
         first_only = step_derivatives(
             problem.program, inputs=controls, outputs=self._outputs, hessian=False
         )
@@ -104,9 +67,11 @@ class HorizonFunctions:
         known = self._derivatives.variables
         wanted = [*problem.states.members, *problem.controls.members]
         first = [known.member(m.name).first for m in wanted]
+        # derivatives are in the program's order of signals, x and u in the spec's
         self._columns = np.concatenate(
             [np.arange(m.size) + at for m, at in zip(wanted, first, strict=True)]
         ).astype(np.int64)
+        # everything is relative to scales: tolerance and barrier are then the same for all problems
         self._scale = np.concatenate([self.scale_x, self.scale_u])
         paths = zip(problem.path_limits, self._sizes, strict=True)
         of_paths = [np.full(size, path.scale) for path, size in paths]
@@ -117,6 +82,7 @@ class HorizonFunctions:
         self.ahead = max((window - 1 for window in windows if window is not None), default=0)
         ends = [_fixed_ends(problem, control.limits) for control in problem.control_limits]
         resting = [
+            # what lies still: 0, or the nearest that is allowed
             np.full(member.size, min(max(0.0, low), high))
             for member, (low, high) in zip(problem.controls.members, ends, strict=True)
         ]
@@ -124,6 +90,7 @@ class HorizonFunctions:
         selection = np.zeros((self.controls, self.states))
         known_before = self._places >= 0
         places = self._places[known_before]
+        # scaled u_{k−1} from scaled x: the ratio of the two scales
         ratio = self.scale_x[places] / self.scale_u[known_before]
         selection[known_before, places] = ratio
         self.held = HeldControls(~self.starts, selection)
@@ -142,6 +109,7 @@ class HorizonFunctions:
         state = given.state[None]
         found = [state]
         log = log_of(self.problem, given, controls * self.scale_u)
+        # one stage after the other: each needs the state of the one before
         for k in range(self.horizon):
             named = by_name(self.problem.states, state)
             values = self.interpreter.step(log, k, named, losses=False)
@@ -158,6 +126,7 @@ class HorizonFunctions:
         size = 2 * nu + sum(self._sizes)
         low, high = np.full((n + 1, size), -np.inf), np.full((n + 1, size), np.inf)
         low[:n, :nu], high[:n, :nu] = along.control_min, along.control_max
+        # where a block goes on there is no move to limit: the control is held
         move = np.where(self.starts[:, None], self._rates, np.inf)
         low[:n, nu : 2 * nu], high[:n, nu : 2 * nu] = -move, move
         linear, quadratic = np.full(size, np.inf), np.zeros(size)
@@ -167,6 +136,7 @@ class HorizonFunctions:
             if not path.hard:
                 assert path.linear is not None
                 assert path.quadratic is not None
+                # of scaled excess e/s: w₁ e = (w₁ s)(e/s) and w₂ e² = (w₂ s²)(e/s)²
                 linear[rows] = path.linear * path.scale
                 quadratic[rows] = path.quadratic * path.scale**2
         return RowLimits(low / self._row_scale, high / self._row_scale, linear, quadratic)
@@ -182,6 +152,7 @@ class HorizonFunctions:
     def multipliers(self, scaled: Array) -> Multipliers:
         """Those of the rows, (N+1, 2m), low ends first, in the units of the spec."""
         n, nu, size = self.horizon, self.controls, len(self._row_scale)
+        # a multiplier is cost by unit of the limit: scaled limits have scaled ones
         low, high = scaled[:, :size] / self._row_scale, scaled[:, size:] / self._row_scale
         paths = list(zip(self.problem.path_limits, self._rows(), strict=True))
         return Multipliers(
@@ -213,6 +184,7 @@ class HorizonFunctions:
         found = self.interpreter.step(log, every, named, losses=False)
         return Values(
             self._cost(found.outputs),
+            # the next states of stage N belong to nothing
             self._joined(found.next_states, self.horizon + 1)[:-1] / self.scale_x,
             self._limited(found.outputs, plan),
         )
@@ -241,6 +213,7 @@ class HorizonFunctions:
         )
         of_states = {next_value(member.name): member for member in problem.states.members}
         weights = {name: np.zeros((n + 1, 1)) for name in (problem.stage, self._terminal)}
+        # each stage computes every output; those that are not of its cost have the weight 0
         weights[problem.stage][:n] = 1.0
         if self._terminal is not None:
             weights[self._terminal][n] = 1.0
@@ -248,11 +221,13 @@ class HorizonFunctions:
         for member in self._derivatives.results.members:
             if member.name in of_paths:
                 columns = of_paths[member.name]
+                # rows are g/s: yᵀh is (y/s)ᵀg
                 weight = rows[:, columns] / self._row_scale[columns]
             elif member.name in of_states:
                 first = of_states[member.name].first
                 columns = slice(first, first + member.size)
                 weight = np.zeros((n + 1, member.size))
+                # λᵀ of scaled next states, as above
                 weight[:n] = costates[:, columns] / self.scale_x[columns]
             else:
                 weight = weights[member.name]
@@ -272,6 +247,7 @@ class HorizonFunctions:
             return jacobian[:, member.first : member.first + member.size]
 
         cost = part(problem.stage)[:, 0].copy()
+        # at N the terminal cost, and no control
         cost[n] = 0.0 if self._terminal is None else part(self._terminal)[n, 0]
         cost[n, nx:] = 0.0
         following = [part(next_value(member.name)) for member in problem.states.members]
@@ -279,6 +255,7 @@ class HorizonFunctions:
         rows = np.zeros((n + 1, len(self._row_scale), nx + nu))
         every = np.arange(nu)
         rows[:n, every, nx + every] = 1.0
+        # of a move: 1 by the control, minus the ratio by the state that holds the one before
         rows[:n, nu + every, nx + every] = 1.0
         rows[:n, nu : 2 * nu, :nx] -= self.held.selection
         for path, columns in zip(problem.path_limits, self._rows(), strict=True):
@@ -287,6 +264,7 @@ class HorizonFunctions:
         return Slopes(cost, along / self.scale_x[:, None], rows)
 
     def _cost(self, outputs: dict[str, Array]) -> float:
+        # stage costs to N−1, the terminal one at N
         total = float(np.sum(outputs[self.problem.stage][:-1]))
         return total if self._terminal is None else total + float(outputs[self._terminal][-1])
 

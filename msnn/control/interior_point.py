@@ -18,12 +18,16 @@ import numpy as np
 from compiler.optimal_control.horizon import Array, Given
 from msnn.control.barrier_limits import BarrierLimits
 from msnn.control.condensed_step import condensed_step
-from msnn.control.horizon_functions import HorizonFunctions, RowLimits, Values
+from msnn.control.horizon_functions import HorizonFunctions
+from msnn.control.horizon_values import RowLimits, Values
 from msnn.control.iterate import Direction, Iterate, Point
 from msnn.control.riccati import newton_step
 
+# the first μ of a cold start, by the steepest penalty; of a plan that is nearly right a small one
 _FIRST_BARRIER = 0.1
 _WARM_BARRIER = 1e-4
+# a step ends before the limit: at a slack of 0 the logarithm has no value (Nocedal, Wright 2006,
+# equation 19.9)
 _TO_BOUNDARY = 0.995
 _CUTS = 14
 _ARMIJO = 1e-4
@@ -48,6 +52,7 @@ class InteriorPoint:
         self._f, self._given = functions, given
         self._limits = BarrierLimits(functions, limits)
         self._held = functions.held
+        # as small as may be: it is raised where a step would not decrease the merit
         self._weight = 1e-6
 
     def solve(
@@ -74,16 +79,20 @@ class InteriorPoint:
         iterations: int,
         tolerance: float,
     ) -> Outcome:
+        # multipliers of soft limits are between 0 and w₁: the barrier is measured by it
         steepest = float(np.max(self._limits.linear, initial=1.0))
         first = barrier = _FIRST_BARRIER * steepest if before is None else _WARM_BARRIER
         now, values = self._begin(states, controls, before, barrier)
+        # the last pass judges where the last step led
         for count in range(iterations + 1):
             point = self._linearised(now, values)
             residual = self._residual(point)
             is_over = not np.isfinite(residual) or residual <= tolerance
             if is_over or count == iterations:
                 return self._ended(now, values, residual, count)
+            # more than one cut where the point is good enough for the next barrier at once
             while barrier > tolerance / 10 and self._error(point, barrier) < 10 * barrier:
+                # superlinear: the smaller μ is, the faster it may fall
                 faster = min(0.1, (barrier / first) ** 0.5)
                 barrier = max(tolerance / 10, barrier * faster)
             moved = self._moved(point, barrier)
@@ -109,12 +118,15 @@ class InteriorPoint:
     ) -> tuple[Iterate, Values]:
         n, nu, size = self._f.horizon, self._f.controls, len(self._limits.signs) // 2
         own = np.zeros_like(self._limits.active)
+        # of each row the low end and the high one
         own[:n, :nu] = own[:n, size : size + nu] = True
         low = np.where(self._limits.active, self._limits.ends, -np.inf)[:n, :nu]
         high = np.where(self._limits.active, self._limits.ends, np.inf)[:n, size : size + nu]
         away = 1e-2 if before is None else 1e-4
+        # a start at a limit has the slack 0; in a narrow range a part of its width must do
         push = np.minimum(away, 0.1 * (high - low))
         controls = np.clip(controls, low + push, high - push)
+        # x_0 is what was measured, whatever the plan before said of it
         states = np.concatenate([self._given.state[None] / self._f.scale_x, states[1:]])
         values = self._f.values(self._given, states, controls)
         distance = self._limits.distances(values)
@@ -124,14 +136,18 @@ class InteriorPoint:
         if before is None:
             central = self._limits.central(distance, barrier)
             multipliers = np.where(self._limits.soft, central, barrier / slacks)
+            # of soft limits t = μ/z on the central path, so that the first step is not cut
             slacks = np.where(
                 self._limits.soft, barrier / np.where(self._limits.soft, central, 1.0), slacks
             )
         else:
+            # a multiplier of nearly 0 takes many steps to grow
             multipliers = np.maximum(before.multipliers, barrier / 10)
+            # above w₁ the multiplier of the excess would be below 0
             cap = np.where(self._limits.soft, 0.9 * self._limits.linear, np.inf)
             multipliers = np.minimum(multipliers, cap)
         multipliers = np.where(self._limits.active, multipliers, 0.0)
+        # a rest that rounding leaves must not be 0: it has a logarithm
         excesses = np.where(self._limits.soft, np.maximum(slacks - distance, barrier * 1e-9), 0.0)
         rest = self._limits.linear + 2 * self._limits.quadratic * excesses - multipliers
         others = np.where(self._limits.soft, np.maximum(rest, 1e-9), 0.0)
@@ -150,12 +166,15 @@ class InteriorPoint:
         worst = 0.0
         for k in range(n - 1, -1, -1):
             costates[k] = costate
+            # costates that make the gradient in the states 0: only controls are left to judge
             whole = gradient[k] + slopes.following[k].T @ costate
             costate = whole[:nx]
+            # a held control is a function of the state: its slope goes on to where it was decided
             if self._held.stages[k]:
                 costate = costate + self._held.selection.T @ whole[nx:]
             else:
                 worst = max(worst, _largest(whole[nx:]))
+        # Python's `max` keeps the number where the other is NaN
         if not np.all(np.isfinite(gradient)):
             worst = np.nan
         misfits = self._limits.distances(values) + now.excesses - now.slacks
@@ -172,6 +191,7 @@ class InteriorPoint:
         soft = np.where(self._limits.soft, np.maximum(z * np.maximum(distance, 0.0), excess), 0.0)
         held = self._held_gaps(point.now)
         parts = (point.stationarity, _largest(point.gaps), _largest(hard), _largest(soft))
+        # 0 · ∞ and 0 · NaN are NaN: a cost that is not finite ends the method
         return float(np.max([*parts, _largest(held), 0.0 * point.values.cost]))
 
     def _error(self, point: Point, barrier: float) -> float:
@@ -193,9 +213,12 @@ class InteriorPoint:
         f, now = self._f, point.now
         rows = self._limits.by_row(now.multipliers)
         if f.problem.hessian == "exact":
+            # exact curvature first, which converges quadratically; the convex one always has a
+            # minimum
             hessian = f.curvature(self._given, now.states, now.controls, rows, point.costates)
             tries = (hessian, _convex(hessian))
         else:
+            # the plant and limits count as linear: Gauss and Newton
             rows, costates = np.zeros_like(rows), np.zeros_like(point.costates)
             hessian = f.curvature(self._given, now.states, now.controls, rows, costates)
             tries = (_convex(hessian),)
@@ -210,18 +233,22 @@ class InteriorPoint:
             if accepted:
                 return found
             best = found or best
+        # a merit that does not fall, but a point that is finite: the next pass begins from there
         return best
 
     def _direction(self, point: Point, hessian: Array, barrier: float) -> Direction | None:
         now, slopes, limits = point.now, point.slopes, self._limits
         t, z, v, nu = now.slacks, now.multipliers, now.excesses, now.excess_multipliers
         z_or_1 = np.where(limits.active, z, 1.0)
+        # ν + 2 w₂ v is what v's own equation is divided by; hard limits have v = 0 and need no such
         bend = np.where(limits.soft, nu + 2 * limits.quadratic * v, 1.0)
         misfit = np.where(limits.soft, limits.linear + 2 * limits.quadratic * v - z - nu, 0.0)
         room = np.where(limits.soft, (barrier - v * nu - v * misfit) / bend, 0.0)
+        # of a hard limit z/t: the nearer the limit, the stiffer
         stiffness = np.where(limits.active, 1 / (t / z_or_1 + v / bend), 0.0)
         offset = point.misfits + room - barrier / z_or_1 + t
         size = len(limits.signs) // 2
+        # low and high end pull at the same row; the signs are ±1, and their squares 1
         weights = stiffness[:, :size] + stiffness[:, size:]
         whole = hessian + np.einsum("kmi,km,kmj->kij", slopes.rows, weights, slopes.rows)
         if not np.all(np.isfinite(whole)):
@@ -234,9 +261,11 @@ class InteriorPoint:
         if found is None:
             return None
         states, controls = found
+        # at N there is no control that could move
         moves = np.concatenate([states, np.concatenate([controls, controls[:1] * 0])], axis=1)
         rows = np.einsum("kmw,kw->km", slopes.rows, moves)
         change = limits.signs * np.concatenate([rows, rows], axis=1)
+        # back from the row's move to what was eliminated: dz, then t from t z = μ, then v
         dz = -stiffness * (change + offset)
         dt = np.where(limits.active, barrier / z_or_1 - t - t / z_or_1 * dz, 0.0)
         dv = np.where(limits.soft, room + v / bend * dz, 0.0)
@@ -248,6 +277,7 @@ class InteriorPoint:
     ) -> tuple[tuple[Iterate, Values] | None, bool]:
         """The iterate along the step where the merit is low enough, and whether there was one."""
         now = point.now
+        # primal and dual parts each as far as they may: the merit knows no multipliers
         primal = min(_longest(now.slacks, step.slacks), _longest(now.excesses, step.excesses))
         dual = min(
             _longest(now.multipliers, step.multipliers),
@@ -270,6 +300,8 @@ class InteriorPoint:
             merit = self._merit(trial, values, barrier)
             if np.isfinite(merit):
                 found = trial, values
+            # near the solution the merit changes less than its own rounding, which must not refuse
+            # the step
             if merit <= before + _ARMIJO * length * slope + 1e-10 * abs(before):
                 return found, True
         return found, False
@@ -291,6 +323,7 @@ class InteriorPoint:
     def _slope(self, point: Point, step: Direction, hessian: Array, barrier: float) -> float:
         """The merit's slope along the step; raises the weight of infeasibility where it must."""
         now = point.now
+        # stage N has no control
         last = np.zeros((1, step.controls.shape[1]))
         moves = np.concatenate([step.states, np.concatenate([step.controls, last])], axis=1)
         marginal = self._limits.linear + 2 * self._limits.quadratic * now.excesses
@@ -301,8 +334,11 @@ class InteriorPoint:
         bend = float(np.einsum("ki,kij,kj->", moves, hessian, moves))
         infeasible = self._infeasibility(now, point.values)
         if infeasible > 1e-12:
+            # above this weight the merit falls along the step (Nocedal, Wright 2006, equation
+            # 18.36, ρ = 0.1)
             wanted = (slope + 0.5 * max(bend, 0.0)) / (0.9 * infeasible)
             if wanted > self._weight:
+                # twice as much, so that it is not raised again at every step
                 self._weight = 2 * wanted
         return slope - self._weight * infeasible
 
@@ -310,6 +346,7 @@ class InteriorPoint:
 def _convex(hessian: Array) -> Array:
     """The nearest symmetric matrices without negative curvature."""
     values, vectors = np.linalg.eigh(hessian)
+    # flat directions count as bent a little: their step would be endless
     least = 1e-8 * np.maximum(1.0, np.max(np.abs(values), axis=1, keepdims=True))
     return np.einsum("kij,kj,klj->kil", vectors, np.maximum(values, least), vectors)
 

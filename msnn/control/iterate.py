@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from compiler.optimal_control.horizon import Array
-from msnn.control.horizon_functions import Slopes, Values
+from msnn.control.horizon_values import Slopes, Values
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ class Memory:
 
     def __init__(self, problem: ControlProblem) -> None:
         self._problem = problem
+        # nothing but next states is computed from sample to sample
         self._interpreter = Interpreter(replace(problem.program, outputs=()))
         self._registers = problem.registers
         self._shapes = {m.name: Type(m.axes).shape for m in problem.states.members}
@@ -32,6 +33,7 @@ class Memory:
         """As before the first sample: known is what starts at a value that no log has."""
         program = self._problem.program
         alone = [s for s in program.states if not reads_log(program.start, s.start)]
+        # a register begins with the first sample of its signal, once that is known (R13)
         alone = [state for state in alone if state.name not in self._registers]
         start = Interpreter(replace(program, states=tuple(alone), outputs=()))
         self._known = {name: value[0] for name, value in start.start({}, 0).items()}
@@ -61,6 +63,7 @@ class Memory:
         """
         fed = {o.signal: n for n, o in self._registers.items() if isinstance(o, Tape)}
         for name, value in values.items():
+            # the newest part of a tape is what outputs predicted: measured samples replace it
             array = np.asarray(value, np.float64)
             if name in self._shapes:
                 self._known[name] = _of_shape(name, array, self._shapes[name])
@@ -96,6 +99,7 @@ class Memory:
 
     def advance(self, given: Given, controls: Array) -> None:
         """Predicts what is known at t+1, after these controls (nu) were applied."""
+        # one row is stepped, but the log has the shape of a horizon
         log = log_of(self._problem, given, np.tile(controls, (self._problem.horizon, 1)))
         states = by_name(self._problem.states, given.state[None])
         found = self._interpreter.step(log, 0, states, losses=False).next_states

@@ -35,6 +35,7 @@ def open_controller(
     if model.control is None:
         raise ValueError(f"the spec of `{model.name}` has no `mpc` section")
     known = {parameter.name for parameter in model.control.program.parameters}
+    # a controller's program reads some parameters of the model, and refuses the others
     problem = trained(model.control, {n: w for n, w in weights.items() if n in known})
     functions = HorizonFunctions(problem)
     return Controller(problem, functions, _method(model, problem, functions, solver))
@@ -46,6 +47,7 @@ def _method(
     reference = ReferenceMethod(problem, functions)
     if solver == "python":
         return reference
+    # the exported C decides each sample: with longer blocks the reference solves
     if any(block > 1 for block in problem.blocks):
         if solver is None:
             return reference
@@ -58,7 +60,10 @@ def _method(
         return CompiledMethod(problem, functions)
     except CompilerMissingError as error:
         reason = str(error)
+    # whatever keeps C from being compiled: a controller that answers late is better than none,
+    # where nobody asked for C
     except Exception as error:
+        # in tests that would hide a fault of the emitter
         if os.environ.get(NO_FALLBACK):
             raise
         reason = f"{type(error).__name__}: {str(error).strip()}".partition("\n")[0]

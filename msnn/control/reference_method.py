@@ -39,13 +39,17 @@ class ReferenceMethod:
         iterations, tolerance = self._problem.iterations, self._problem.tolerance
         solve = partial(method.solve, iterations=iterations, tolerance=tolerance)
         outcome: Outcome | None = None
+        # only a plan that was solved: one that broke limits has multipliers that cannot hold
+        # (decision 0326)
         if self._last is not None and self._is_good:
             before = _shifted(self._last)
             controls = allowed.blocked(before.controls)
             outcome = solve(before.states, controls, before)
+        # in the mode `fixed` a second solve would take twice the time that was promised
         if outcome is None or (may_begin_again and not outcome.residual <= tolerance):
             states, controls = self._cold(given, allowed, resting)
             again = solve(states, controls, None)
+            # not less or equal: also where the first one is NaN
             if outcome is None or not outcome.residual <= again.residual:
                 outcome = again
         return self._found(given, allowed, outcome)
@@ -60,6 +64,8 @@ class ReferenceMethod:
         states = self._functions.rollout(given, controls)
         start = given.state / self._functions.scale_x
         limit = _FAR * max(1.0, float(np.max(np.abs(start), initial=0.0)))
+        # an unstable plant runs away along a plan that no longer fits: rest is a better start
+        # (decision 0290)
         if not np.all(np.abs(states) <= limit):
             states = np.tile(start, (n + 1, 1))
         return states, controls
@@ -69,8 +75,10 @@ class ReferenceMethod:
         is_solved = bool(outcome.residual <= tolerance)
         is_finite = np.isfinite(outcome.residual)
         self._last, self._is_good = outcome.iterate if is_finite else None, is_solved
+        # rounding and gaps leave controls a little outside: what is returned is inside
         controls = allowed.nearest(outcome.iterate.controls)
         violation = outcome.violation
+        # the plan keeps limits on paper; what counts is where its controls lead
         if not is_solved:
             violation = float(np.maximum(violation, self._violation(given, allowed, controls)))
         keeps = violation <= max(tolerance, 1e-6)

@@ -51,8 +51,10 @@ def newton_step(
     value, linear = hessian[n, :nx, :nx], gradient[n, :nx]
     gains, offsets = np.zeros((n, width - nx, nx)), np.zeros((n, width - nx))
     for k in range(n - 1, -1, -1):
+        # of the costs to go: what stage k+1 costs, seen from (dx_k, du_k)
         quadratic = hessian[k] + slopes[k].T @ value @ slopes[k]
         slope = gradient[k] + slopes[k].T @ (value @ gaps[k] + linear)
+        # nothing to decide: the control follows the state
         if held.stages[k]:
             gains[k], offsets[k] = held.selection, held_gaps[k]
         else:
@@ -60,8 +62,10 @@ def newton_step(
             if found is None:
                 return None
             gains[k], offsets[k] = found
+        # [I; K]: the cost to go along the control that was found
         along = np.concatenate([np.eye(nx), gains[k]])
         value = along.T @ quadratic @ along
+        # rounding lets the triangles drift apart along a long horizon
         value = (value + value.T) / 2
         linear = along.T @ (slope + quadratic[:, nx:] @ offsets[k])
     states, controls = np.zeros((n + 1, nx)), np.zeros((n, width - nx))
@@ -75,11 +79,14 @@ def _best_control(quadratic: Array, slope: Array, nx: int) -> tuple[Array, Array
     """Gain and offset of the control that is best from any state."""
     own = quadratic[nx:, nx:]
     try:
+        # positive definite, or the stage has no best control
         factor = np.linalg.cholesky(own)
     except LinAlgError:
         return None
+    # pivots of rounding count as none
     if not np.all(np.diagonal(factor) ** 2 > LEAST_CURVATURE * np.max(np.abs(own))):
         return None
+    # gain and offset are one system with nx + 1 right sides
     right = np.concatenate([quadratic[nx:, :nx], slope[nx:, None]], axis=1)
     found: Array = -np.linalg.solve(own, right).astype(np.float64)
     return found[:, :nx], found[:, nx]

@@ -50,6 +50,7 @@ def rows_of(dataset: Dataset) -> RowsOfData:
     for record in dataset.records:
         for piece in record.pieces:
             found[piece.start : piece.stop] = follows(piece.time, piece.stop - piece.start)
+            # a record of several files may go on from one to the next
             if piece.start > record.start:
                 found[piece.start] = dataset.continues[piece.start]
     return RowsOfData(records=dataset.records, follows=found)
@@ -61,6 +62,7 @@ def channels_of(program: Program, dataset: Dataset) -> Iterator[Channel]:
     inputs = [signal for signal in program.signals if signal.role is Role.INPUT]
     for signal in inputs:
         measured &= np.isfinite(dataset.series[signal.name].reshape(dataset.rows, -1)).all(axis=1)
+    # rows that a filter took out are no measurement; those with a missing input are missing already
     filtered = measured & ~dataset.usable
     ordered = sorted(program.signals, key=lambda signal: signal.role is not Role.INPUT)
     for signal in ordered:

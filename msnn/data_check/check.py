@@ -69,6 +69,7 @@ def check_datasets(
     system = None
     if model.program.sample_time is not None:
         step = _step(checked[0], model.program.sample_time)
+        # data that are resampled have the step of the model, whatever was recorded
         if resampled is not None:
             step = model.program.sample_time
         system = _system(model, resampled or next(iter(recorded.values())), step)
@@ -133,4 +134,5 @@ def _system(model: Model, dataset: Dataset, step: float) -> CheckedSystem:
 
 
 def _clean(channel: Channel, rows: RowsOfData) -> FloatArray:
+    # a spike would be an impulse to which nothing answers
     return without_spikes(channel.values, spikes(channel.values, rows.follows))

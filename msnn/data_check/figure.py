@@ -83,6 +83,7 @@ def _values(axis: Any, one: CheckedChannel, dataset: DatasetCheck) -> None:
 
 def _thinned(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     rows = np.arange(len(values), dtype=np.float64)
+    # lowest and highest of neighbours: a spike of one row stays visible
     size = len(values) // (_MOST_POINTS // 2)
     if size < 2:
         return rows, values
@@ -103,12 +104,14 @@ def _spectrum(axis: Any, one: CheckedChannel, step: float | None) -> None:
     window = np.hanning(size + 2)[1:-1]
     power, count = np.zeros(size // 2 + 1), 0
     for first in range(0, len(values) - size + 1, max(size // 2, 1)):
+        # windows with missing values are left out: filled ones would have a spectrum of their own
         part = values[first : first + size]
         if np.isfinite(part).all():
             power += np.abs(np.fft.rfft(window * (part - part.mean()))) ** 2
             count += 1
     if count and np.any(power[1:] > 0):
         frequencies = np.fft.rfftfreq(size, 1.0 if step is None else step)
+        # a logarithm shows no 0
         least = 1e-12 * power.max()
         axis.semilogy(
             frequencies[1:],

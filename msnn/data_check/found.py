@@ -79,6 +79,7 @@ def targets_of(program: Program) -> Mapping[str, int | None]:
     for output in program.outputs:
         if output.predicts is not None:
             known = {signal.name for signal in program.signals}
+            # a state that is predicted and not logged has no signal
             if output.predicts.signal in known:
                 found[output.predicts.signal] = output.predicts.ahead
     return found

@@ -18,6 +18,7 @@ from msnn.model.model_data import data_folder, sources_of, told_where_they_were
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.sections.data.data import Data, Source
 
+# `nan: split` cuts at missing values in place of refusing them; without `split` all is one set
 _KEPT: Mapping[str, str | None] = {"nan": "split", "split": None}
 """Nothing is left out or refused, and all is one set."""
 
@@ -39,6 +40,7 @@ def read_as_recorded(
         sections |= file_sections(model.spec)
     if not sections:
         raise SpecError([no_data_section("a check of data")])
+    # diagnostics show lines of the spec and of data files
     with sources_of(model), told_where_they_were(model, data_root):
         return {
             name: _read(model, _as_recorded(section, model), data_root)
@@ -91,10 +93,12 @@ def _read(model: Model, section: Data, data_root: str | Path | None) -> Dataset:
 
 def _as_recorded(data: Data, model: Model) -> Data:
     """The section with nothing filled in, left out or refused; streams keep their resampling."""
+    # streams have no common rows before they are resampled
     if any(
         _has_streams(pattern.value) for source in data.source.values() for pattern in source.files
     ):
         return data.model_copy(update=_KEPT)
+    # gaps and uneven steps are what is to be found: nothing fills them
     source = {name: one.model_copy(update={"resample": None}) for name, one in data.source.items()}
     how = "none" if model.program.sample_time is not None else None
     update = {"nan": "split", "resample": how, "source": source, "split": None}

@@ -117,7 +117,9 @@ def _pair_row(
 ) -> tuple[str, ...]:
     found, step = target.found, system.step
     delay, constants, share = found.delays[number], found.constants, found.feedback[number]
+    # a response that rises slowly may have begun earlier
     least = "" if found.sharp[number] or not delay else "≤ "
+    # a time constant without a visible response belongs to other inputs
     seen = delay is not None and constants is not None
     settling = constants.settling if seen and constants else None
     periods = [p for p in constants.periods if math.isfinite(p)] if seen and constants else []

@@ -33,12 +33,14 @@ class Counted:
         plan = check.plan
         assert plan.target is not None
         self._ahead, self._skip = plan.target.ahead, plan.rollout.skip
+        # of whole records all rows are simulated, and those of the set are scored (R10)
         name = check.name if plan.rollout.horizon == "record" else None
         around = Extent(self._ahead, self._ahead)
         self._rows = rows_that_count(check.data, name, around, plan.rollout.skip_rows)
 
     def among(self, runs: Runs) -> Counting:
         """Those of some of the rollouts."""
+        # the place within all rollouts, less where its own begins: 0, 1, 2, … again and again
         number = np.arange(int(runs.steps.sum()))
         number -= np.repeat(first_places(runs), runs.steps)
         t = np.repeat(runs.t0, runs.steps)

@@ -29,6 +29,7 @@ from spec_schema.diagnostics.diagnostic import Findings, SpecError
 
 Weights = Mapping[str, FloatArray]
 
+# memory is bounded by what is simulated at once, not by the data
 _STEPS = 1 << 20
 """That are simulated before they are counted."""
 
@@ -47,6 +48,7 @@ def residual_variances(
     findings = Findings()
     twins: list[ReadyCheck] = []
     for plan in plans:
+        # intervals rest on the errors of the rows that were fitted
         if data is None or TRAINED_ON not in data.sets or not data.has(TRAINED_ON):
             findings.report(no_training_rows(plan.of, f"the data have no set `{TRAINED_ON}`"))
             break
@@ -59,6 +61,7 @@ def residual_variances(
     found: list[FloatArray] = []
     for outcome in Simulator(engine, weights, lambda _: None).outcomes(twins):
         assert isinstance(outcome, Measurement), "losses have no interval"
+        # one variance for all steps of a rollout: a p is taken off as in a regression
         scores = outcome.metrics["rmse"]
         freedom = scores.count - covariance.free
         if freedom <= 0:
@@ -103,7 +106,6 @@ def coverages(
         program = reduced(
             first.plan.rollout.program, lambda output, of=names: output.name in of, lambda _: False
         )
-        # entries of one output that are simulated alike have the same errors in training
         noise = {checks[index].plan.of: variances[index] for index in group}
         spread = uncertain_program(
             program,

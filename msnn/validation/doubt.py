@@ -33,6 +33,7 @@ def metric_in_doubt(plan: CheckPlan, errors: Errors, largest: float, parameters:
     both = [_moved(errors, sign * _APART * largest) for sign in (1.0, -1.0)]
     if plan.metric == "aic":  # Σe² / var e grows with the one and falls with the other
         bigger, smaller = both
+        # Σe² and the variance of e may move apart: each is tried at both ends
         both += [replace(bigger, error=smaller.error), replace(smaller, error=bigger.error)]
     ends = [score(plan.metric, each, parameters).value for each in both]
     return _is_between(plan, min(ends), max(ends))
@@ -46,10 +47,12 @@ def loss_in_doubt(plan: CheckPlan, value: float) -> bool:
 
 def _moved(errors: Errors, apart: float) -> Errors:
     """Errors of all elements that are so much larger, or smaller."""
+    # limits are kept by all elements together
     one = errors.joined()
     count = float(one.error.count[0])
 
     def norm(squares: FloatArray) -> FloatArray:
+        # a sum of squares is moved by its root, and does not fall below 0
         return np.maximum(np.sqrt(squares) + apart * sqrt(count), 0.0) ** 2
 
     return Errors(

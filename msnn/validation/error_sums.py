@@ -20,6 +20,8 @@ class CurveSums:
     """
 
     def __init__(self, begin: int, steps: int, samples: int, *, few: bool) -> None:
+        # few rollouts have no mean at each step that says anything: steps share points, some 20
+        # samples each
         most = (max(samples // _SAMPLES, 1),) if few else ()
         self._steps = steps
         self._first = begin + bounds(steps - begin, *most)
@@ -29,7 +31,9 @@ class CurveSums:
     def add(self, prediction: FloatArray, target: FloatArray, number: IntArray) -> None:
         """Adds predictions by their numbers."""
         squares, counts = _sums_of_squares(prediction, target)
+        # where each step falls among the points, whose beginnings are sorted
         point = np.searchsorted(self._first, number, side="right") - 1
+        # `bincount` sums by point in one pass; adding by index would keep one of several
         self._total += np.bincount(point, squares, len(self._first))
         self._scored += np.bincount(point, counts, len(self._first)).astype(np.int64)
 
@@ -38,6 +42,7 @@ class CurveSums:
         kept = self._scored > 0
         if self._steps <= 1 or not kept.any():
             return None
+        # points without a target are left out of the curve
         last = np.append(self._first[1:], self._steps)
         rmse = np.sqrt(self._total[kept] / self._scored[kept])
         return ErrorCurve(self._first[kept] + 1, last[kept], rmse, self._scored[kept])
@@ -52,7 +57,9 @@ class RowErrors:
 
     def add(self, prediction: FloatArray, target: FloatArray, rows: IntArray) -> None:
         """Adds predictions by the rows that they are for, in the order of rollouts."""
+        # rollouts that overlap predict a row several times: the first one counts
         new = np.flatnonzero(~self._seen[rows])
+        # the first of those within this block
         found, first = np.unique(rows[new], return_index=True)
         with np.errstate(all="ignore"):  # a prediction that has left the numbers shows as such
             self._errors[found] = prediction[new[first]] - target[new[first]]
@@ -79,10 +86,12 @@ class ErrorRange:
     def add(self, prediction: FloatArray, target: FloatArray, rows: IntArray) -> None:
         """Adds predictions by the rows that they are for."""
         with np.errstate(all="ignore"):
+            # NaN and ∞ of a prediction are seen in metrics; a picture needs a range
             error = (prediction - target).reshape(len(rows), prod(target.shape[1:]))
         finite = np.isfinite(error)
         there = finite.any(axis=1)
         rows, error, finite = rows[there], error[there], finite[there]
+        # `minimum.at`, as a row may be there more than once
         np.minimum.at(self._low, rows, np.where(finite, error, np.inf).min(axis=1))
         np.maximum.at(self._high, rows, np.where(finite, error, -np.inf).max(axis=1))
         np.add.at(self._samples, rows, 1)
@@ -94,6 +103,7 @@ class ErrorRange:
             return ErrorTrace(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
         count = self._samples[rows].astype(np.int64)
         begin = np.cumsum(count) - count
+        # points end where as many samples are in each, not as many rows
         point = np.searchsorted(bounds(int(count.sum())), begin, side="right")
         first = np.flatnonzero(np.diff(point, prepend=0))
         low = np.minimum.reduceat(self._low[rows], first)
@@ -102,6 +112,7 @@ class ErrorRange:
 
 def _sums_of_squares(prediction: FloatArray, target: FloatArray) -> tuple[FloatArray, IntArray]:
     """Σe² of each sample over its elements that have a target, and their number."""
+    # what was not measured is not scored (R9)
     there = ~np.isnan(target.reshape(len(target), prod(target.shape[1:])))
     with np.errstate(all="ignore"):  # a prediction that has left the numbers shows as such
         error = (prediction - target).reshape(there.shape)

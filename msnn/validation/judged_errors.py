@@ -38,6 +38,7 @@ def judged_errors(check: ReadyCheck, rows: IntArray, errors: FloatArray) -> Judg
     """Judges the errors of rows that are in order, each once."""
     assert check.plan.target is not None
     signals = _inputs(check)
+    # an input is judged at the step that predicted, k samples before what it predicted
     before = rows - check.plan.target.ahead
     with np.errstate(over="ignore", invalid="ignore"):
         flat = errors.reshape(len(errors), -1) if len(errors) else errors.reshape(0, 1)
@@ -58,6 +59,7 @@ def _extrapolation(
     check: ReadyCheck, name: str, values: FloatArray, rows: IntArray
 ) -> Extrapolation | None:
     data = check.data
+    # on the rows that were trained on nothing is beyond them
     if TRAINED_ON not in data.sets or check.name == TRAINED_ON:
         return None
     return extrapolation(name, values[rows], values[data.in_set(TRAINED_ON)])
@@ -67,6 +69,7 @@ def _inputs(check: ReadyCheck) -> dict[str, FloatArray]:
     """Each element of the inputs that are not fed back, over all rows: `u`, `q[0]`, …"""
     rollout, found = check.plan.rollout, dict[str, FloatArray]()
     for signal in rollout.program.signals:
+        # what is fed back is made of the model's own errors
         if signal.role is not Role.INPUT or signal.name in rollout.closed:
             continue
         values = check.data.series[signal.name]
@@ -76,10 +79,12 @@ def _inputs(check: ReadyCheck) -> dict[str, FloatArray]:
         for index in np.ndindex(values.shape[1:]):
             element = (slice(None), *index)
             found[f"{signal.name}[{', '.join(map(str, index))}]"] = values[element]
+    # each is a correlation over all rows: of hundreds of inputs the first say enough
     return dict(list(found.items())[:_MOST_SIGNALS])
 
 
 def _records(data: Dataset, rows: IntArray) -> IntArray:
     """The number of the record of each row."""
     starts = np.array([record.start for record in data.records])
+    # records follow each other: the last that begins before a row holds it
     return np.searchsorted(starts, rows, side="right") - 1

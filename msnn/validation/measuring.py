@@ -39,8 +39,10 @@ class Measuring:
             begin = min(begin, int(number.min(initial=begin)))
             steps = max(steps, int(number.max(initial=-1)) + 1)
             samples += len(number)
+        # rollouts over whole episodes or records are few and long
         few = isinstance(check.plan.rollout.horizon, str)
         self._curve = CurveSums(min(begin, steps), steps, samples, few=few)
+        # made when the first rollout is added: of many entries one is measured at a time
         self._along: tuple[ErrorRange, RowErrors] | None = None
         """From the first rollouts to the last: only who is measured now takes memory."""
         self._errors = Errors.of(self._target[:0], self._target[:0])
@@ -52,6 +54,7 @@ class Measuring:
             rows = self._check.data.rows
             self._along = ErrorRange(rows), RowErrors(rows, self._target.shape[1:])
         along, counting = self._along, self._counted.among(part)
+        # some at a time: temporary arrays stay small however long the data are
         for begin in range(0, len(counting.rows), _AT_ONCE):
             some = slice(begin, begin + _AT_ONCE)
             rows = counting.rows[some]
@@ -60,6 +63,7 @@ class Measuring:
             self._curve.add(prediction, target, counting.number[some])
             for each in along:
                 each.add(prediction, target, rows)
+            # a size to which rounding is relative: predictions that are not finite have none
             size = np.abs(prediction[np.isfinite(prediction)])
             self._largest = max(self._largest, float(size.max(initial=0.0)))
 
@@ -71,6 +75,7 @@ class Measuring:
     def measurement(self, *, judges: bool) -> Measurement:
         """What was found, when all parts were added; the errors are judged if that is wanted."""
         assert self._along is not None, "there are rollouts"
+        # handed over and let go: the next entry may need the memory
         (extremes, by_row), self._along = self._along, None
         check, rollout = self._check, self._check.plan.rollout
         learned = learned_numbers(rollout.program)

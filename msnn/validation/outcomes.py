@@ -67,6 +67,8 @@ class Simulator:
     def outcomes(self, checks: Sequence[ReadyCheck]) -> list[Outcome]:
         """What is found of every entry; entries measured alike share it."""
         found: dict[int, Outcome] = {}
+        # a rollout answers all entries that are simulated alike: outputs apart from losses, as the
+        # two keep different nodes
         for group in simulated_together(checks):
             entries = [checks[index] for index in group]
             outcomes = self._losses if entries[0].plan.metric is None else self._measurements
@@ -84,8 +86,10 @@ class Simulator:
             results: dict[Measuring, Measurement] = {}
             for part in parts:
                 outputs = engine.outputs(part, self._advance)
+                # each once, though several entries share it
                 for measuring in dict.fromkeys(each):
                     measuring.add(part, outputs[measuring.of])
+                    # at once, not at the end: then its memory is free for the next
                     if part is parts[-1]:
                         results[measuring] = measuring.measurement(judges=self._judges)
             doubtful = any(m.is_in_doubt(c.plan) for m, c in zip(each, checks, strict=True))
@@ -117,6 +121,7 @@ class Simulator:
     ) -> list[Outcome]:
         """What the engine finds; in doubt about a limit, what the interpreter does."""
         opened = self._opened(program, check)
+        # limits are judged by the interpreter where engines could disagree (decision 0218)
         answer = found(opened.engine)
         if answer.is_doubtful and opened.name != "interpreter":
             answer = found(interpreted_rollouts(program, self._weights, check.series))
@@ -143,6 +148,7 @@ def simulated_together(checks: Sequence[ReadyCheck]) -> list[list[int]]:
     return groups
 
 
+# entries, folds and sets ask for the same program again and again
 @kept_for_same(4)
 def _measured_program(program: Program, names: frozenset[str]) -> Program:
     """What computes these outputs, and nothing else."""
@@ -160,6 +166,7 @@ def reduced(
 
 def _loss_value(program: Program, name: str, sums: Mapping[str, LossSum]) -> LossValue:
     terms = [loss for loss in program.losses if name in (loss.name, loss.entry)]
+    # of a loss the terms each have their own measure: they join at the end
     values = {term.name: sums[term.name].value(term.measure) for term in terms}
     scored = max(sums[term.name].count for term in terms)
     # the mean of nothing is no number, so that it keeps no limit
@@ -178,6 +185,7 @@ def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs]) -> list[Measur
 def rollout_parts(runs: Runs, steps: int) -> list[Runs]:
     """The rollouts in their order, about so many steps together."""
     done = np.cumsum(runs.steps)
+    # by where each rollout begins, so that none is cut
     block = (done - runs.steps) // steps
     begins = [*np.flatnonzero(np.diff(block, prepend=-1)).tolist(), len(runs)]
     return [runs.take(np.arange(begin, end)) for begin, end in pairwise(begins)]

@@ -54,6 +54,7 @@ def plan_checks(
 
     What is wrong with them goes to `findings`.
     """
+    # kept with the plans, as a finding is said at each time that they are asked for
     plans, said = _plans(program, tuple(checks))
     findings.report(*said)
     return list(plans)
@@ -95,6 +96,7 @@ def _default_plans(program: Program) -> tuple[CheckPlan, ...]:
     )
 
 
+# rows that nothing was fitted to, where there are some
 def default_set(data: Dataset) -> str:
     """What is measured where nothing is said: `test`, else `val`, else `train`."""
     return next((name for name in ("test", "val", "train") if data.has(name)), "test")
@@ -110,6 +112,7 @@ def _planned(
     rollout = plan_rollout(
         program, check.rollout, None, findings, check.skip_rows, check.place.value
     )
+    # limits and metric of an entry may be wrong together: all are looked at before it is given up
     name = check.of.value
     metric: Metric | None
     target: Prediction | None = None
@@ -118,6 +121,7 @@ def _planned(
     if name in outputs:
         output, metric = outputs[name], check.metric
         target = output.predicts
+        # `target:` in place of what the output predicts
         if check.target is not None:
             target = _target(program, check.target, findings)
         elif target is None:
@@ -176,12 +180,14 @@ def _target(program: Program, expression: Expression, findings: Findings) -> Pre
     known = {signal.name for signal in program.signals}
     ahead: int | None = 0
     operand = expression
+    # `x[t+1]` is the logged sample that much later; a bare name is that of now
     if isinstance(expression, Window) and expression.last is None:
         operand = expression.operand
         length = samples(expression.first.length, program.sample_time, findings)
         ahead = None if length is None else expression.first.sign * length
     match operand:
         case Name(name=name):
+            # bare names are logs here, of states too (R6)
             candidates = (name, f"{name}.meas")
         case Member(base=base, name=name):
             candidates = (f"{base}.{name}", base)

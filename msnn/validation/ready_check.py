@@ -50,8 +50,10 @@ def ready_check(
     assert measured is not None, "only entries with files do without data"
     name = on or plan.data or default_set(measured)
     wanted_by = f"the metric of `{plan.of}`"
+    # None: a horizon apart, so that each row is scored once, and a shorter one for the rest (R2)
     stride = None if plan.rollout.stride == plan.rollout.horizon else plan.rollout.stride
     ahead = plan.target.ahead if plan.target is not None else 0
+    # rows of the target must be there, also where it is another than what the output predicts
     also = Extent(min(ahead, 0), max(ahead, 0))
     runs = set_rollouts(plan.rollout, measured, name, stride, wanted_by, plan.span, findings, also)
     if runs is None:

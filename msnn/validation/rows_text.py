@@ -11,6 +11,7 @@ def rows_text(data: Dataset, rows: IntArray) -> str:
     """`rows 5…1023 of 1024`, or their number in several records; `rows` are in order, each once."""
     if not len(rows):
         return "no rows"
+    # rows are counted from the beginning of their record, as files have them
     bounds = [(record.start, record.stop) for record in data.records]
     counts = np.diff(np.searchsorted(rows, bounds))[:, 0].tolist()
     touched = [record for record, count in zip(data.records, counts, strict=True) if count]

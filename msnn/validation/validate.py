@@ -103,12 +103,14 @@ def validate(
     tried = [ready_check(plan, data, on, files or {}, findings) for plan in plans]
     ready = [check for check in tried if check is not None]
     findings.raise_errors()
+    # where rollouts start is part of the question: all engines get the same starts
     ready = with_found_starts(ready, weights, findings)
     banded = [] if covariance is None else _measured_apart(ready)
     steps = _steps(ready) + _steps(banded)
     count = Count(progress, steps)
     simulator = Simulator(engine, weights or {}, count.advance, judges=judges_errors)
     outcomes = simulator.outcomes(ready)
+    # by identity: entries measured alike share one measurement
     measurements = {id(found): found for found in outcomes if isinstance(found, Measurement)}
     far = [
         extrapolates(found.data, each.signal, each.share, each.low, each.high)

@@ -30,6 +30,7 @@ def duration_of(found: re.Match[str], positions: Positions, span_start: int) -> 
     value = float(found["number"])
     unit = unit_symbol(found["unit"])
     assert unit is not None
+    # larger ones are infinite, or become so in another unit
     if value > _LONGEST_NUMBER:
         return None
     span = positions.span(span_start, span_start + len(found.group()))

@@ -22,6 +22,7 @@ def binding(expression: Expression) -> int:
             return PRODUCT
         case Binary():
             return POWER
+        # `1e-3 x` is set as a product: as a base it needs parentheses
         case Number(value=value) if "e" in number_text(value):
             return PRODUCT
         case _:

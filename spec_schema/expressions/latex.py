@@ -89,6 +89,7 @@ def _letter(word: str) -> str:
     if len(word) == 1 and word.isascii():
         return word
     if len(word) == 1:
+        # LaTeX knows Greek letters by their English names
         return _greek(word)
     return rf"\mathrm{{{_safe(word)}}}"
 
@@ -96,6 +97,7 @@ def _letter(word: str) -> str:
 def _greek(letter: str) -> str:
     """The command of a Greek letter; capitals that look Latin have none."""
     words = unicodedata.name(letter, "").lower().split()
+    # capitals that look Latin have no command
     if words[:1] != ["greek"] or len(words) != 4 or words[3] in _NO_COMMAND:
         return rf"\mathrm{{{letter}}}"
     word = {"lamda": "lambda", "final": "sigma"}.get(words[3], words[3])
@@ -128,6 +130,7 @@ def _at(operand: Expression, index: str) -> str:
     """A value with its samples as index; what has an index already is set in parentheses."""
     if isinstance(operand, Name) and "_" not in operand.name:
         return f"{name_latex(operand.name)}_{{{index}}}"
+    # an index behind an index is an error in LaTeX
     return rf"\left({expression_latex(operand)}\right)_{{{index}}}"
 
 
@@ -167,9 +170,11 @@ def _binary(operator: Operator, left: Expression, right: Expression) -> str:
     if operator is Operator.DIVIDE:
         return rf"\frac{{{expression_latex(left)}}}{{{expression_latex(right)}}}"
     if operator is Operator.POWER:
+        # braces keep an exponent from joining the one within
         return f"{{{_within(left, ATOM)}}}^{{{expression_latex(right)}}}"
     least = binding_of_operands(operator)
     second, joint = expression_latex(right), _JOINTS[operator]
+    # a number behind a thin space would read as a factor of it: `2 3`
     if operator is Operator.MULTIPLY and second[:1].isdigit():
         joint = r" \cdot "
     return f"{_within(left, least)}{joint}{_enclosed(second, right, least + 1)}"

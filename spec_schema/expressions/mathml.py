@@ -75,6 +75,7 @@ def expression_mathml(expression: Expression) -> str:
 
 def name_mathml(name: str) -> str:
     """`theta_1` as θ with the index 1, `x_next` as x with the index next; words are upright."""
+    # names of one letter are set in italics, words upright, as in print
     head, *rest = [part for part in name.split("_") if part] or [name]
     base = f"<mi>{escape(head)}</mi>" if len(head) == 1 else _text(head)
     return f"<msub>{base}{_text(','.join(rest))}</msub>" if rest else base
@@ -112,6 +113,7 @@ def _listed(parts: map[str]) -> str:
 
 
 def _call(call: Call) -> str:
+    # MathML has elements of its own for these
     if isinstance(call.function, Name) and len(call.arguments) == 1 and not call.keywords:
         (argument,) = call.arguments
         match call.function.name:

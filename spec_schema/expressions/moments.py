@@ -26,6 +26,7 @@ class Moment:
     nanoseconds: int
     has_zone: bool
 
+    # two moments without zone are of one clock, with zones of UTC: their difference needs no zone
     def seconds_from(self, begin: Moment) -> float:
         """The seconds that lie between; the clocks of both must be known, or of none."""
         assert self.has_zone == begin.has_zone
@@ -48,10 +49,13 @@ def read_moment(text: str) -> Moment | None:
         return None
     clock = f"{found['clock'] or '00:00'}:{found['second'] or '00'}"
     try:
+        # fromisoformat takes more than ISO 8601 allows, and other things from version to version:
+        # the pattern decides
         whole = datetime.fromisoformat(f"{found['day']} {clock}+00:00")
     except ValueError:
         return None
     seconds = (whole - _EPOCH) // _SECOND - _offset(found["zone"] or "Z")
+    # digits of a fraction count from the left: `.5` is 500 ms
     fraction = int((found["fraction"] or "").ljust(9, "0"))
     nanoseconds = seconds * 1_000_000_000 + fraction
     if abs(nanoseconds) >= FARTHEST:

@@ -66,6 +66,7 @@ def parse_expression(
     """
     if positions is None:
         positions = Positions(SourceText("<expression>", text), range(len(text) + 1))
+    # findings of its own: an expression that fails must not make what was found before fail
     own = Findings()
     expression = _parse(text, positions, own, condition)
     if findings is None:
@@ -121,6 +122,7 @@ class _Admission:
 
     def expression(self, node: ast.expr, depth: int, condition: bool = False) -> Expression:
         span = self.places.of(node)
+        # operators nest without brackets: `----x`
         if depth > DEEPEST:
             self.findings.report(errors.too_deep(DEEPEST, span))
             return _nothing(span)
@@ -147,12 +149,15 @@ class _Admission:
             case ast.Compare():
                 return self.comparison(node, span, depth, condition)
             case ast.Attribute(value=owner, attr=name):
+                # attributes of attributes are one name with dots; of anything else they are nothing
                 base = _dotted(owner)
                 if base is None:
                     return self.refuse(errors.long_member(span), span)
                 return Member(base, normalised(name), span)
             case ast.Subscript():
                 return self.window(node, span, depth)
+            # `past` and `future` are no names of functions: their argument is a length, not an
+            # expression
             case ast.Call(func=ast.Attribute(attr="past" | "future")):
                 return self.window_of_length(node, span, depth)
             case ast.Call():
@@ -167,6 +172,7 @@ class _Admission:
                 return self.refuse(errors.foreign_construct(span), span)
 
     def number(self, value: int | float, span: Span) -> Expression:
+        # integers of Python have no largest one
         try:
             number = float(value)
         except OverflowError:
@@ -175,6 +181,7 @@ class _Admission:
             return self.refuse(errors.huge_number(self.places.text_of(span), span), span)
         return Number(number, span)
 
+    # the scanner has put words in place of durations, whose offsets it knows
     def name(self, node: ast.Name, span: Span) -> Name | Duration:
         duration = self.durations.get(self.places.start(node))
         return Name(node.id, span) if duration is None else duration
@@ -194,6 +201,7 @@ class _Admission:
         function = self.expression(node.func, depth)
         if not isinstance(function, Name | Member):
             return self.refuse(errors.calls_no_name(function.span), span)
+        # a condition is no value: only `where` takes one
         has_condition = isinstance(function, Name) and function.name == "where"
         arguments: list[Expression] = []
         for index, argument in enumerate(node.args):
@@ -242,6 +250,7 @@ class _Admission:
         match node:
             case ast.Name(id="t"):
                 return TimeOffset(1, Samples(0, span), span)
+            # a time is t and a length: anything else would need the data to be known
             case ast.BinOp(left=ast.Name(id="t"), op=ast.Add() | ast.Sub(), right=right):
                 sign: Literal[-1, 1] = 1 if isinstance(node.op, ast.Add) else -1
                 length = self.length(right)
@@ -255,6 +264,7 @@ class _Admission:
     def length(self, node: ast.expr) -> Length | None:
         span = self.places.of(node)
         match node:
+            # `True` is an integer to Python
             case ast.Constant(value=bool()):
                 return None
             case ast.Constant(value=int() as count) if count <= _LONGEST_WINDOW:
@@ -285,4 +295,5 @@ _LONGEST_WINDOW = 10**9
 
 def _nothing(span: Span) -> Number:
     """Stands for what was refused, so that the rest of the expression is still looked at."""
+    # a number that fits anything brings no report of its own
     return Number(0.0, span)

@@ -34,6 +34,7 @@ class PythonPositions:
 
     def between(self, left: ast.expr, right: ast.expr, operator: str) -> Span:
         """The span of the operator that stands between two operands."""
+        # between the operands there are blanks, parentheses and the operator
         start = self._text.index(operator, self.end(left), self.start(right))
         return self._positions.span(start, start + len(operator))
 
@@ -44,6 +45,7 @@ class PythonPositions:
             # It stumbled over the added parenthesis.
             last = len(self._text.rstrip())
             return errors.incomplete_expression(self._positions.span(last - 1, last))
+        # Python may point behind the fault: what is shown lies within the text in any case
         start = self._starts[line - 1] + column - (1 if line == 1 else 0)
         start = min(max(start, 0), len(self._text) - 1)
         return errors.malformed_expression(self._positions.span(start, start + 1))
@@ -62,6 +64,7 @@ class PythonPositions:
         added = 1 if line == 1 else 0
         line_text = self._lines[line - 1]
         if not line_text.isascii():
+            # of the bytes before it, as many characters as they decode to
             byte_column = len(line_text.encode()[: byte_column - added].decode()) + added
         offset = self._starts[line - 1] + byte_column - added
         return min(max(offset, 0), len(self._text))

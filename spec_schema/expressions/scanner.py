@@ -18,6 +18,7 @@ DEEPEST = 100
 _MOST_FAULTS = 8
 
 _TOKEN = re.compile(
+    # one pass, longest tokens first: `**` before `*`, a duration before its number
     rf"(?P<blank>\s+|\#[^\n]*)|(?P<duration>{DURATION.pattern})|(?P<literal>{NUMBER_PATTERN})"
     r"|(?P<word>\w+)|(?P<text>'[^'\n]*'?|\"[^\"\n]*\"?)|(?P<caret>\^)|(?P<equality>==|!=)"
     r"|(?P<foreign>//|<<|>>|->|:=|&&?|\|\|?|[%~])"
@@ -111,6 +112,7 @@ class _Scanner:
         is_operand = False
         match found.lastgroup:
             case "blank":
+                # line breaks stay: positions of Python's parser count lines
                 self.clean.append("".join("\n" if c == "\n" else " " for c in text))
                 return
             case "duration":
@@ -120,6 +122,7 @@ class _Scanner:
                     self._report(errors.huge_number(text, self._span(start, end)))
                 else:
                     self.durations[start] = duration
+                # as long as the duration, so that offsets stay, and no name that anybody declares
                 clean = "_" * len(text)
             case "literal":
                 is_operand = True
@@ -147,8 +150,10 @@ class _Scanner:
         if is_operand and self.operand is not None:
             first, last = self.operand
             left = self.text[first:last]
+            # `5 m` may be a quantity without quotes: the message says so
             is_unit = left[0] in _DIGITS and unit_symbol(text) is not None
             self._report(errors.missing_operator(left, text, self._span(first, end), is_unit))
+        # a closing bracket ends an operand too: `(a) b`
         self.operand = (start, end) if is_operand or found.lastgroup == "close" else None
 
     def _word(self, word: str, start: int) -> bool:
@@ -165,6 +170,7 @@ class _Scanner:
         return False
 
     def _open(self, bracket: str, start: int) -> None:
+        # `2 (x)` is a product without its sign, `f(x)` a call
         literal = self.operand is not None and self.text[self.operand[0]] in _DIGITS
         if literal and self.operand is not None:
             first, last = self.operand
@@ -173,6 +179,7 @@ class _Scanner:
         self.open.append((bracket, start))
         if len(self.open) > DEEPEST:
             self._report(errors.too_deep(DEEPEST, self._span(0, len(self.text))))
+            # deeper brackets are not looked at: the whole is refused
             self.faults = _MOST_FAULTS
 
     def _close(self, bracket: str, start: int) -> None:

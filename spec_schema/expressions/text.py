@@ -70,6 +70,7 @@ def expression_text(expression: Expression) -> str:
 
 def number_text(value: float) -> str:
     """The shortest text that reads back as the same float; whole numbers without `.0`."""
+    # repr() is the shortest text that reads back as the same float
     return repr(value).removesuffix(".0")
 
 
@@ -94,8 +95,10 @@ def time_text(time: TimeOffset) -> str:
 
 def _binary_text(operator: Operator, left: Expression, right: Expression) -> str:
     if operator is Operator.POWER:
+        # `a**b**c` is a**(b**c), and −a**b is −(a**b)
         return f"{_within(left, _ATOM)}**{_within(right, _FACTOR)}"
     binding = _BINDING[operator]
+    # the right operand of − and / needs more: a − (b − c)
     return f"{_within(left, binding)} {operator.value} {_within(right, binding + 1)}"
 
 
@@ -106,6 +109,7 @@ def _within(expression: Expression, least: int) -> str:
 
 def _subject(expression: Expression) -> str:
     """What a window is taken of; a dot behind a number would read as its decimal point."""
+    # `1.past(2)` has a number `1.`
     if isinstance(expression, Number | Duration):
         return f"({expression_text(expression)})"
     return _within(expression, _ATOM)

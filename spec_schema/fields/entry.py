@@ -21,6 +21,7 @@ class RefusedError(ValueError):
     """Tells pydantic that a value was refused; the diagnostic is in the findings already."""
 
 
+# a place is made by the reader, never read from a file
 def _as_given(place: KeyAndValueSpan, info: ValidationInfo) -> KeyAndValueSpan:
     del info
     return place
@@ -48,6 +49,7 @@ class Entry(BaseModel):
     def known_keys(cls) -> tuple[str, ...]:
         """The keys that this version reads."""
         names = (field.alias or name for name, field in cls.model_fields.items())
+        # the place is no key of a file
         return tuple(name for name in names if name != _PLACE)
 
     @classmethod
@@ -63,6 +65,7 @@ class Entry(BaseModel):
     def _from_node(cls, node: Node, info: ValidationInfo) -> Mapping[str, Any]:
         findings = findings_of(info)
         node = cls.canonical(node, findings)
+        # `parameters:` with nothing below is an empty mapping, as people comment entries out
         if isinstance(node, Scalar) and node.is_empty:
             node = Table({}, {}, node.span, node.key)
         if not isinstance(node, Table):
@@ -90,6 +93,7 @@ class Entry(BaseModel):
                 admitted[name] = value
             elif name in cls.later:
                 findings.report(errors.key_not_yet(name, node.keys[name], cls.noun, known))
+            # editors and other tools keep their own things in a spec
             elif not name.startswith("x-"):
                 findings.report(errors.unknown_key(name, node.keys[name], cls.noun, known))
         return admitted
@@ -103,10 +107,12 @@ class Variant(Entry):
 
     @classmethod
     def canonical(cls, node: Node, findings: Findings) -> Node:
+        # `integrator: euler` is `integrator: {euler: {}}`
         if isinstance(node, Scalar) and isinstance(node.value, str):
             empty = Table({}, {}, node.span, node.span)
             node = Table({node.text: empty}, {node.text: node.span}, node.span, node.key)
         if isinstance(node, Table):
+            # what belongs to other tools is no variant
             named = [name for name in node.entries if not name.startswith("x-")]
             if len(named) != 1:
                 known = cls.known_keys()

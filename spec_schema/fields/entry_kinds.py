@@ -18,6 +18,7 @@ def kinds_within(first: type[Entry]) -> Iterator[type[Entry]]:
         found = [kind for field in fields for kind in kinds_of(field.annotation)]
         inner = [kind for kind in dict.fromkeys(found) if kind not in known]
         known.update(inner)
+        # depth first, in the order of the fields
         waiting = [*inner, *waiting]
 
 

@@ -40,9 +40,11 @@ def read_expression(node: Node, findings: Findings, *, condition: bool = False) 
         findings.report(errors.list_for_expression(node.span))
         raise RefusedError
     found = scalar(node, findings, "an expression")
+    # YAML reads `yes` as text and `true` as a switch: a formula `true` is a mistake
     if isinstance(found.value, bool):
         findings.report(errors.wrong_kind("an expression", kind(found), found.span))
         raise RefusedError
+    # `.inf` is a number of YAML and no formula
     if isinstance(found.value, float) and not math.isfinite(found.value):
         findings.report(errors.out_of_range(found.text, found.span, "finite"))
         raise RefusedError
@@ -80,11 +82,13 @@ def _read_prediction(node: Node, findings: Findings) -> Prediction:
     match expression:
         case Name(name=name, span=span):
             return Prediction(Located(name, span, node.key), Samples(0, span), span)
+        # a window of one sample: `x[t+1]`
         case Window(operand=Name(name=name, span=span), first=TimeOffset() as ahead, last=None) if (
             ahead.sign == 1
         ):
             signal = Located(name, span, node.key)
             return Prediction(signal, ahead.length, expression.span)
+        # `plant.x` of a sub-model
         case Member():
             name = Located(f"{expression.base}.{expression.name}", expression.span, node.key)
             return Prediction(name, Samples(0, expression.span), expression.span)

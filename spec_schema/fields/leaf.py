@@ -54,6 +54,7 @@ def one_or_many(item: JsonSchema) -> JsonSchema:
     alone = [types] if isinstance(types, str) else list(types)
     said = {key: value for key, value in item.items() if key != "enum"}
     if "enum" in item:
+        # `enum` on a list compares the whole list
         said["pattern"] = f"^({'|'.join(item['enum'])})$"
     return {**said, "type": [*alone, "array"], "items": item}
 

@@ -14,11 +14,13 @@ _LARGEST = 2**31
 
 def no_number(wanted: str, found: Scalar) -> Diagnostic:
     """E0204 for a scalar that is no number, or no integer where one is `wanted`."""
+    # what is in quotes is text to YAML
     said = kind(found)
     if found.quoted and _number(found.text) is not None:
         return errors.wrong_kind(wanted, said, found.span, "remove the quotes", found.text.strip())
     meant = None if found.quoted else _meant(found.text, is_integer=wanted == "an integer")
     repair = None if meant is None else f"write `{meant}`"
+    # YAML takes `5#mm` for text: a comment needs a blank before it
     if meant is not None and "#" in meant:
         repair = f"{repair}: a comment begins with a blank and `#`"
     return errors.wrong_kind(wanted, said, found.span, repair, meant)
@@ -29,6 +31,7 @@ def _meant(text: str, *, is_integer: bool) -> str | None:
     number, mark, comment = text.partition("#")
     if mark and _number(number) is not None:
         return f"{number} #{comment}"
+    # digits grouped by underscores, and what ends a line elsewhere
     plain = re.sub(r"(?<=\d)_(?=\d)", "", text).rstrip(";, ")
     percent = re.fullmatch(r"([\d.]+)\s*%", plain)
     value = _number(plain if percent is None else percent[1])
@@ -38,6 +41,7 @@ def _meant(text: str, *, is_integer: bool) -> str | None:
         return None if is_integer else f"{value / 100:g}"
     if not is_integer:
         return plain
+    # `1e3` is a float to YAML 1.2, and means an integer here
     return f"{int(value)}" if value.is_integer() and abs(value) < _LARGEST else None
 
 

@@ -18,6 +18,7 @@ RowOrTime: TypeAlias = Length | Date
 def read_row_or_time(node: Node, findings: Findings) -> RowOrTime:
     """A number of samples, a duration, or a date of ISO 8601."""
     found = scalar(node, findings, "a row, a time such as `50 ms` or a date")
+    # a number alone is a length before it is a year
     length = parse_length(found.text, found.positions)
     if length is not None:
         return length

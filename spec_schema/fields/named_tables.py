@@ -16,6 +16,7 @@ Item = TypeVar("Item")
 
 def _read_signals(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
     """Keys are names of signals, those of sub-models with dots."""
+    # a signal of a sub-model has a dot: it is no new name
     table = read_table(node, info)
     for name in table.entries:
         if not is_name(name) and not is_dotted_name(name):
@@ -33,6 +34,7 @@ def _read_some_signals(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
     return found
 
 
+# names that are declared: reserved ones are refused where they are written
 def _read_declarations(node: Node, info: ValidationInfo) -> Mapping[str, Node]:
     table = read_table(node, info)
     findings = findings_of(info)
@@ -58,6 +60,7 @@ def read_table(node: Node, info: ValidationInfo) -> Table:
         return Table({}, {}, node.span, node.key)
     if not isinstance(node, Table):
         repair = (
+            # a lone value under `parameters:` lacks its name
             f"give it a name: `{{NAME: {node.text[:40]}}}`" if isinstance(node, Scalar) else None
         )
         repair = repair or "write for each one `NAME: …`"

@@ -74,9 +74,11 @@ def _read_new_name(node: Node, findings: Findings) -> Located[str]:
 
 def _read_reference(node: Node, findings: Findings) -> Located[str]:
     found = scalar(node, findings, "a name")
+    # each part of a name with dots is a name
     if not all(is_name(part) for part in found.text.split(".")):
         findings.report(errors.malformed_name(found.text, found.span))
         raise RefusedError
+    # µ and Ω have two code points each: spelled either way it is one name
     return Located(normalised(found.text), found.span, found.key)
 
 
@@ -84,6 +86,7 @@ def _read_switch(node: Node, findings: Findings, wanted: str = "true or false") 
     found = scalar(node, findings, wanted)
     if isinstance(found.value, bool):
         return found.value
+    # YAML 1.1 read `yes` and `on` as true: they are text here, and refused with what to write
     if found.text.lower() in _OLD_BOOLEANS:
         findings.report(errors.old_boolean(found.text, found.span))
     else:
@@ -104,6 +107,7 @@ def read_number(node: Node, findings: Findings) -> float:
     """A finite number."""
     found = scalar(node, findings, "a number")
     value = found.value
+    # `True` is an integer to Python, and a switch to YAML
     if isinstance(value, bool) or not isinstance(value, int | float):
         findings.report(no_number("a number", found))
         raise RefusedError
@@ -141,6 +145,7 @@ def number(
         "maximum": most,
         "exclusiveMaximum": below,
     }
+    # JSON has no infinity: limits that are none are left out
     finite = {key: limit for key, limit in limits_of_schema.items() if math.isfinite(limit)}
     return reads(read, {"type": "number", **finite})
 
@@ -214,6 +219,7 @@ def located_choice(*now: str) -> LeafField:
 
 def read_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
     """The nodes of a list; a single value counts as a list of one."""
+    # a single value stands for a list of one, as people write it
     if isinstance(node, Listing):
         return tuple(with_key(item, item.span) for item in node.items)
     if isinstance(node, Table) or node.is_empty:
@@ -227,6 +233,7 @@ def read_different_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
     items = read_items(node, info)
     seen: dict[str, Scalar] = {}
     for item in items:
+        # by text: `1` and `1.0` are two items
         first = seen.setdefault(item.text, item) if isinstance(item, Scalar) else item
         if first is not item and isinstance(item, Scalar):
             report = errors.repeated_item(item.text, item.span, first.span)

@@ -38,6 +38,7 @@ def read_unit(node: Node, findings: Findings) -> Located[Unit]:
 def split_quantity(node: Scalar) -> tuple[Scalar, Scalar] | None:
     """The number and the unit of a text such as `5 N/m`; None when it is something else."""
     found = _QUANTITY.fullmatch(node.text)
+    # `5 e` and `3 x` are no quantities: a unit begins like a unit
     if found is None or not found["unit"] or _UNIT_START.match(found["unit"]) is None:
         return None
     return node.part(*found.span("number")), node.part(*found.span("unit"))
@@ -52,6 +53,7 @@ def read_quantity(node: Node, findings: Findings) -> Quantity:
     parts = split_quantity(found)
     text = parts[0].text if parts else found.text.strip()
     match = _QUANTITY.fullmatch(text)
+    # a number may be too large for a float: `1e999` is ∞
     if isinstance(found.value, bool) or match is None or not math.isfinite(float(match["number"])):
         findings.report(errors.malformed_quantity(found.text[:60], found.span))
         raise RefusedError
@@ -86,11 +88,13 @@ def _read_sample_time(node: Node, findings: Findings) -> Quantity:
     assert hertz is not None
     found = scalar(node, findings, "a sample time such as `50 ms`")
     has_unit = split_quantity(found) is not None
+    # a bare number is no sample time: nobody could say whether it is of seconds
     quantity = read_quantity(found, findings) if has_unit else Quantity(0, None, found.span)
     unit = quantity.unit
     if unit is not None and 0 < quantity.value < math.inf:
         if unit.exponents == second.exponents:
             return Quantity(unit.in_si(quantity.value), second, found.span)
+        # `100 Hz` is 10 ms
         if unit.exponents == hertz.exponents:
             return Quantity(1 / unit.in_si(quantity.value), second, found.span)
     findings.report(errors.malformed_sample_time(found.text[:60], found.span))
@@ -104,6 +108,7 @@ def _read_range(node: Node, findings: Findings) -> Range:
         findings.report(errors.wrong_kind("a list of two numbers", found, node.span, repair))
         raise RefusedError
     low, high = (read_quantity(item, findings) for item in node.items)
+    # ends in unlike units are compared once the compiler knows the signal's
     if low.unit == high.unit and low.value >= high.value:
         findings.report(errors.reversed_range(low.text, high.text, node.span))
         raise RefusedError

@@ -21,6 +21,7 @@ def refuse_endless(path: Path, *, of_shell: bool = False) -> None:
     has somebody write into them.
     """
     kind = stat.S_IFMT(path.stat().st_mode)
+    # the shell writes into its own pipes; another one may never be written to
     if kind not in _ENDLESS or (of_shell and kind == stat.S_IFIFO and path.parts[1:2] == ("dev",)):
         return
     raise OSError(errno.EINVAL, _ENDLESS[kind], str(path))

@@ -81,6 +81,7 @@ def read_file(path: Path) -> SourceText:
     try:
         return SourceText(str(path), content.decode())
     except UnicodeDecodeError as error:
+        # up to the byte that is none: the diagnostic shows the line
         readable = SourceText(str(path), content[: error.start].decode())
         end = len(readable.text)
         raise SpecError((errors.not_utf8(readable.span(end, end)),), (readable,)) from error

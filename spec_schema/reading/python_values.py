@@ -15,6 +15,7 @@ def spec_text(spec: Mapping[str, object]) -> str:
 
     TypeError for what YAML has no word for: an object, a number that is not finite.
     """
+    # wide lines: a formula that is broken would be another place in messages
     return yaml.safe_dump(_plain(spec), sort_keys=False, allow_unicode=True, width=100)
 
 
@@ -32,6 +33,7 @@ def value_text(value: object) -> str:
 
 def _plain(value: object) -> Any:
     """Mappings, lists, texts and numbers; arrays and numbers of numpy become these."""
+    # a string of numpy is a subclass of str that YAML does not know
     if isinstance(value, str):
         return str(value)
     if isinstance(value, Mapping):
@@ -41,6 +43,7 @@ def _plain(value: object) -> Any:
         value = cast("Any", value).tolist()
     if isinstance(value, Sequence):
         return [_plain(item) for item in cast("Sequence[object]", value)]
+    # NaN − NaN and ∞ − ∞ are NaN
     if isinstance(value, float) and value - value != 0.0:
         raise TypeError(f"a spec has no word for the number {value}")
     if value is None or isinstance(value, bool | int | float):

@@ -29,5 +29,6 @@ def read_spec(
     result = read_one_spec(path, text, settings)
     used = read_used(result, texts, unsaved)
     of_robots = (one.warnings for one in used.values() if one.robot is not None)
+    # what is said of a URDF belongs to the robot; of sub-models their own check says it
     warnings = (*result.warnings, *(said for each in of_robots for said in each))
     return replace(result, used=used, warnings=warnings)

@@ -47,6 +47,7 @@ def plain_value(node: Node | None) -> object:
 def _value(text: str) -> Node | None:
     """The value of a line of YAML; None where it is none."""
     findings = Findings()
+    # as the value of a key: that is where settings stand
     tree = None if "\n" in text else read_tree(SourceText(_FILE, f"value: {text}"), findings)
     alone = isinstance(tree, Table) and tuple(tree.entries) == ("value",) and not findings.failed
     return tree.entries["value"] if alone and isinstance(tree, Table) else None
@@ -55,6 +56,7 @@ def _value(text: str) -> Node | None:
 def _written(plain: object) -> str:
     if isinstance(plain, str):
         read = _value(plain)
+        # without quotes where YAML reads it as the same text
         if isinstance(read, Scalar) and read.value == plain:
             return plain
     return _json(plain)
@@ -62,5 +64,6 @@ def _written(plain: object) -> str:
 
 def _json(plain: object) -> str:
     if isinstance(plain, float) and not math.isfinite(plain):
+        # JSON has no NaN and no ∞, YAML has
         return ".nan" if math.isnan(plain) else f"{'-' if plain < 0 else ''}.inf"
     return value_text(plain)

@@ -40,6 +40,7 @@ def apply_settings(root: Node, settings: Sequence[str], findings: Findings) -> N
         # The lines before keep its line number; they are empty so that only this one is read.
         source = SourceText(FILE, text + _as_yaml(setting))
         own = Findings()
+        # a setting is one line: more would be more than it says
         whole = bool(setting.partition("=")[0].strip()) and "=" in setting and "\n" not in setting
         tree = read_tree(source, own) if whole else None
         if isinstance(tree, Table) and len(tree.entries) == 1:
@@ -47,6 +48,7 @@ def apply_settings(root: Node, settings: Sequence[str], findings: Findings) -> N
             place = tree.keys[path]
             changed = _with(root, path.split("."), value, place, own, Spec)
             section = path.partition(".")[0]
+            # names of entries are the model: to add or remove one is another model
             if section in named_sections(Spec):
                 _refuse_names(path, _names(root, section), _names(changed, section), place, own)
             root = changed
@@ -85,6 +87,7 @@ def _with(
     step = steps[0]
     match node:
         case Listing(items=items):
+            # counted from 0, and only those that are there
             if not step.isdecimal() or int(step) >= len(items):
                 findings.report(errors.no_such_item(step, len(items), place))
                 return node
@@ -93,6 +96,7 @@ def _with(
             return replace(node, items=(*items[:index], item, *items[index + 1 :]))
         case Table(entries=entries, keys=keys):
             # names of members of sub-models have dots of their own
+            # the longest name first: `plant.x` before `plant`
             joined = [".".join(steps[:count]) for count in range(len(steps), 0, -1)]
             step = next((name for name in joined if name in entries), step)
             rest = steps[step.count(".") + 1 :]

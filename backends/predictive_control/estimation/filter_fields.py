@@ -79,6 +79,7 @@ def measured_fields(
                 comment=_comment(measurement.signal, unit and unit.text, node.type.size),
                 first=first,
                 size=node.type.size,
+                # a variance below the smallest number would be 0, and divide by it
                 variance=max(measurement.std**2, smallest),
             )
         )

@@ -39,6 +39,7 @@ def filter_functions(
     problem: EstimationProblem, program: Program, numbers: Vector, table: FunctionTable, real: str
 ) -> FilterFunctions:
     """Of a program without parameters whose states are ξ, laid out as `numbers`."""
+    # the transition needs no outputs: they would keep nodes that it does not compute
     columns = _slopes(replace(program, outputs=()))
     found = [
         step_derivatives(_measuring(program, m.value), inputs=(), next_states=(), hessian=False)
@@ -91,6 +92,7 @@ class _Writer:
         body = FunctionBody(found.graph, self.table, self.program.formulas, places)
         firsts: dict[str, int] = {}
         size = 0
+        # results stand one after the other in the order in which they are asked for
         for result in results:
             firsts[result] = size
             size += found.results.member(result).size

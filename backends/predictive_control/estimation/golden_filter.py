@@ -66,6 +66,7 @@ def golden_steps(
     random = np.random.default_rng(seed)
     start = _start(judge, random)
     ranges = {signal.name: signal.range for signal in problem.program.signals}
+    # both begin alike, at numbers that both precisions have
     for each in (judge, single):
         each.reset(_named(judge, start))
     steps: list[GoldenStep] = []
@@ -79,12 +80,14 @@ def golden_steps(
         }
         measured = {
             m.signal: _drawn(judge.expected(inputs)[m.signal], m.std, random)
+            # drawn around what the filter expects: it stays where the model is
             for m in problem.measured
         }
         found, other = judge.correct(measured, inputs), single.correct(measured, inputs)
         values = judge.vector.copy(), _std(judge)
         rough = single.vector.astype(float), _std(single)
         after, again = judge.predict(inputs), single.predict(inputs)
+        # from here on the two go apart for no fault of either
         if (found.status, after) != (other.status, again):
             break  # rounding decides whether it diverges
         steps.append(
@@ -108,6 +111,7 @@ def golden_steps(
 
     sizes = [largest([np.abs(step.x) for step in steps]), largest([np.array(s.std) for s in steps])]
     near = [
+        # what single precision moves, scaled to the type, and a floor of some epsilons
         tuple((_ROUNDED * by_epsilon * largest(off) + _LEAST * epsilon * magnitude).tolist())
         for off, magnitude in zip(
             ([pair[0] for pair in moved], [pair[1] for pair in moved]), sizes, strict=True
@@ -130,6 +134,7 @@ def _start(judge: KalmanFilter, random: np.random.Generator) -> Array:
         member = judge.numbers.member(state.name)
         part = slice(member.first, member.first + member.size)
         drawn = random.uniform(*_range(state.range), member.size)
+        # known starts stay; what nobody says is drawn
         found.append(np.where(judge.is_known[part], judge.vector[part], drawn))
     return _rounded(np.concatenate([*found, np.empty(0)]))
 
@@ -153,6 +158,7 @@ def _std(judge: KalmanFilter) -> Array:
     return np.sqrt(np.maximum(np.diagonal(judge.covariance).astype(float), 0.0))
 
 
+# numbers of single precision are the same in both
 def _rounded(values: Array) -> Array:
     """Numbers that both precisions have."""
     return np.asarray(values, np.float32).astype(float)

@@ -35,6 +35,7 @@ class FilterLibrary:
         self._library = library
         self._inputs = {field["signal"]: field["name"] for field in about["in"]}
         self._signals = {field["signal"]: field["name"] for field in about["measured"]}
+        # numpy's structured types, aligned as C aligns them, are the memory of the filter
         self._state = np.zeros(1, struct_type(about["struct"]))
         self._in = np.zeros(1, struct_type(about["in"]))
         self._measured = np.zeros(1, struct_type(about["measured"]))
@@ -50,6 +51,7 @@ class FilterLibrary:
     @property
     def covariance(self) -> Array:
         """U D Uᵀ, multiplied in double precision."""
+        # U has ones on its diagonal, where D is kept
         factor = self._state[0]["factor"].astype(float)
         upper = np.triu(factor, 1) + np.eye(len(factor))
         return (upper * np.diagonal(factor)) @ upper.T
@@ -61,6 +63,7 @@ class FilterLibrary:
 
     def reset(self, states: ArrayLike) -> None:
         """Begins anew from these states; NaN is as the spec says."""
+        # of the type that the C has: ctypes passes an address, and checks nothing
         given = np.ascontiguousarray(states, self._out.dtype["x"].base)
         self._call("reset", self._state, given)
 

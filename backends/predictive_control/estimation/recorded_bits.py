@@ -19,6 +19,7 @@ def recorded_bits(golden: GoldenSteps, texts: Mapping[str, str], name: str) -> i
         return None
     library = FilterLibrary(json.loads(texts[f"{name}.json"]), built)
     library.reset(golden.start)
+    # FNV-1a by words carries bits upwards alone: the shift below brings the high ones down
     hashed = 2166136261
     for step in golden.steps:
         found = library.correct_numbers(step.measured, step.given)

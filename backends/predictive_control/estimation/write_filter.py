@@ -104,6 +104,7 @@ def filter_sources(
     measured, read = measured_fields(
         problem, [field for field in given if field.name in functions.read], smallest
     )
+    # only numbers that noise moves have a column in the update of the factor
     moving = [int(i) for i in np.flatnonzero(judge.drift)]
     struct = _members(estimated.size, problem, measured, len(moving), numbers.real)
     signals = vector_of("innovation", [_innovation(problem, m.value) for m in problem.measured])
@@ -134,6 +135,7 @@ def filter_sources(
         "kernels": bool(table.kernels),
         "start": judge.vector.tolist(),
         "known": [int(known) for known in judge.is_known],
+        # D begins as the variances: numbers are independent before anything is measured
         "first": np.diagonal(judge.covariance).tolist(),
         "noises": moving,
         "noise": [max(float(judge.drift[i]), smallest) for i in moving],
@@ -189,6 +191,7 @@ def _members(
         StructMember("known", "uint8", (size,), real),
         reals("x", size),
         reals("factor", size, size),
+        # C has no empty arrays
         reals("given", max(problem.inputs.size, 1)),
         reals("next", size),
         reals("gain", size),

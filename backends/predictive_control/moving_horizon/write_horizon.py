@@ -162,6 +162,7 @@ def _description(
 ) -> str:
     """The JSON file: that of a filter, with what a window adds."""
     filter, window = parts["filter"], parts["window"]
+    # nested structs: numpy aligns them as C does, so that the size is right
     nested: list[tuple[str, Any]] = [
         ("ready", np.dtype(np.uint32)),
         ("count", np.dtype(np.int32)),
@@ -175,6 +176,7 @@ def _description(
     ]
     size = np.dtype(nested, align=True).itemsize
     word = np.dtype(dtype).itemsize
+    # who looks at it from outside takes the memory as so many words
     assert size % word == 0
     return metadata_text(
         filter

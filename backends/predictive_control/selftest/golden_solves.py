@@ -76,9 +76,11 @@ def golden_solves(
             _exceeds(problem, rows, library),
         )
         kinds[kind] = kinds.get(kind, 0) + 1
+        # of each kind of end a few: a test with hundreds would say no more
         if kinds[kind] > _OF_A_KIND:
             continue
         found.append(_recorded(True, start, decision))
+        # a measurement that is NaN must be refused, and leave the plan as it was
         missing = _Start(np.where(np.arange(len(start.x)) == 0, np.nan, start.x), start.known)
         after = [missing] if kinds[kind] == 1 and len(start.x) else []
         later = _Start((_AGAIN * start.x).astype(real).astype(float), start.known)
@@ -94,6 +96,7 @@ def _starts(
     found: list[_Start] = []
     for beyond in _BEYOND:
         for drawn in drawn_starts(problem, _DRAWS):
+            # numbers of the type, so that Python and C solve the same problem
             x = (beyond * np.array(drawn)).astype(real).astype(float)
             known = [random.uniform(-beyond, beyond, field.count) for field in fields]
             rounded = (values.astype(real).astype(float) for values in known)
@@ -131,6 +134,7 @@ def _is_at_a_limit(rows: Rows, control: NDArray[np.floating]) -> bool:
     return any(near)
 
 
+# z of a soft bound is at most w₁ where nothing exceeds it
 def _exceeds(problem: ControlProblem, rows: Rows, library: ControllerLibrary) -> bool:
     """Whether a soft bound is exceeded: its multiplier is its weight then."""
     found = multipliers_of(problem, rows, library)

@@ -50,6 +50,7 @@ def cut_at_values(found: StepDerivatives, roots: Sequence[NodeId]) -> Cut:
     kept = tuple(sorted(_kept(graph, roots, of_values)))
     builder = GraphBuilder()
     moved: dict[NodeId, NodeId] = {}
+    # beyond what is kept nothing of the values is needed
     live = _needed_beyond(graph, roots, frozenset(kept))
     for index, node in graph:
         if index in kept:
@@ -63,6 +64,7 @@ def cut_at_values(found: StepDerivatives, roots: Sequence[NodeId]) -> Cut:
 def _kept(graph: Graph, roots: Iterable[NodeId], of_values: list[bool]) -> set[NodeId]:
     costly: list[bool] = []
     for _, node in graph:
+        # costly is also what costly values enter
         costly.append(isinstance(node.op, _COSTLY) or any(costly[arg] for arg in node.args))
     kept: set[NodeId] = set()
     seen: set[NodeId] = set()
@@ -73,6 +75,7 @@ def _kept(graph: Graph, roots: Iterable[NodeId], of_values: list[bool]) -> set[N
             continue
         seen.add(index)
         node = graph[index]
+        # conditions are cheap, and bools have no place among numbers
         is_value = of_values[index] and costly[index] and node.type.kind == "real"
         if is_value and not isinstance(node.op, _STRUCTURE):
             kept.add(index)

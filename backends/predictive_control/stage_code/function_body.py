@@ -50,6 +50,7 @@ class FunctionBody:
         self._places = places
         self._functions = functions
         names = LocalNames(functions.prefix, _names_of_spec(graph))
+        # arrays of the function have their names before values do
         for array in _ARRAYS:
             names.reserve(array)
         self.scope = Scope(names)
@@ -130,6 +131,7 @@ class FunctionBody:
         """`<prefix>_<name>(const real *read…, real *written…)`."""
         statements = self.scope.statements
         constants = self._locals.constants(statements)
+        # C compilers warn of arguments that nothing reads
         used = used_names(statements)
         unused = [Discard(array) for array in (*read, *written) if array not in used]
         arguments = (

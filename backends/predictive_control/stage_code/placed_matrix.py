@@ -54,11 +54,13 @@ class PlacedMatrix:
         is_here = places >= 0
         if not np.any(is_here):
             return
+        # one loop where the places are an affine function of the indices
         strides = _strides(places) if np.all(is_here) else None
         if strides is not None:
             begin = Index(int(places.flat[0]))
             yield value, ArrayView(Name(self.array), places.shape, strides, begin)
             return
+        # otherwise in two parts, each of which may be one
         axis, cut = _cut(places)
         size = places.shape[axis]
         for start, stop in ((0, cut), (cut, size)):
@@ -90,6 +92,7 @@ def _strides(places: NDArray[np.int64]) -> tuple[int, ...] | None:
 def _cut(places: NDArray[np.int64]) -> tuple[int, int]:
     """The axis, and the place on it, at which places stop going on as they began."""
     for axis, size in enumerate(places.shape):
+        # the first axis along which places change their step, or end
         if size < 2:
             continue
         lines = np.moveaxis(places, axis, 0).reshape(size, -1)

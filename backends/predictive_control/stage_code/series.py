@@ -63,6 +63,7 @@ def series_of(problem: ControlProblem, form: WindowForm) -> Series:
     for sample in form.memory:
         number = sample.number + (form.states if sample.is_control else 0)
         past[number] = max(past[number], sample.lag)
+    # as many samples of the past as the longest lag reads
     lengths = [length + problem.horizon + 1 for length in past]
     firsts = tuple(sum(lengths[:number]) for number in range(count))
     now = tuple(first + length for first, length in zip(firsts, past, strict=True))

@@ -80,6 +80,7 @@ class StageWriter:
 
     def stage(self, name: str, found: StepDerivatives, arrays: StageArrays) -> StageFunctions:
         """`<prefix>_<name>value` and `<prefix>_<name>slopes` of these derivatives."""
+        # what slopes take from the values is kept, not computed twice
         cut = cut_at_values(found, arrays.wanted(found.graph))
         types = [found.graph[node].type for node in cut.kept]
         firsts = [sum(type.size for type in types[:number]) for number in range(len(types))]
@@ -90,6 +91,7 @@ class StageWriter:
             if result in found.values:
                 shape = found.graph[found.values[result]].type.shape
                 places[multiplier(result)] = Place("weight", first, c_strides(shape))
+        # numbers of steady slopes are left out of the values, which other code adds
         lean = None
         if any(any(numbers) for numbers in arrays.steady.values()):
             wanted = [*found.values.values(), *cut.kept]
@@ -117,6 +119,7 @@ class StageWriter:
         for limit in limits:
             type = graph[limit.node].type
             if type.size == 1:
+                # one number for all rows is stored at each of them
                 for number in range(limit.size):
                     place = Index(limit.first_side + 2 * number)
                     zeros = (0,) * len(type.shape)

@@ -55,12 +55,15 @@ def classes_of(problem: ControlProblem, rows: Rows, stages: Stages) -> Classes:
     curved = np.zeros(nx + nu, np.bool_)
     curved[columns] = _entries(found.hessian).any(axis=0)
     curved[at_end] |= _entries(end.hessian).any(axis=0)
+    # controls always have curvature: limits add to it
     curved[nx:] = True
+    # rates couple a control with the state that holds it
     for rate in rows.rates:
         curved[rate.before] = True
     first = len(rows.rows) - (stages.size - stages.results[problem.stage] - 1)
     of_paths = jacobian[stages.results[problem.stage] + 1 :]
     for row in of_paths:
+        # rows of few numbers are cheaper in the Hessian than as rows of their own
         if np.count_nonzero(row) <= _NARROW:
             curved |= row
     narrow = (True,) * first + tuple(bool(np.all(curved[row])) for row in of_paths)
@@ -69,6 +72,7 @@ def classes_of(problem: ControlProblem, rows: Rows, stages: Stages) -> Classes:
     moving[columns] |= _moving_columns(problem, found.graph, found.jacobian)
     kinds = np.where(curved, 0, np.where(moving, 1, 2))
     kinds[nx:] = 0
+    # a stable order: numbers of a class stay in theirs
     order = tuple(int(i) for i in np.argsort(kinds, kind="stable"))
     count = int(np.count_nonzero(moving))
     plain = list(order[count:])
@@ -94,6 +98,7 @@ def _moving_columns(problem: ControlProblem, graph: Graph, jacobian: Matrix) -> 
 
 
 def _moving_nodes(problem: ControlProblem, graph: Graph) -> set[NodeId]:
+    # what is the same along the horizon moves no slope
     held = {m.name for m in _given(problem)} - problem.previewed
     moves: set[NodeId] = set()
     for index, node in graph:

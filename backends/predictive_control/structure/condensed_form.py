@@ -120,6 +120,7 @@ def _runs(samples: Sequence[Sample]) -> tuple[list[int], list[int]]:
     begins = [
         at
         for at, sample in enumerate(samples)
+        # a run ends where the next number is not the sample before of the same series
         if at == 0 or replace(samples[at - 1], lag=samples[at - 1].lag - 1) != sample
     ]
     return begins, [*begins[1:], len(samples)][: len(begins)]

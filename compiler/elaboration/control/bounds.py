@@ -34,6 +34,7 @@ def scales_of(section: OptimalControl, program: Program) -> dict[str, float]:
             low, high = entry.range
             found[entry.name] = (high - low) / 2
         bound = section.bounds.get(entry.name)
+        # an end that is a formula of references has no size before the controller runs
         if bound is None or not (_is_number(bound.min) and _is_number(bound.max)):
             continue
         ends = [_in_unit(end, entry.unit) for end in (bound.min, bound.max)]
@@ -86,6 +87,7 @@ def path_limits(
             continue
         value = program.output(bounded(name))
         type, place = program.step[value.node].type, bound.place.key
+        # a limit that no control moves is kept or broken whatever is solved
         if not signals_behind(program, [value.node]) & {*asked.controls}:
             findings.report(errors.not_bounded(name, "which no control moves", place, ()))
             continue
@@ -128,13 +130,16 @@ def _limits(
                 assert end.unit is not None
                 assert type.unit is not None
                 fault = units.incomparable_unit(end.unit.text, type.unit.text, end.span)
+                # any number: the report ends the compilation, and the other end is still to be read
                 findings.report(fault)
                 number = 0.0
+            # a number is an output too: whoever solves reads each limit in one way
             program = _with_number(program, limit(name, key), number, type.unit)
         else:
             _check_limit(asked, program, name, key, type, findings)
         ends.append(limit(name, key))
     low, high = (_number(program, end) for end in ends)
+    # after another mistake an end may be the 0 that stands in its place
     if low is not None and high is not None and low > high and not findings.failed:
         unit = f" {type.unit.text}" if type.unit is not None else ""
         shown = (f"{low:g}{unit}", f"{high:g}{unit}")
@@ -157,6 +162,7 @@ def _check_limit(
     assert place is not None
     graph = program.step
     live = needed(graph, [output.node])
+    # a limit is known before the solve: it may read references, nothing that the solve decides
     for op in (node.op for index, node in graph if live[index]):
         match op:
             case ReadSignal(signal=read) if read in asked.section.references:
@@ -167,6 +173,7 @@ def _check_limit(
             case _:
                 pass
     found = graph[output.node].type
+    # a scalar limits every element; dims align by name, so their order says nothing (R3)
     if found.axes and set(found.axes) != set(type.axes):
         wanted, axes = describe_axes(type.axes), describe_axes(found.axes)
         findings.report(shapes.wrong_axes(f"`{key}` of `{name}`", wanted, axes, place))

@@ -33,6 +33,7 @@ def concave_in(problem: ControlProblem, cost: str) -> Iterator[str]:
     if program.parameters:
         return
     reads = problem.reads(problem.node(cost))
+    # the same points in every check: a warning must not come and go
     random = np.random.default_rng(0)
     scales = {c.name: c.scale for c in problem.control_limits} | dict(problem.state_scales)
     interpreter = Interpreter(program)
@@ -42,6 +43,7 @@ def concave_in(problem: ControlProblem, cost: str) -> Iterator[str]:
     }
     log = {
         signal.name: scales.get(signal.name, 1.0)
+        # rows beyond the last point, for windows that look ahead of it
         * random.uniform(-1, 1, (_DRAWS + _ahead(problem), *Type(signal.axes).shape))
         for signal in program.signals
     }
@@ -60,6 +62,7 @@ def concave_in(problem: ControlProblem, cost: str) -> Iterator[str]:
         middle = values(states, log)
         bend = ends[0] + ends[1] - 2 * middle
         size = np.abs(ends[0]) + np.abs(ends[1]) + 2 * np.abs(middle)
+        # everywhere that was tried: costs that saturate are concave in places and meant so
         if np.all(bend < -_LEAST * size):
             yield name
 

@@ -56,6 +56,8 @@ def control_problem(
     of the program; `trained` puts weights in their place. Raises SpecError with every mistake.
     """
     findings = Findings()
+    # what the asked model alone leaves unused is a reference, which `_report_unused` tells in words
+    # of its own
     findings.report(*(found for found in said if found.code != _UNUSED))
     problem = _problem(asked, program, findings)
     findings.raise_errors()
@@ -66,6 +68,7 @@ def control_problem(
 def _problem(asked: ControlSpec, program: Program, findings: Findings) -> ControlProblem | None:
     section = asked.section
     _check_costs(asked, program, findings)
+    # u[t−1] is a state only where a rate or a held block asks for it: each one costs every solve
     held = any(block.value > 1 for block in section.blocks)
     followed = [
         name
@@ -136,6 +139,7 @@ def _check_terminal(asked: ControlSpec, program: Program, findings: Findings) ->
     if asked.section.cost.terminal is None:
         return
     node = program.output(TERMINAL).node
+    # after the last sample of the horizon no control is left to choose
     for name in sorted(signals_in_step(program, node) & {*asked.controls}):
         place = asked.section.cost.terminal.span
         findings.report(errors.terminal_reads_control(name, place))

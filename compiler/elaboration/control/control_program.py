@@ -38,12 +38,15 @@ def control_program(
         findings.report(fault)
         return None
     _check_cost(asked, program, findings)
+    # not before the loop is closed: it runs through outputs that no formula names
     wanted = tuple(output for output in program.outputs if output.name in asked.formulas)
     program = drop_unused(replace(program, outputs=wanted, losses=(), expected=()))
     _check_times(asked, program, findings)
     _check_dropout(program, findings)
     if findings.failed:
         return None
+    # a signal that formulas read at t−d alone would become a port with a lag (R13), and a solver
+    # could not tell of which stage it is
     reads = {(name, 0) for name in extents(program.step, log=False)}
     reads |= {(name, -1) for name in with_previous}
     whole = to_step_form(_with_samples(program, sorted(reads)))

@@ -68,6 +68,7 @@ def control_spec(linked: Linked, section: OptimalControl, findings: Findings) ->
     formulas = dict(_formulas(section))
     outputs = {n: _output(expr) for n, expr in formulas.items()}
     inputs = {name: _input(entry) for name, entry in section.references.items()}
+    # pydantic does not validate a copy: what is added was read from the file already
     whole = spec.model_copy(
         update={
             "inputs": {**spec.inputs, **inputs},
@@ -120,6 +121,7 @@ def _check_controls(
 def _check_references(spec: Spec, section: OptimalControl, findings: Findings) -> None:
     scope = Scope(spec, Findings())
     for name, entry in section.references.items():
+        # references become inputs of the asked model, among whose names there is only one of each
         if name in scope:
             first = scope[name]
             place, kind = first.entry.place.key, first.kind.value

@@ -28,6 +28,7 @@ def signals_in_step(program: Program, node: NodeId) -> set[str]:
     from compiler.jacobian.jacobian import jacobian
 
     found = jacobian(replace(program, states=(), outputs=(Output("value", node),)))
+    # of A, B, C and D the last, ∂y/∂u
     slopes = next(matrix for matrix in found.matrices if matrix.name == "D")
     rows, columns = slopes.shape
     return {

@@ -82,6 +82,7 @@ def _problem(
         from compiler.elaboration.estimation.moving_window import moving_window
 
         window = moving_window(section, step, findings)
+    # outputs that only kept states and samples have done so
     kept = {measurement.value for measurement in measured}
     step = replace(step, outputs=tuple(o for o in step.outputs if o.name in kept))
     return EstimationProblem(
@@ -123,11 +124,14 @@ def _with_measurements(
             continue
         predicts = before[name].predicts
         assert predicts is not None
+        # y[t] is what the step itself computes
         if predicts.ahead == 0:
             node = known[name].node
+        # x[t+1] was predicted a step ago: now it is the state
         elif predicts.ahead == 1 and predicts.signal in spec.states:
             state = closed.state(predicts.signal)
             node = builder.state(state.name, Type(state.axes, state.unit))
+        # what was predicted for now stands last in the register: windows end with the newest (R1)
         elif predicts.ahead == 1 and predicts.signal in tapes:
             tape = tapes[predicts.signal]
             size = tape.axes[-1].size
@@ -140,6 +144,7 @@ def _with_measurements(
             findings.report(fault)
             continue
         outputs.append(Output(f"{_KEPT}{name}", node))
+    # an output of each state, lest `drop_unused` takes one that no measurement depends on
     for state in closed.states:
         node = builder.state(state.name, Type(state.axes, state.unit))
         outputs.append(Output(f"{_KEPT}{state.name} stays", node))
@@ -147,6 +152,7 @@ def _with_measurements(
         return None
     whole = replace(closed, step=builder.graph(), outputs=tuple(outputs), losses=(), expected=())
     whole = drop_unused(whole)
+    # an output of each sample at t, so that no port of the step form has a lag (R13)
     builder = GraphBuilder(whole.step)
     samples = [
         Output(f"{_KEPT}{name} now", builder.signal(name, 0, 0, _sample(whole, name)))
@@ -219,6 +225,7 @@ def _parameters(
 def _in_unit(name: str, std: Quantity, unit: Unit | None, findings: Findings) -> float:
     """A deviation in the unit of what deviates; a bare number is in it already."""
     own = _comparable(name, std, unit, findings)
+    # a deviation of 1 °C is one of 1 K: the factor counts, not the offset as it does in `_limit`
     return std.value if own is None or unit is None else std.value * own.factor_to(unit)
 
 

@@ -16,6 +16,7 @@ def report_between(context: Context) -> None:
         return
     later = {name for _, name in context.stage_reads.inputs}
     for name, entry in context.spec.inputs.items():
+        # no integrator looks at it later than at the sample itself, where both kinds are the same
         is_idle = entry.is_linear and name in context.used and name not in later
         if is_idle and not owner_of(name):
             assert entry.between is not None

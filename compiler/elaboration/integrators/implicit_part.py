@@ -46,6 +46,8 @@ class ImplicitPart:
         # M is solved by its structure only where h ∂τ/∂x is a number beside each of its diagonal
         if call is None or through is None:
             return self._eliminated(own, h)
+        # M times (I − h M⁻¹ ∂u/∂τ ∂τ/∂x), u the torque, is M − h ∂u/∂τ ∂τ/∂x: nothing is inverted,
+        # and a friction, which u has with a minus, adds to the diagonal
         added = builder.multiply(h, builder.multiply(builder.negate(through), own))
         return builder.multiply(h, call.with_diagonal(added))
 
@@ -90,6 +92,7 @@ def _only_diagonal(builder: GraphBuilder, value: NodeId, on: NodeId) -> NodeId |
     for index, row in enumerate(rows):
         if row is not None and set(np.flatnonzero(nonzero[row]).tolist()) - {index}:
             return None
+    # of the sum of all elements: with nothing beside the diagonal it is the diagonal itself
     return gradient_nodes(builder, value, [on])[0]
 
 

@@ -71,6 +71,7 @@ def integrated(context: Context, owner: str, integrator: Integrator | None) -> M
         _check_size(context, vector_field, integrator.place.key)
     substeps = method.substeps if method else 1
     for number in range(1, substeps + 1):
+        # as fractions: n of them end at exactly 1, where sums of dt/n may miss it
         begin, end = Fraction(number - 1, substeps), Fraction(number, substeps)
         steps = _Steps(context, owner, vector_field, dt / substeps, begin, end)
         values = steps.step(method, values)
@@ -142,6 +143,7 @@ class _Steps:
         """
         moved = dict(values)
         for name in values:
+            # the slopes of later states see the values that earlier ones have already
             slope = self._slope(name, self._stage(dict(moved), self.begin))
             moved |= self._moved({name: moved[name]}, {name: slope}, self.step_length)
         return moved
@@ -204,6 +206,7 @@ class _Steps:
         two = builder.constant(2.0)
         total: Values = {}
         for name in values:
+            # in this order for every export: another grouping rounds otherwise
             middle = builder.multiply(two, builder.add(k2[name], k3[name]))
             total[name] = builder.add(builder.add(k1[name], middle), k4[name])
         return self._moved(values, total, h / 6)
@@ -227,6 +230,7 @@ class _Steps:
         """f(x, τ), every memoryless equation between states and `der` evaluated anew."""
         stage = self._stage(values, fraction)
         slopes: Values = {}
+        # every right-hand side, so that a mistake in one does not hide those in others
         failed = False
         for name in self.vector_field:
             try:
@@ -240,6 +244,7 @@ class _Steps:
     def _slope(self, name: str, stage: Environment) -> NodeId:
         law = self.vector_field[name]
         node = lower(self.context, law.expression, stage)
+        # its unit counts where it is multiplied by seconds and added to the state, in `_moved`
         type = law.type.with_unit(None)
         return fitted(self.context, f"`der` of `{name}`", node, type, law.expression, stage)
 

@@ -96,6 +96,8 @@ def solved(builder: GraphBuilder, matrix: list[Row], right: list[NodeId]) -> lis
     found: list[NodeId] = list(right)
     for k in reversed(range(size)):
         total = right[k]
+        # in the order of columns: elimination fills them in another one, and sums would round
+        # otherwise
         for j in sorted(column for column in matrix[k] if column > k):
             total = builder.subtract(total, builder.multiply(matrix[k][j], found[j]))
         found[k] = _quotient(builder, total, matrix[k][k])

@@ -40,6 +40,8 @@ def lower_cross_entropy(
         context.findings.report(shapes.wrong_axes(what, wanted, shown, argument.span))
         raise LoweringFailed
     shares, missing = _shares(builder, target, axes, classes)
+    # no exponent is above 0, so none overflows; one is 0, so the sum is at least 1 and has a
+    # logarithm
     largest = largest_along(builder, logits, classes)
     below = builder.subtract(logits, largest)
     total = builder.sum(builder.apply("exp", below), classes.name)
@@ -57,10 +59,12 @@ def _shares(
     missing = builder.multiply(zero, target)  # NaN stays NaN
     if classes in builder.type(target).axes:
         there = builder.compare(Relation.LESS_EQUAL, target, target)  # no relation holds for NaN
+        # NaN · 0 would be NaN in the sum: `missing` alone tells what is not scored
         known = builder.select(there, target, zero)
         return builder.broadcast(known, axes), builder.sum(missing, classes.name)
     numbers = builder.constant(np.arange(classes.size), (classes,))
     repeated = builder.broadcast(target, (classes, *builder.type(target).axes))
     away = builder.apply("abs", builder.subtract(repeated, numbers))
+    # recorded classes are real numbers; NaN is near none of them, and all shares are 0
     near = builder.compare(Relation.LESS, away, builder.constant(0.5))
     return builder.broadcast(builder.select(near, builder.constant(1.0), zero), axes), missing

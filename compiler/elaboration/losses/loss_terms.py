@@ -43,6 +43,7 @@ def terms_of(context: Context, expression: Expression) -> list[CostTerm]:
             return left + _scaled(sign, terms_of(context, expression.right))
         case Binary(operator=Operator.MULTIPLY, left=left, right=right):
             factor, rest = left, right
+            # `0.1 * mse(…)` and `mse(…) * 0.1` are the same; a product of two measures is neither
             if _measure_in(context, left) is not None:
                 factor, rest = right, left
             if _measure_in(context, factor) is None:

@@ -69,6 +69,7 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
                 share=term.share,
                 penalty=penalty,
                 span=span,
+                # a penalty is of an array, which has no rows
                 rows=rows if penalty is None else None,
             )
         )
@@ -100,6 +101,7 @@ def default_loss(context: Context, output: Output) -> Loss:
     builder = context.builder(_LOSS)
     found = builder.type(output.node)
     ahead = output.predicts.ahead
+    # the log at t+k, which the output at t predicts (R4); targets never come from the tape
     target = builder.log(output.predicts.signal, ahead, ahead, Type(found.axes, found.unit))
     return Loss(output.name, Measure.MSE, output.node, target, span=output.span)
 

@@ -70,6 +70,8 @@ def checked_penalties(
         if penalty is not None:
             array = known[penalty.parameter]
             bounded = array.minimum is not None or array.maximum is not None
+            # what has bounds is trained by its raw variable (softplus, sigmoid), in which |x| has
+            # no corner
             if penalty.over is None:
                 loss = replace(loss, penalty=None) if bounded or not array.learn else loss
             elif bounded or not array.learn:

@@ -109,6 +109,7 @@ class Histories:
             try:
                 now = self._now(name, self._places[name])
                 axes = builder.type(now).axes
+            # its mistake is reported: what was known stays, so that the lowerings come to an end
             except LoweringFailed:
                 axes = self._known.get(name, Remembered(0)).axes
             if any(axis.name == WINDOW for axis in axes):
@@ -122,6 +123,7 @@ class Histories:
         """A buffer state for everything whose past is read."""
         builder = self._context.builder(STEP)
         made: list[ProgramState] = []
+        # the same as what this lowering found: otherwise there is another one
         for name, remembered in self._known.items():
             if name in self._refused:
                 continue

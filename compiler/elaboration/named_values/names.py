@@ -265,6 +265,7 @@ class Elaboration:
         stage = environment.stage
         if stage is None or environment.is_elsewhere or not isinstance(entry, Input):
             return None
+        # at fraction 0, the sample itself, a held input and a moving one are the same
         if stage.fraction:
             self.context.stage_reads.inputs.add((stage.owner, name))
         return moving_input(self.context, name, entry, environment)

@@ -56,6 +56,7 @@ class States:
             return self._histories.read(name, entry, span, environment)
         if environment.stage is not None and name in environment.stage.values:
             return environment.stage.values[name]
+        # discrete, or of another spec: held over the step of this integrator (R6)
         return self._context.builder(environment).state(name, self._context.type_of(entry))
 
     def call(self, function: str, call: Call, environment: Environment) -> NodeId:

@@ -32,7 +32,9 @@ def _with_window(axes: tuple[Axis, ...], other: tuple[Axis, ...]) -> tuple[Axis,
     if window is None or _named(axes, WINDOW) is not None:
         return axes
     names = {axis.name for axis in other}
+    # an unnamed dim that the other operand has too meets that one, elementwise
     candidates = [axis for axis in axes if axis.name == UNNAMED and axis.name not in names]
+    # the last named dim absent in the other operand (R3), and no other
     candidates += [axis for axis in reversed(axes) if axis.name and axis.name not in names][:1]
     along = next((axis for axis in candidates if axis.size == window.size), None)
     if along is None:
@@ -48,6 +50,8 @@ def align(
     Renaming keeps the element order but for an axis that moves to the end as the window; the
     caller broadcasts from `left`/`right` as returned. Raises AxisConflict.
     """
+    # each against the axes of the other as written: with both renamed a window would be looked for
+    # twice
     left_axes, right_axes = _with_window(left, right), _with_window(right, left)
     result = list(left_axes)
     for axis in right_axes:
@@ -69,6 +73,8 @@ def twin_axes(left: tuple[Axis, ...], right: tuple[Axis, ...]) -> Axis | None:
     _, left, right = align(left, right)
     for one, other in ((left, right), (right, left)):
         unnamed = _named(one, UNNAMED)
+        # an unnamed axis of one element is repeated as it would be in numpy: nobody means pairs of
+        # it
         if unnamed is None or unnamed.size == 1 or _named(other, UNNAMED) is not None:
             continue
         for axis in other:
@@ -97,6 +103,7 @@ def contracted(
         if last.name == UNNAMED:  # an unnamed axis may also meet the last named one of its length
             others += [a for a in reversed(right) if a.name not in (UNNAMED, WINDOW)]
         fitting = [axis for axis in others if axis.size == last.size]
+        # R3: two candidates of that length are an error, not a choice
         if len(fitting) > 1:
             names = " and ".join(f"`{axis.name or '_'}`" for axis in fitting)
             raise AxisConflict(left, right, f"{names} both have {last.size} elements")
@@ -107,6 +114,7 @@ def contracted(
             left, right, f"nothing on the right fits {shown} with {last.size} elements"
         )
     rest_left = left[:-1]
+    # by identity: two axes may be equal
     rest_right = tuple(axis for axis in right if axis is not partner)
     result = list(rest_left)
     for axis in rest_right:

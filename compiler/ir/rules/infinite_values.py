@@ -82,6 +82,7 @@ class InfiniteValues:
     def _look(self, last: NodeId) -> None:
         for index in range(len(self._signs), last + 1):
             node = self._graph.node(index)
+            # operands stand before their users: what is known of them is there
             sign = _sign(node, [self._signs[arg] for arg in node.args])
             divisor_sign = _sign(node, [self._divisor_signs[arg] for arg in node.args])
             fixed = isinstance(node.op, ops.Constant | ops.ReadParameter)
@@ -153,10 +154,13 @@ def _sign(node: Node, of: list[Sign]) -> Sign:
         case ops.Maximum():
             return max(known, default=_common(of))
         case ops.Clamp():
+            # the lower limit decides: a clamp is at least that
             return of[1] if of[1] in known else Sign.ANY
         case ops.Select():
             return _common(of[1:])
         case ops.Sum():
+            # a sum of numbers that are not 0 may be 0, one of numbers that are not negative and 0
+            # may not
             return of[0] if of[0] in known else Sign.ANY
         case ops.Contract():
             product = _of_product(of[0], of[1])
@@ -200,6 +204,7 @@ def _of_product(left: Sign, right: Sign) -> Sign:
     if Sign.ANY in (left, right):
         return Sign.ANY
     if Sign.NOT_NEGATIVE in (left, right):
+        # what is not negative times what is not 0 may be 0, or negative
         return Sign.ANY if Sign.NOT_ZERO in (left, right) else Sign.NOT_NEGATIVE
     return min(left, right)
 

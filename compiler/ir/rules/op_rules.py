@@ -29,10 +29,12 @@ def broken_axes(axes: tuple[Axis, ...]) -> str | None:
         return f"{describe_axes(axes)} has an axis twice"
     if any(_is_no_name(name) for name in names):
         return "an axis has no proper name"
+    # windows are last (R1): backends rely on the place of the newest sample
     if WINDOW in names[:-1]:
         return f"{describe_axes(axes)} has the window before the end"
     if len(axes) > MOST_AXES or any(axis.size < 1 for axis in axes):
         return f"{describe_axes(axes)} has too many axes or an empty one"
+    # before anything is allocated: a file may say any length
     if math.prod(axis.size for axis in axes) > LARGEST_SIZE:
         return f"{describe_axes(axes)} has more than {LARGEST_SIZE} elements"
     return None
@@ -51,6 +53,7 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: AxesOfSources) 
         case ops.Constant(name=name) if name and _is_no_name(name):
             return "a constant has no proper name"
         case ops.Constant(values):
+            # no infinite constants: JSON has none, and what needs them divides by 0
             if len(values) != type.size or not all(math.isfinite(value) for value in values):
                 return f"{len(values)} numbers for {describe_axes(axes)}, or one is not finite"
             return _real(type)
@@ -60,6 +63,7 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: AxesOfSources) 
             return _from(f"state `{name}`", sources.states.get(name), type)
         case ops.ReadSignal(name, first, last) | ops.ReadLog(name, first, last):
             return _read(sources.signals.get(name), name, first, last, type)
+        # such values are given by training itself, within its own graphs
         case ops.ReadTraining():
             return "a program reads no value of training"
         case ops.Dropout(rate) if not 0 <= rate < 1:
@@ -156,6 +160,7 @@ def _read(
         return f"there is no signal `{name}`"
     if not -FARTHEST_SAMPLE <= first <= last <= FARTHEST_SAMPLE:
         return f"samples {first} … {last} are no window"
+    # a window that is one sample long has an axis; a single sample has none
     window = (Axis(WINDOW, last - first + 1),) if type.window is not None else ()
     if not window and first != last:
         return "several samples need a window axis"

@@ -32,10 +32,12 @@ def same_unit(left: Unit, right: Unit) -> bool:
 
 def sum_unit(operation: str, left: Unit | None, right: Unit | None) -> Ruled:
     """Unit of a sum, difference, minimum, comparison or choice of two values."""
+    # an unknown unit takes the other: checks are gradual (decision 0007)
     if left is None:
         return right, None
     if right is None or same_unit(left, right):
         return left, None
+    # the first operand is what the second is compared with
     return None, UnitConflict(operation, right, left)
 
 
@@ -58,6 +60,7 @@ def function_unit(name: str, rule: UnitRule, arguments: tuple[Unit | None, ...])
         case UnitRule.NUMBER | UnitRule.TO_ANGLE | UnitRule.ANGLE:
             expected = RADIAN if rule is UnitRule.ANGLE else ONE
             result = RADIAN if rule is UnitRule.TO_ANGLE else ONE
+            # rad counts as 1 here
             for argument in arguments:
                 if argument is not None and not same_unit(argument, expected):
                     return result, UnitConflict(name, argument, expected)

@@ -73,6 +73,7 @@ def verify(program: Program) -> None:
     signals = {signal.name: signal.axes for signal in program.signals}
     for parameter in program.parameters if program.losses else ():
         statistic = parameter.statistic
+        # statistics are of rows of training: exports have no losses, and need not know of them
         known = statistic is None or signals.get(statistic.signal) == parameter.axes
         _require(known, f"parameter `{parameter.name}` is a statistic of no such signal")
     sources = AxesOfSources(
@@ -82,6 +83,7 @@ def verify(program: Program) -> None:
     )
     _check_graph(program.step, sources)
     _check_graph(program.start, sources)
+    # R7: `init` never reads the simulation
     for _, node in program.start:
         if isinstance(node.op, ReadSignal | ReadState | Window):
             raise InvalidProgram("the start reads the simulation", node)
@@ -159,12 +161,14 @@ def _check_graph(graph: Graph, sources: AxesOfSources) -> None:
     _require(len(graph) <= MOST_NODES, f"a graph has more than {MOST_NODES} nodes")
     total = 0
     for index, node in graph:
+        # nodes in order: no cycle, and one pass in order is enough everywhere
         if node.args and not 0 <= min(node.args) <= max(node.args) < index:
             raise InvalidProgram(f"node {index} uses a node that does not stand before it", node)
         reason = broken_rule(node, tuple(graph[arg].type for arg in node.args), sources)
         if reason is not None:
             raise InvalidProgram(f"node {index}: {type(node.op).__name__}: {reason}", node)
         total += node.type.size
+    # many values that are legal alone may be too much together
     _require(total <= LARGEST_TOTAL, f"the values of a graph have {total} elements together")
 
 
@@ -173,6 +177,7 @@ def _check_state(program: Program, state: State) -> None:
     _check_axes(what, state.axes)
     _check_range(what, state.range)
     _require(state.on_range == "flag" or state.range is not None, f"{what} has no range to act on")
+    # buffers have their samples last
     windowed = Type(state.axes).window is not None
     match state.origin:
         case Declared() | LayerMemory():
@@ -221,6 +226,7 @@ def _check_fit(fit: Fit, sources: AxesOfSources) -> None:
         if isinstance(node.op, ReadState | ReadLog | Window):
             raise InvalidProgram(f"{what} reads more than inputs", node)
     last = len(fit.argument) - 1
+    # the last node is the value of the argument
     axes = fit.argument[last].type.axes
     _require(_real(fit.argument, last) and WINDOW not in {axis.name for axis in axes}, what)
     signal = fit.target.signal
@@ -238,6 +244,7 @@ def _check_fit(fit: Fit, sources: AxesOfSources) -> None:
 
 def _check_log_reads(program: Program) -> None:
     step = program.step
+    # a deployed step has no log (R13); losses have
     outputs = [output.node for output in program.outputs]
     # a state that only losses need runs beside the log
     deployed, _ = needed_over_time(step, {s.name: s.next for s in program.states}, outputs)

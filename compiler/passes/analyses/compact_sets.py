@@ -37,6 +37,7 @@ def compact_sets(graph: Graph) -> dict[NodeId, CompactSets]:
     for index, node in graph:
         found = _candidate(graph, node)
         if found is not None:
+            # points of sets lie along one axis, as `_compared` has asked for
             (axis,) = graph[found.points].type.axes
             make = _FORMULAS[found.shape]
             again[index] = (make(FuzzySets(builder, found.value, axis, found.points)), found)
@@ -79,11 +80,13 @@ def active_sums(graph: Graph, support: list[dict[str, NodeId]]) -> dict[NodeId, 
 def is_positive_zero(graph: Graph, node: NodeId) -> bool:
     """Whether a value is the number +0, however often repeated."""
     op = graph[graph.unrepeated(node)].op
+    # by its bits: −0 == +0, and adding −0 changes no sign
     return isinstance(op, ops.Constant) and {value.hex() for value in op.values} == {(0.0).hex()}
 
 
 def _candidate(graph: Graph, node: Node) -> CompactSets | None:
     match node.op:
+        # `triangular` ends in a choice by `spread < points`, `between` is a difference of two steps
         case ops.Select():
             return _compared(graph, node.args[0], ops.Relation.LESS, "triangular")
         case ops.Subtract():
@@ -128,6 +131,7 @@ def _support(graph: Graph, node: Node, known: list[dict[str, NodeId]]) -> dict[s
         case ops.Add() if is_positive_zero(graph, node.args[1]):
             return operands[0]
         case ops.Reshape():
+            # a reshape that keeps the lengths only renames axes; another one mixes their elements
             old, new = graph[node.args[0]].type, node.type
             if old.shape != new.shape:
                 return {}
@@ -148,5 +152,6 @@ def _both(first: dict[str, NodeId], second: dict[str, NodeId]) -> dict[str, Node
     return {
         axis: sets
         for axis, sets in either.items()
+        # an axis that only one factor has sets along is 0 there too
         if first.get(axis, sets) == second.get(axis, sets)
     }

@@ -44,7 +44,10 @@ def infinite_slopes(program: Program) -> list[Diagnostic]:
     for node, made in graph:
         for argument, at in _arguments(graph, made, ranges):
             if made.span is None:
+                # without a place in the spec there is nothing to underline
                 continue
+            # which conditions guard a node is a walk over the graph: most specs have nothing that
+            # is steep
             guards = _guards(program) if guards is None else guards
             reached = _reached(graph, argument, at, ranges, guards[node])
             found = None if reached is None else _Singular(made, at, reached)
@@ -79,6 +82,7 @@ def _arguments(
             yield node.args[0], (0.0,)
         case Apply("pow") if not _is_flat(graph, node.args[0]):
             exponent = ranges.of(node.args[1])
+            # x^y is steep at 0 for y < 1; y = 0 is the constant 1
             if exponent.low < 1.0 and (exponent.low, exponent.high) != (0.0, 0.0):
                 yield node.args[0], (0.0,)
         # what is clipped to where they are defined stands on the bound by chance alone
@@ -97,6 +101,8 @@ def _is_flat(graph: Graph, node: NodeId) -> bool:
         case Constant(values):
             return min(values, default=0.0) >= 0.0
         case Multiply():
+            # x·x and |x|, scaled and summed: √ of them is steep at 0, but their own slope is 0
+            # there, and the product counts as 0 (decision 0184)
             left, right = made.args
             scaled = any(isinstance(graph[arg].op, Constant) for arg in made.args)
             return left == right or (scaled and _is_flat(graph, left) and _is_flat(graph, right))
@@ -117,6 +123,7 @@ def _reached(
 ) -> Interval | None:
     """What the argument can be, if that has a singular value and follows from declared ranges."""
     found = ranges.of(argument)
+    # follows from no declared range: whatever is said would be a guess
     if not found.of or not any(map(found.has, at)):
         return None
     given: dict[NodeId, Interval] = {}
@@ -134,11 +141,13 @@ def _guards(program: Program) -> dict[NodeId, frozenset[_Guard]]:
     for loss in program.losses:
         results += loss.nodes
     found = dict.fromkeys(results, frozenset[_Guard]())
+    # users have larger numbers than what they use: backwards, all of a node's users are known
     for node in reversed(range(len(graph))):
         made, own = graph[node], found.setdefault(node, frozenset())
         for position, arg in enumerate(made.args):
             chosen = isinstance(made.op, Select) and position > 0
             here = own | {(made.args[0], position == 1)} if chosen else own
+            # of several users only what holds for all of them
             found[arg] = found[arg] & here if arg in found else here
     return found
 

@@ -55,6 +55,7 @@ def total(a: Interval, b: Interval) -> Interval:
 
 
 def product(a: Interval, b: Interval) -> Interval:
+    # of the four products of ends the least and the largest are those of the intervals
     ends = [_times(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
     found = _between(ends, a, b)
     # however large a factor can be: where the other one is 0 the product is
@@ -63,11 +64,13 @@ def product(a: Interval, b: Interval) -> Interval:
     return replace(found, of=found.of or zero, nonzero=nonzero)
 
 
+# not `product(x, x)`: of −1 … 1 that would be −1 … 1, the square of one number is 0 … 1
 def square(x: Interval) -> Interval:
     return product(magnitude(x), magnitude(x))
 
 
 def quotient(a: Interval, b: Interval) -> Interval:
+    # a divisor that comes near 0 makes the quotient as large as one likes
     if b.low <= 0.0 <= b.high:
         return ANYTHING
     return product(a, _between([1.0 / b.low, 1.0 / b.high], b))
@@ -75,6 +78,7 @@ def quotient(a: Interval, b: Interval) -> Interval:
 
 def magnitude(x: Interval) -> Interval:
     ends = (abs(x.low), abs(x.high))
+    # 0 is the least magnitude where both signs are possible
     low = 0.0 if x.low <= 0.0 <= x.high else min(ends)
     return replace(_between([low, max(ends)], x), nonzero=x.nonzero)
 
@@ -105,6 +109,7 @@ def of_function(function: str, x: Sequence[Interval]) -> Interval:
     if function in _MONOTONE:
         low, high = _MONOTONE[function]
         meaning = SCALAR_FUNCTIONS[function].numpy
+        # ends outside are where the function is not defined: NaN is no value of the formula
         inside = [min(max(end, low), high) for end in (x[0].low, x[0].high)]
         with np.errstate(all="ignore"):
             ends = [float(meaning(np.float64(end))) for end in inside]
@@ -116,10 +121,12 @@ def of_function(function: str, x: Sequence[Interval]) -> Interval:
 
 def _wave(function: str, x: Interval) -> Interval:
     """Of sine and cosine: their ends, and the extrema between them."""
+    # an interval without end has all phases
     if not math.isfinite(x.high - x.low):
         return Interval(-1.0, 1.0)
     ends = [float(SCALAR_FUNCTIONS[function].numpy(np.float64(end))) for end in (x.low, x.high)]
     for peak, value in ((_PEAKS[function], 1.0), (_PEAKS[function] + math.pi, -1.0)):
+        # the first such phase that is not before the interval
         next_one = peak + math.ceil((x.low - peak) / (2.0 * math.pi)) * 2.0 * math.pi
         ends += [value] if next_one <= x.high else []
     return _between(ends, x)
@@ -147,11 +154,13 @@ _MONOTONE = {
 _BOUNDED = {"atan2": (-math.pi, math.pi), "cosh": (1.0, math.inf)}
 
 
+# a power with an exponent that moves is only known to be at least 0 on a base that is
 def _power(base: Interval, exponent: Interval) -> Interval:
     if exponent.low != exponent.high:
         return Interval(low=0.0) if base.low >= 0.0 else ANYTHING
     y = exponent.low
     if base.low < 0.0:
+        # an even power is that of the magnitude; of other exponents a negative base has none
         even = y > 0.0 and y % 2.0 == 0.0
         return _power(magnitude(base), exponent) if even else ANYTHING
     with np.errstate(all="ignore"):
@@ -159,6 +168,7 @@ def _power(base: Interval, exponent: Interval) -> Interval:
     return _between(ends, base)
 
 
+# 0 · ∞ is NaN in IEEE arithmetic; here an infinite end says `however large`
 def _times(a: float, b: float) -> float:
     """0 times whatever is 0: infinite ends stand for large numbers."""
     return 0.0 if a == 0.0 or b == 0.0 else a * b
@@ -166,6 +176,7 @@ def _times(a: float, b: float) -> float:
 
 def _between(ends: Sequence[float], *made_of: Interval) -> Interval:
     """From the least end to the largest; a value without end follows from nobody's range."""
+    # ∞ − ∞: nothing is known of the end
     if any(math.isnan(end) for end in ends):
         return ANYTHING
     low, high = min(ends), max(ends)

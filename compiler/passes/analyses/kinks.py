@@ -31,6 +31,7 @@ def kinks(program: Program) -> dict[NodeId, Kink]:
     found: dict[NodeId, Kink] = {}
     for index, node in graph:
         for word, distance in _distances(graph, node, ranges):
+            # √ has its kink at the end of where it is defined, all others between two sides
             touches = distance.low <= 0.0 if word == "sqrt" else distance.low < 0.0
             if distance.of and touches and distance.high > 0.0:
                 found.setdefault(index, Kink(index, word, distance))
@@ -40,6 +41,7 @@ def kinks(program: Program) -> dict[NodeId, Kink]:
 def compared(graph: Graph, condition: NodeId) -> tuple[NodeId, NodeId] | None:
     """The two values of which a condition says which is larger."""
     node = graph[graph.unrepeated(condition)]
+    # a value compared with itself decides nothing by its size
     if not isinstance(node.op, Compare) or node.args[0] == node.args[1]:
         return None
     left, right = node.args

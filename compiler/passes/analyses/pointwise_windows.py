@@ -43,6 +43,8 @@ def samplewise(graph: Graph, buffers: frozenset[str], *, parameters: bool) -> Sa
             case ops.Constant():
                 fixed.add(index)
             case ops.ReadParameter():
+                # a parameter that training still moves would have to move what the buffer remembers
+                # too
                 if parameters:
                     fixed.add(index)
             case ops.Window(name) | ops.ReadState(name):
@@ -107,6 +109,7 @@ def _ancestors(graph: Graph, wanted: list[NodeId], work: Samplewise) -> list[Nod
         index = wanted.pop()
         if index not in found:
             found.add(index)
+            # fixed nodes and windows are ends: what they are made of is not asked for
             if index not in work.fixed and not isinstance(graph[index].op, ops.Window):
                 wanted += graph[index].args
     return sorted(found)

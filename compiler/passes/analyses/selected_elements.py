@@ -77,6 +77,7 @@ class SelectedElements:
         if isinstance(node.op, ops.ReadParameter):
             wanted = dict(selection)
             for at, axis in enumerate(node.type.axes):
+                # None where a place needs the whole of an axis
                 asked.setdefault((node.op.name, at), set()).add(wanted.get(axis.name))
         for arg, operand in zip(node.args, self._operands(index, selection), strict=False):
             self._needed[arg][operand] = None
@@ -88,6 +89,7 @@ class SelectedElements:
             case ops.Reduction(axis):
                 terms = self._terms(index)
                 if terms == ():
+                    # nothing of its operands is needed: it is 0
                     return []
                 rows = self._rows(index, selection)
                 inner = rows if terms is None else rows | {(axis, terms)}
@@ -102,6 +104,8 @@ class SelectedElements:
                 return [frozenset((old[axis], kept) for axis, kept in selection)]
             case ops.Slice(axis, start, _):
                 moved = {a: _moved(kept, start) if a == axis else kept for a, kept in selection}
+                # the slice takes its part of the operand: wanted elements are counted from the
+                # operand's first
                 return [frozenset(moved.items())]
             case ops.Concat(axis):
                 return self._parts(node, axis, selection)
@@ -132,6 +136,8 @@ class SelectedElements:
         for arg in node.args:
             size = _size(self._graph[arg], axis)
             own = tuple(i - begin for i in kept if begin <= i < begin + size)
+            # a part of which nothing is kept is asked whole, and then left out of the new array:
+            # its shape is not that of nothing
             whole = len(own) in (0, size)
             found.append(rest if whole else rest | {(axis, own)})
             begin += size
@@ -180,6 +186,7 @@ class SelectedElements:
         axes = _axes(node, chosen)
         zero = builder.constant(0.0, unit=node.type.unit)
         rows = dict(self._rows(index, selection))
+        # a sum without terms is 0, and there is no operation for it
         if not args or not all(rows.values()):
             return builder.broadcast(zero, axes)
         found = builder.emit(
@@ -200,6 +207,7 @@ class SelectedElements:
     ) -> NodeId:
         kept = chosen.get(axis)
         if kept is None:
+            # concatenation of one operand is the operand
             return builder.concat(args, axis) if len(args) > 1 else args[0]
         begin = 0
         used: list[NodeId] = []
@@ -239,6 +247,7 @@ def _parameter(
 ) -> NodeId:
     named = [axis.name for axis in node.type.axes]
     cut = {axis: cuts[name, at] for at, axis in enumerate(named) if (name, at) in cuts}
+    # what is cut from the file of weights is not cut here again
     found = builder.parameter(name, node.type.with_axes(_axes(node, cut)))
     return _gathered(builder, found, {a: kept for a, kept in chosen.items() if a not in cut})
 
@@ -250,6 +259,7 @@ def _samples(
     chosen: Mapping[str, Kept],
 ) -> NodeId:
     """Samples of a signal, read no farther back than they are needed."""
+    # between its oldest and newest needed sample a window stays without holes: ports are windows
     oldest, newest = chosen[WINDOW][0], chosen[WINDOW][-1]
     near = {WINDOW: tuple(range(oldest, newest + 1))}
     # a window that reads less of the past needs less memory in what is exported
@@ -265,6 +275,7 @@ def _gathered(builder: GraphBuilder, value: NodeId, chosen: Mapping[str, Kept]) 
     return value
 
 
+# zeros come back where a sum of nothing stands between others
 def _spread(builder: GraphBuilder, value: NodeId, axis: str, wanted: Kept, kept: Kept) -> NodeId:
     """The kept elements at their places among the wanted ones, zeros at the others."""
     if wanted == kept:

@@ -13,6 +13,7 @@ from compiler.ir.program import Graph, History, Node, NodeId, Parameter, Program
 from compiler.passes.analyses import intervals
 from compiler.passes.analyses.intervals import ANYTHING, Interval
 
+# bounds are raw variables' limits: a sigmoid reaches them at ∞ only
 _OPEN = 1e-9
 """Bounds of learned parameters are not reached: they end so far before, relatively."""
 
@@ -36,6 +37,7 @@ class ValueRanges:
     def _found(
         self, wanted: NodeId, given: Mapping[NodeId, Interval], known: dict[NodeId, Interval]
     ) -> Interval:
+        # a stack of its own: expressions are deeper than Python lets functions nest
         waiting = [wanted]
         while waiting:
             node = waiting[-1]
@@ -44,6 +46,7 @@ class ValueRanges:
                 made = self._graph[node]
                 found = self._interval(made, [known[arg] for arg in made.args])
                 for limit in (self._expected.get(node), given.get(node)):
+                    # an equation with a range is assumed to keep it (decision 0120)
                     found = found if limit is None else found.within(limit)
                 known[node] = found
             if node in known:
@@ -61,6 +64,7 @@ class ValueRanges:
             case ops.ReadSignal(name) | ops.ReadLog(name):
                 return self._signals.get(name, ANYTHING)
             case ops.ReadState(name):
+                # a buffer holds samples of its source: they are in the same range
                 return self._signals.get(self._buffers[name], ANYTHING)
             case ops.Window(name):
                 past = self._signals.get(self._buffers[name], ANYTHING)
@@ -112,6 +116,7 @@ def holding(
 ) -> dict[NodeId, Interval]:
     """What is known of the operands of a comparison where it holds, or where it does not."""
     node = graph[condition]
+    # a condition is repeated where its branches have more axes
     while isinstance(node.op, ops.Broadcast):
         node = graph[node.args[0]]
     if not isinstance(node.op, ops.Compare):
@@ -123,11 +128,13 @@ def holding(
     strict = relation in (ops.Relation.LESS, ops.Relation.GREATER)
     most, fewest = ranges.of(right).high, ranges.of(left).low
     found: dict[NodeId, Interval] = {}
+    # strictly less: the largest number before the other one
     _add(graph, found, left, Interval(high=math.nextafter(most, -math.inf) if strict else most))
     _add(graph, found, right, Interval(low=math.nextafter(fewest, math.inf) if strict else fewest))
     return found
 
 
+# for numbers; of NaN neither relation holds, and NaN follows from no range
 _OTHERWISE = {
     ops.Relation.LESS: ops.Relation.GREATER_EQUAL,
     ops.Relation.LESS_EQUAL: ops.Relation.GREATER,
@@ -142,6 +149,7 @@ def _add(graph: Graph, found: dict[NodeId, Interval], node: NodeId, known: Inter
     found[node] = known.within(found.get(node, ANYTHING))
     made = graph[node]
     if isinstance(made.op, ops.Broadcast):
+        # what holds of repeated values holds of the value
         _add(graph, found, made.args[0], known)
     even = isinstance(made.op, ops.Multiply) and made.args[0] == made.args[1]
     if known.low > 0.0 and (made.op == ops.Apply("abs") or even):
@@ -169,6 +177,7 @@ def _source(name: str, origin: object) -> str:
 def _of_parameter(parameter: Parameter) -> Interval:
     """Its bounds, which are open, else its initial value: it is declared for the time being."""
     if not parameter.learn or (parameter.minimum is None and parameter.maximum is None):
+        # training may move it, but a check before training knows no better number
         return _of_numbers(parameter.initial)
     low = -math.inf if parameter.minimum is None else parameter.minimum
     high = math.inf if parameter.maximum is None else parameter.maximum
@@ -180,4 +189,5 @@ def _of_numbers(values: tuple[float, ...]) -> Interval:
     numbers = np.asarray(values, float)
     if not numbers.size or np.isnan(numbers).any():
         return ANYTHING
+    # 0 lies between −1 and 2 without being one of them
     return Interval(float(numbers.min()), float(numbers.max()), nonzero=bool(numbers.all()))

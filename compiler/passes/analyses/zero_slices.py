@@ -35,11 +35,13 @@ def _zeros(
         case ops.ReadParameter(name) if name in arrays:
             value = arrays[name]
             return {
+                # NaN != 0 is true: what is not a number is not left out
                 axis.name: ~np.moveaxis(value != 0.0, at, 0).reshape(axis.size, -1).any(axis=1)
                 for at, axis in enumerate(node.type.axes)
             }
         case ops.Multiply():
             return _either(*of)
+        # a sum is 0 where all of its terms are, a product where any factor is
         case ops.Add() | ops.Subtract():
             left, right = of
             return {axis: left[axis] & right[axis] for axis in left.keys() & right.keys()}
@@ -63,6 +65,7 @@ def contracted_zeros(graph: Graph, node: NodeId, found: list[ZerosOfAxes]) -> Bo
     """The terms of a sum or contraction that are 0; None where none is."""
     op = graph[node].op
     assert isinstance(op, ops.Reduction)
+    # a term that is 0 in any operand adds nothing
     zeros = [found[arg][op.axis] for arg in graph[node].args if op.axis in found[arg]]
     return np.any(zeros, axis=0) if zeros else None
 
@@ -71,5 +74,6 @@ def renamed(graph: Graph, node: Node) -> dict[str, str] | None:
     """The new name of each axis where a reshape does nothing but rename them."""
     before, after = graph[node.args[0]].type.axes, node.type.axes
     if [axis.size for axis in before] != [axis.size for axis in after]:
+        # other lengths mix elements: which slice is 0 cannot be said any more
         return None
     return {old.name: new.name for old, new in zip(before, after, strict=True)}

@@ -39,6 +39,7 @@ def _guarded(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
         with builder.at(node.span):
             made = _Guard(builder, node, args).result()
         copies[index] = copy_node(builder, node, args) if made is None else made
+        # a label is the spec's name for a value: what stands in its place keeps it
         if node.label is not None:
             builder.name(copies[index], node.label)
     return builder.graph(), copies
@@ -53,6 +54,7 @@ class _Guard:
     def result(self) -> NodeId | None:
         """What stands for the operation; None where its slopes are finite."""
         b, args = self._b, self._args
+        # decided by structure, such as x² + 1: where nothing can be 0 no guard is needed
         never_zero = b.infinite_values.is_never_zero
         match self._node.op:
             case Divide() if not b.infinite_values.divides(args[1]):
@@ -76,6 +78,7 @@ class _Guard:
 
     def _split(self, position: int, there: NodeId, value: Callable[[], NodeId]) -> NodeId:
         """The value there, elsewhere the operation."""
+        # elsewhere the operation with a harmless operand: libraries differentiate both branches
         b, args = self._b, list(self._args)
         type = b.type(args[position])
         args[position] = b.emit(Select(), (there, self._number(_SAFE), args[position]), type)
@@ -86,14 +89,17 @@ class _Guard:
         """±∞ by the signs of both, NaN for 0/0 and NaN."""
         b, (above, below) = self._b, self._args
         # no comparison tells −0 from 0, 1/x does
+        # 1/−0 is −∞
         sign_of_zero = self._is_positive(b.divide(self._number(1.0), below))
         infinity = self._chosen(sign_of_zero, math.inf, -math.inf)
+        # 1/x falls on both sides of 0
         falling = b.negate(self._steep(below))
         positive = b.add(infinity, falling)
         negative = b.negate(positive)
         known = b.select(
             b.compare(Relation.LESS, above, self._number(0.0)), negative, self._number(math.nan)
         )
+        # NaN is neither positive nor negative: 0/0 and NaN end at NaN
         return b.select(self._is_positive(above), positive, known)
 
     def _power(self) -> NodeId:
@@ -103,7 +109,9 @@ class _Guard:
         below_zero = b.compare(Relation.LESS, exponent, zero)
         pole = b.subtract(self._number(math.inf), self._steep(base))
         flat = b.select(b.compare(Relation.LESS_EQUAL, exponent, one), base, zero)
+        # 0ʸ for 0 < y < 1 is a root, and steep; y = 1 is the base itself
         root = b.select(b.compare(Relation.LESS, exponent, one), self._steep(base), flat)
+        # 0⁰ = 1, and 0ʸ jumps to 0 for y > 0: the slope by the exponent is −∞
         at_zero = b.subtract(self._number(1.0), self._steep(exponent))
         not_positive = b.select(below_zero, pole, at_zero)
         return b.select(self._is_positive(exponent), root, not_positive)
@@ -111,6 +119,7 @@ class _Guard:
     def _arc(self) -> NodeId:
         b, x = self._b, self._args[0]
         right = self._is_positive(x)
+        # beyond ±1 is NaN by the operation itself; at ±1 the distance is 0 and its slope `STEEP`
         beyond = self._steep(b.subtract(x, self._chosen(right, 1.0, -1.0)))
         if self._node.op == Apply("asin"):
             return b.add(self._chosen(right, math.pi / 2, -math.pi / 2), beyond)
@@ -122,6 +131,7 @@ class _Guard:
         if math.isfinite(value):
             number = b.constant(value, unit=None)
         else:
+            # 1/0, −1/0 and 0/0 are what C, torch and CasADi make of them, too
             above = 0.0 if math.isnan(value) else math.copysign(1.0, value)
             number = b.divide(b.constant(above, unit=None), b.constant(0.0, unit=None))
         return b.broadcast(number, self._node.type.axes)
@@ -131,6 +141,7 @@ class _Guard:
         return self._b.multiply(self._number(STEEP), value)
 
     def _is_zero(self, value: NodeId) -> NodeId:
+        # not x == 0: IR has no equality, and |x| ≤ 0 is false for NaN
         return self._b.compare(Relation.LESS_EQUAL, self._b.apply("abs", value), self._number(0.0))
 
     def _is_positive(self, value: NodeId) -> NodeId:

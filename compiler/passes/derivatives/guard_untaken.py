@@ -42,6 +42,7 @@ def guard_untaken(program: Program) -> Program:
         where(x > 0, sqrt(x), 0)
         where(x > 0, sqrt(where(x > 0, x, 0.5)), 0)
     """
+    # start and step are graphs of their own: what guards the one says nothing of the other
     roots = [output.node for output in program.outputs]
     roots += [state.next for state in program.states]
     roots += [node for loss in program.losses for node in loss.nodes]
@@ -60,6 +61,7 @@ def guarded(graph: Graph, roots: Iterable[NodeId]) -> tuple[GraphBuilder, dict[N
     for index in _order(graph, guards, roots):
         node, guard = graph[index], guards[index]
         args = tuple(copies[arg] for arg in node.args)
+        # only what can be infinite: a guard costs an operation, and 0 times a finite slope is 0
         if guard and _is_singular(node.op):
             conditions = [(copies[condition.node], condition.holds) for condition in guard]
             args = _harmless(builder, node, args, conditions)
@@ -79,6 +81,7 @@ def _harmless(
     for arg in args[len(kept) :]:
         type = builder.type(arg)
         safe = builder.broadcast(builder.constant(SAFE), type.axes)
+        # from the inner condition to the outer one: each chooses between what the one inside leaves
         for condition, holds in reversed(conditions):
             wide = builder.broadcast(condition, type.axes)
             branches = (arg, safe) if holds else (safe, arg)
@@ -95,6 +98,7 @@ def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
         guards[root] = ()
     for index in reversed(range(len(graph))):
         node, guard = graph[index], guards[index]
+        # nothing that counts is made of it
         if guard is None:
             continue
         for place, arg in enumerate(node.args):
@@ -102,6 +106,8 @@ def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
             if isinstance(node.op, Select) and place > 0:
                 # an operand of a `where` is used where the condition holds, or where it does not
                 condition = BranchCondition(graph.unrepeated(node.args[0]), place == 1)
+                # the same condition again, further in, decides: the outer one is contradicted or
+                # repeated
                 under = (*(c for c in guard if c.node != condition.node), condition)[-LONGEST:]
             under = tuple(
                 c for c in under if _reaches(graph[c.node].type.axes, node.op, graph[arg].type.axes)
@@ -115,6 +121,7 @@ def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
 def _reaches(condition: tuple[Axis, ...], op: Op, operand: tuple[Axis, ...]) -> bool:
     """Whether a condition on the elements of a value is one on those of its operand too."""
     match op:
+        # after a reshape the elements of a condition with axes stand elsewhere
         case Reshape():
             return not condition
         case Slice(axis) | Concat(axis):
@@ -137,6 +144,8 @@ def _order(graph: Graph, guards: list[Guard | None], roots: list[NodeId]) -> lis
     order: list[NodeId] = []
     placed = [False] * len(graph)
     for root in roots:
+        # a stack of its own, as graphs are deeper than Python nests; a node is ready when it is met
+        # again
         stack = [(root, False)]
         while stack:
             index, ready = stack.pop()

@@ -54,6 +54,7 @@ def smooth_kinks(program: Program) -> Program:
     copies: dict[NodeId, NodeId] = {}
     for index, node in graph:
         made: NodeId | None = None
+        # smooth where the kink is in reach; anything else keeps its bits
         if index in found and not (isinstance(node.op, Select) and _is_kept(graph, node, found)):
             with builder.at(node.span):
                 smooth = _Smooth(builder, node.type.axes, _width(found[index].distance))
@@ -99,6 +100,7 @@ def _smoothed(
             condition = graph[graph.unrepeated(node.args[0])].op
             assert isinstance(condition, Compare)
             left, right = (copies[side] for side in sides)
+            # `left > right` chooses the first branch: other relations are turned round
             if condition.relation in (Relation.LESS, Relation.LESS_EQUAL):
                 left, right = right, left
             made = smooth.chosen(left, right, args[1], args[2])
@@ -111,6 +113,7 @@ def _smoothed(
 
 def _width(distance: Interval) -> float:
     largest = max(abs(distance.low), abs(distance.high))
+    # without a range the width is absolute
     return WIDTH * (largest if math.isfinite(largest) else 1.0)
 
 
@@ -147,6 +150,7 @@ class _Smooth:
 
     def magnitude(self, x: NodeId) -> NodeId:
         b = self.builder
+        # √(d² + w²) is never 0, so that its slopes are finite everywhere
         squares = b.add(b.multiply(x, x), self._number(self.width * self.width))
         return b.apply("sqrt", squares)
 
@@ -170,6 +174,7 @@ class _Smooth:
         """`then` where left > right."""
         b = self.builder
         ahead = b.broadcast(b.subtract(left, right), self.axes)
+        # half of 1 + sign: 0 far on the one side, 1 far on the other, and 1/2 on the edge
         share = b.multiply(self._number(0.5), b.add(self._number(1.0), self.sign(ahead)))
         return b.add(otherwise, b.multiply(share, b.subtract(then, otherwise)))
 

@@ -45,6 +45,7 @@ def _dropped(graph: Graph, names: Collection[str]) -> tuple[Graph, dict[NodeId, 
             args = tuple(copies[arg] for arg in node.args)
             match node.op:
                 case ops.Add() if any(of):
+                    # one operand left: an addition of 0 could only turn −0 to +0
                     copies[index] = args[of.index(False)]
                 case ops.Subtract() if any(of):
                     copies[index] = args[0] if of[1] else builder.negate(args[1])
@@ -60,6 +61,7 @@ def _is_zero(node: Node, of: list[bool], names: Collection[str]) -> bool:
             return name in names
         case ops.Multiply() | ops.Contract():
             return any(of)
+        # 0/x is 0, also where x could be 0: finite values are assumed
         case ops.Divide():
             return of[0]
         case (
@@ -75,4 +77,5 @@ def _is_zero(node: Node, of: list[bool], names: Collection[str]) -> bool:
         ):
             return all(of)
         case _:
+            # exp(0), for instance, is 1
             return False

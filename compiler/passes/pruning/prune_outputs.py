@@ -29,15 +29,18 @@ def prune_outputs(program: Program, names: Iterable[str]) -> Program:
             raise KeyError(name)
     outputs = tuple(output for output in program.outputs if output.name in wanted)
     kept = {submodel for output in outputs for submodel in output.needs}
+    # a state whose `next` needs a sub-model that no output keeps cannot be stepped any more
     measured = {state.name: state for state in program.states if not kept.issuperset(state.needs)}
     pruned = drop_unused(replace(program, outputs=outputs, losses=()))
     ports = [measured[state.name] for state in pruned.states if state.name in measured]
+    # once more: what only the next values of measured states needed is unused now
     return drop_unused(_with_ports(pruned, ports)) if ports else pruned
 
 
 def _with_ports(program: Program, states: list[State]) -> Program:
     names = {state.name for state in states}
     logged = [signal for signal in program.signals if signal.name not in names]
+    # a state of this step is the sample t of a port (R13)
     nodes = tuple(_measured(node, names) for node in program.step.nodes)
     return replace(
         program,

@@ -54,6 +54,7 @@ def prune_zero_slices(
     asked: Asked = {}
     step = SelectedElements(program.step, values, _roots(program), asked)
     start = SelectedElements(program.start, values, [s.start for s in program.states], asked)
+    # an array is cut where all of its readers agree: a file of weights has one shape
     cuts = {
         place: next(iter(kept))
         for place, kept in asked.items()
@@ -64,7 +65,9 @@ def prune_zero_slices(
     small = with_step(small, *step.rebuilt(chosen))
     small = with_start(small, *start.rebuilt(chosen))
     parameters = tuple(_cut(parameter, chosen) for parameter in program.parameters)
+    # expected values of a graph that is built anew are those that are still whole
     small = replace(small, parameters=parameters, expected=step.expected(program.expected))
+    # zeros that were spread may meet what folds them away
     small = drop_unused(share_common(fold_constants(small)))
     left = {parameter.name for parameter in small.parameters}
     found = [

@@ -45,10 +45,13 @@ class MovingHorizon:
         self,
         problem: EstimationProblem,
         weights: Mapping[str, ArrayLike],
+        # each is what was known at the first sample of the window, before it: not yet what was
+        # measured
         method: Callable[[ControlProblem, HorizonFunctions], Method],
     ) -> None:
         """`method` solves the problem of a window."""
         self.problem = problem
+        # where a window fails, its estimate stands
         self.filter = KalmanFilter(problem, weights)
         """It runs along."""
         self._arrival = KalmanFilter(problem, weights)
@@ -88,6 +91,7 @@ class MovingHorizon:
         `inputs` at t are wanted where measured outputs read them. Raises ValueError where one of
         these is missing, and for a name or a shape that the problem does not have.
         """
+        # first: where it refuses, the window has no new sample
         filtered = self.filter.correct(measured, inputs)
         self.found = None
         if filtered.status in _REFUSED:
@@ -96,9 +100,12 @@ class MovingHorizon:
         self._data.measure({name: np.asarray(v, float) for name, v in measured.items()})
         self._data.give({name: np.asarray(v, float) for name, v in (inputs or {}).items()})
         self._learn_pasts()
+        # bounds hold at the start too; noise of 0 then keeps them
         start = self.filter.within(self._arrival.vector)
+        # again at each sample: the arrival filter moved
         self._data.begin(spread_of(self._arrival.covariance, self._window.uncertain))
         held = {
+            # what is not previewed is one row, the same at every stage
             name: values if len(values) > 1 else np.repeat(values, self.control.horizon + 1, axis=0)
             for name, values in self._data.references.items()
         }
@@ -106,14 +113,17 @@ class MovingHorizon:
         limits = self._functions.limits(self.given)
         allowed = ControlRange(self._functions, limits, start)
         found = self._method.solve(self.given, allowed, self._functions.resting)
+        # the window ends at t: its last state is the estimate
         newest = found.plan.states[-1]
         status = _OF_SOLVES.get(found.status)
         if status is None or not np.all(np.isfinite(newest)):
+            # what ran away is no plan to begin the next solve at
             self._method.forget(None)
             self._before = None
             self.vector = self.filter.vector.copy()
             return self._told(filtered, FilterStatus.DIVERGED)
         self.found = found
+        # slopes of the arrival filter are taken where the window saw the sample that leaves
         self._before = found.plan.states[_FIRST].copy()
         self.vector = self.filter.within(newest)
         return self._told(filtered, status)
@@ -129,6 +139,7 @@ class MovingHorizon:
             return status
         self._data.give({name: np.asarray(v, float) for name, v in (inputs or {}).items()})
         self._learn_pasts()
+        # a window whose first sample cannot be passed begins anew, with what the filter knows
         if self._data.is_full and not self._passes_first():
             self._arrival.take(self.filter)
             self._data.advance()
@@ -172,9 +183,11 @@ class MovingHorizon:
 
     def _learn_pasts(self) -> None:
         """Registers of past samples that the first inputs have filled."""
+        # only before the first step: later ones carry registers on themselves
         if self._data.count == 0 and not np.array_equal(
             self._arrival.is_known, self.filter.is_known
         ):
+            # what the caller gave stays
             registers = [name for name in self.problem.registers if name not in self._x]
             values = by_name(self.numbers, self.filter.vector[None])
             known = by_name(self.numbers, self.filter.is_known[None])

@@ -39,6 +39,7 @@ class WindowData:
         for signal, value in measured.items():
             seen = ~np.isnan(value)
             kept = self.references[self._window.measured(signal)]
+            # a number that is measured twice keeps the newer value
             kept[-1] = np.where(seen, value, kept[-1])
             marks = self.references[self._window.seen(signal)]
             marks[-1] = np.where(seen, 1.0, marks[-1])
@@ -47,6 +48,8 @@ class WindowData:
         """Takes inputs of the newest sample; the first ones stand for all before them too."""
         for name, value in inputs.items():
             kept = self.references[self._window.inputs[name]]
+            # stages before the window's first sample are evaluated too, and need inputs that are
+            # finite
             kept[-1 if self._is_given else slice(None)] = value
         self._is_given = self._is_given or bool(inputs)
 
@@ -62,17 +65,20 @@ class WindowData:
 
     def advance(self) -> None:
         """Goes on by a sample: of the next one nothing is measured yet, inputs are as before."""
+        # previewed references are the samples; the others are of the whole window
         for name, values in self.references.items():
             if name in self._window.control.previewed:
                 values[:-1] = values[1:].copy()
         for name in self._signals():
             self.references[self._window.measured(name)][-1] = 0.0
             self.references[self._window.seen(name)][-1] = 0.0
+        # once full, the window keeps its length and moves
         self.count = min(self.count + 1, self._last - 1)
 
     def begin(self, spread: Array) -> None:
         """Marks where the window starts, and how its first sample may be off."""
         stages = np.arange(self._last + 1)
+        # ξ_0 = x̄ + S v is the step from the stage before the first sample
         self.references[STARTS][:] = stages == self.first - 1
         self.references[RUNS][:] = stages >= self.first
         self.references[SPREAD][0] = spread

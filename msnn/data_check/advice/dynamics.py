@@ -26,6 +26,7 @@ def dynamics_findings(system: CheckedSystem) -> Iterator[Diagnostic]:
             share=dependence.share,
         )
     for channel, found in zip(system.inputs, system.about.excitation, strict=True):
+        # an input without excitation stands still, which is said of the column
         if found is not None and found.weak:
             yield errors.weak_excitation(
                 input=channel.name,
@@ -45,11 +46,13 @@ def highest_frequency(found: Excitation, step: float) -> float:
 
 def _target(system: CheckedSystem, target: CheckedTarget) -> Iterator[Diagnostic]:
     found, name = target.found, target.channel.name
+    # of an input that stands still nothing can be answered
     moving = [i for i, excites in enumerate(system.about.excitation) if excites is not None]
     if not moving or not target.moves:
         return
     if found.responses is None:
         needed = _needed(len(system.inputs))
+        # too little for a long model, from which everything else follows
         yield too_few_rows(rows=found.rows, longest=found.longest, needed=needed, of=name)
         return
     for number, share in enumerate(found.feedback):
@@ -57,6 +60,7 @@ def _target(system: CheckedSystem, target: CheckedTarget) -> Iterator[Diagnostic
             yield errors.closed_loop_data(
                 input=system.inputs[number].name, signal=name, share=share
             )
+    # an input that excites little may have an answer that nobody sees
     told = [i for i in moving if _told(system, i)]
     if told and all(found.delays[i] is None for i in told):
         yield errors.no_response(

@@ -40,6 +40,7 @@ def reading_findings(model: Model, system: CheckedSystem) -> Iterator[Diagnostic
 
 def _sampling(target: CheckedTarget, constants: TimeConstants, step: float) -> Iterator[Diagnostic]:
     rows = constants.slowest
+    # the slowest motion decides whether too slow, the fastest whether too fast
     if constants.slowest < _FEWEST or constants.fastest > _MOST:
         every = round(constants.fastest / _USUAL) if constants.fastest > _MOST else None
         yield errors.sampling_of_system(
@@ -59,6 +60,8 @@ def _delays(
         ahead = output.predicts.ahead
         newest = ahead - delay
         # later than t + ahead − delay nothing is answered yet; t is the latest that is known
+        # of what lies in the future only t is known: an output that reads t then reads the latest
+        # there is
         if (newest < 0 and extent.last > newest) or (newest > 0 and extent.last < newest):
             yield errors.delayed_response(
                 signal=target.channel.name,
@@ -75,6 +78,7 @@ def _window(
     """Of an output without memory: what it reads of an input must hold the response."""
     found = target.found.responses
     read = reads(model.program.step, [output.node])
+    # what remembers, or reads its own past, needs no window that long
     if found is None or model.program.states or target.channel.signal.name in read:
         return
     for number, channel in enumerate(system.inputs):
@@ -85,6 +89,7 @@ def _window(
         constants = target.found.constants
         rows = settled if settled is not None else constants.settling if constants else None
         window = extent.last - extent.first + 1
+        # what is predicted k ahead sees k rows of the response that its window lacks
         if rows is not None and window < rows - (output.predicts.ahead if output.predicts else 0):
             yield errors.short_window(
                 output=output.name,
@@ -116,8 +121,10 @@ def _horizon(model: Model, targets: Sequence[CheckedTarget]) -> Iterator[Diagnos
     ]
     longest: tuple[int, int] | None = None
     for plan in plan_stages(model.program, model.spec.train, Findings()):
+        # a rollout over an episode lasts as long as there are data
         if isinstance(plan.rollout.horizon, str):
             return
+        # of equal horizons the last stage: it decides the weights
         if longest is None or plan.rollout.horizon >= longest[0]:
             longest = plan.rollout.horizon, plan.index
     slowest, name = max(moving, default=(0.0, ""))

@@ -31,6 +31,7 @@ def sampling_findings(
     for found in checked.sampling:
         if found.repeated or found.backward:
             wrong = found.backward or found.repeated
+            # backward rows are the worse fault: they are told first
             yield errors.repeated_times(
                 file=found.file, count=len(wrong), row=wrong[0], backward=bool(found.backward)
             )
@@ -59,6 +60,7 @@ def sampling_findings(
 def signal_findings(checked: DatasetCheck) -> Iterator[Diagnostic]:
     """Of every column what its values show."""
     for one in checked.channels:
+        # a column without any value is told once, not by each check
         if one.found.missing == one.found.rows:
             if one.found.rows:
                 yield errors.constant_signal(
@@ -101,6 +103,7 @@ def _values(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
             place=rows.place(limit.first),
         )
     grid = found.quantisation
+    # few levels are switched: their steps are what somebody chose
     if grid is not None and grid.levels > FEW_LEVELS and grid.share > _COARSE:
         yield errors.coarse_steps(
             signal=name,
@@ -122,6 +125,7 @@ def _values(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
         )
     if signal.range is not None and found.low < found.high:
         least, most = signal.range
+        # how much of the declared range was seen; below 0 it lies outside, which reading has said
         share = (min(found.high, most) - max(found.low, least)) / (most - least)
         if 0 <= share < _LITTLE:
             yield errors.little_of_range(
@@ -139,6 +143,7 @@ def _constant(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
     """A series that stands still, in all records or in some of several."""
     values = one.channel.values
     still: list[tuple[str, float]] = []
+    # a signal may stand still in one record of several
     for record in rows.records:
         part = values[record.start : record.stop]
         known = part[np.isfinite(part)]

@@ -67,19 +67,25 @@ def fit_arx(pieces: Sequence[Piece], orders: ArxOrders) -> Arx | None:
         return None
     gram = np.zeros((count + 1, count + 1))
     for piece in pieces:
+        # blocks keep the memory at that of the numbers, whatever the record is long
         for first in range(orders.depth, len(piece), _AT_ONCE):
             table = _regressors(piece, orders, first, min(first + _AT_ONCE, len(piece)))
             gram += table.T @ table
+    # columns of unlike sizes: without scales the inverse would lose their digits
     scale = np.sqrt(np.diag(gram) / rows)
+    # a column that is 0 stays 0
     scale[scale == 0] = 1.0
     gram /= np.outer(scale, scale)
     left, right = gram[:-1, :-1], gram[:-1, -1]
+    # with the ridge it has an inverse even where inputs depend on each other
     inverse = np.linalg.inv(left + _RIDGE * rows * np.eye(count))
     found = inverse @ right
     squares = float(gram[-1, -1] - 2 * right @ found + found @ left @ found)
     # noise that the ridge stands for passes through the model to the residual
+    # Σe² by a difference of large numbers can come out below what rounding leaves
     squares = max(squares, _RIDGE * rows * (1 + float(found @ found))) * scale[-1] ** 2
     variance = squares / (rows - count)
+    # back to the units of the columns
     inverse *= variance / np.outer(scale[:-1], scale[:-1])
     found *= scale[-1] / scale[:-1]
     return Arx(
@@ -99,6 +105,7 @@ def _regressors(piece: Piece, orders: ArxOrders, first: int, stop: int) -> Float
     rows = stop - first
     columns: list[FloatArray] = []
     if orders.own:
+        # newest first, as polynomials in q⁻¹ count
         past = sliding_window_view(piece.output[first - orders.own : stop - 1], orders.own)
         columns.append(past[:rows, ::-1])
     for series in piece.inputs.T:

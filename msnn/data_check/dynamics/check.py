@@ -61,6 +61,7 @@ def check_target(
     found = responses(pieces) if count and _moves(pieces) else None
     delays: list[int | None] = []
     for number, excites in enumerate(about.excitation):
+        # without excitation an answer cannot be told from none
         told = found is not None and excites is not None and not excites.weak
         delays.append(found.delay(number) if found is not None and told else None)
     return TargetCheck(

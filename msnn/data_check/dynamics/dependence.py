@@ -31,13 +31,16 @@ def dependences(pieces: Sequence[Piece]) -> tuple[Dependence, ...]:
     if not pieces:
         return ()
     table = np.concatenate([piece.inputs for piece in pieces])
+    # an input that stands still depends on nothing
     deviation = np.std(table, axis=0)
     moving = np.flatnonzero(deviation > 0)
+    # three rows a number, or any table is a combination of others
     if len(moving) < 2 or len(table) < 3 * len(moving):
         return ()
     scaled = (table[:, moving] - table[:, moving].mean(axis=0)) / deviation[moving]
     correlation = scaled.T @ scaled / len(scaled)
     found: list[Dependence] = []
+    # the first one that moves is kept; each later one is compared with those kept
     kept = [0]
     for place in range(1, len(moving)):
         left, right = correlation[np.ix_(kept, kept)], correlation[kept, place]

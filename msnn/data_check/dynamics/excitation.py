@@ -57,6 +57,7 @@ def excitation(pieces: Sequence[Piece], number: int, step: float | None) -> Exci
     frequencies, power = _spectrum(series)
     if not np.sum(power) > 0:
         return None
+    # half of what is left out on each side
     total = np.cumsum(power) / np.sum(power)
     edge = (1 - _SHARE) / 2
     bands = np.array([np.mean(band) for band in np.array_split(power, min(_BANDS, len(power)))])
@@ -82,6 +83,7 @@ def _order(series: Sequence[FloatArray], step: float | None) -> int:
             rows += len(past)
     covariance /= rows
     sizes = np.linalg.eigvalsh(covariance)
+    # n ε λ₁ is what rounding leaves of an eigenvalue that is 0
     least = 10 * size * float(np.finfo(np.float64).eps) * float(sizes[-1])
     if step is not None:
         least = max(least, size * step**2 / 12)
@@ -95,12 +97,15 @@ def _tested(series: Sequence[FloatArray]) -> int:
 def _spectrum(series: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
     """Welch's mean of the spectra of overlapping windows (IEEE Trans. Audio 15, 1967)."""
     size = min(_LINES, max(map(len, series)))
+    # without its zeros at both ends
     window = np.hanning(size + 2)[1:-1]
     power, count = np.zeros(size // 2 + 1), 0
     for one in series:
+        # windows that overlap by half: each row counts about once
         for first in range(0, len(one) - size + 1, max(size // 2, 1)):
             part = one[first : first + size]
             power += np.abs(np.fft.rfft(window * (part - part.mean()))) ** 2
             count += 1
+    # both sides of a spectrum of real numbers, but for 0 and Nyquist
     power[1 : (size + 1) // 2] *= 2
     return np.arange(size // 2 + 1) / size, power / (count * size * np.sum(window**2))

@@ -30,8 +30,10 @@ def feedback(pieces: Sequence[Piece], number: int) -> float | None:
     where there is no feedback. The input's own past is much longer than the output's, or a periodic
     input would be predicted by what the system remembers of it.
     """
+    # turned round: the input is explained, the output explains
     turned = [Piece(piece.inputs[:, number], piece.output[:, None]) for piece in pieces]
     rows = rows_of(turned)
+    # a test with few rows a number finds feedback in chance
     own = min(_OWN, rows // (4 * _ROWS_A_NUMBER))
     if own < _OTHER:
         return None
@@ -41,9 +43,11 @@ def feedback(pieces: Sequence[Piece], number: int) -> float | None:
     )
     if with_output is None or alone is None or not alone.squares > 0:
         return None
+    # a periodic input is predicted by its own past up to rounding: what is left is no feedback
     if alone.squares < _PREDICTED * alone.total:
         return None
     share = 1 - with_output.squares / alone.squares
+    # a share of 1 would be an infinite statistic
     statistic = -alone.rows * math.log(max(1 - share, np.finfo(np.float64).tiny))
     if share < _LEAST_SHARE or statistic < chi_square_quantile(_OTHER, FALSE_ALARMS):
         return None

@@ -47,6 +47,7 @@ class Responses:
         values = np.abs(self.values[number])
         least = np.maximum(self.factor * self.errors[number], _NEGLIGIBLE * values.max())
         beyond = np.flatnonzero(values > least)
+        # the first beyond the band, and beyond what a linear model leaves of another one
         return int(beyond[0]) if len(beyond) else None
 
     def begins_sharply(self, number: int) -> bool:
@@ -69,8 +70,10 @@ class Responses:
         None where it has not settled at the last lag that was estimated.
         """
         step = np.cumsum(self.values[number])
+        # the response to a step is the sum of that to an impulse
         off = np.abs(step - step[-1]) > share * np.ptp(step)
         last = int(np.flatnonzero(off)[-1]) + 1 if off.any() else 0
+        # near the end of the lags settling cannot be told from the end of the estimate
         return last if last < 0.8 * self.lags else None
 
 
@@ -85,14 +88,17 @@ def responses(pieces: Sequence[Piece]) -> Responses | None:
     """
     rows = rows_of(pieces)
     inputs = pieces[0].inputs.shape[1] if pieces else 0
+    # rows a number, and a bound on the time of a fit
     numbers = min(rows // _ROWS_A_NUMBER, _MOST_NUMBERS)
     own = min(_OWN, numbers // 4)
+    # each input has as many numbers: many inputs have short responses
     last = min(LONGEST_DELAY, (numbers - own) // max(inputs, 1) - 2)
     if last < 1 or own < 1:
         return None
     model = fit_arx(pieces, ArxOrders(own, last))
     if model is None:
         return None
+    # a band for all lags together (Šidák): each lag takes the (n+1)-th root of the confidence
     quantile = NormalDist().inv_cdf(0.5 + 0.5 * (1 - FALSE_ALARMS) ** (1 / (last + 1)))
     # Student's t by its first term beyond the normal one (Abramowitz and Stegun 26.7.5)
     quantile += (quantile**3 + quantile) / (4 * (model.rows - len(model.covariance)))
@@ -105,6 +111,7 @@ def _with_errors(model: Arx, lags: int) -> tuple[FloatArray, FloatArray]:
     series = power_series(model.denominator, lags)
     # column i is the series i + 1, or i, lags later
     shifted = np.array([_later(series, i) for i in range(orders.taps)]).T
+    # B/A by products with the series of 1/A
     values = model.numerators @ shifted.T
     errors = np.zeros_like(values)
     for number, response in enumerate(values):
@@ -126,6 +133,7 @@ def power_series(denominator: FloatArray, count: int) -> FloatArray:
     found[0] = 1.0
     for n in range(1, count):
         reach = min(n, len(denominator) - 1)
+        # A s = 1: each element follows from those before
         found[n] = -denominator[1 : reach + 1] @ found[n - reach : n][::-1]
     return found
 

@@ -32,13 +32,16 @@ def pieces_of(output: FloatArray, inputs: FloatArray, follows: BoolArray) -> lis
     """
     known = np.isfinite(output) & np.isfinite(inputs).all(axis=1)
     before = np.concatenate(([False], known[:-1]))
+    # a piece begins where a row lacks a value or follows no other
     starts = np.flatnonzero(known & ~(before & follows))
     after = np.concatenate((known[1:] & follows[1:], [False]))
     stops = np.flatnonzero(known & ~after) + 1
     total = int(known.sum())
     if not total:
         return []
+    # means over all pieces: those of each would take slow motion away
     level, levels = float(np.mean(output[known])), np.mean(inputs[known], axis=0)
+    # every so many blocks, spread over the whole record
     every = -(-total // _MOST_ROWS)
     found: list[Piece] = []
     number = 0

@@ -54,6 +54,7 @@ def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants |
     A state space of the responses is their Hankel matrix shifted by one lag (Kung 1978); its order
     is how many singular values exceed what the errors of the responses make of them.
     """
+    # responses that last longer than the lags are seen at fewer rows a second
     found, factor = first, 1
     while True:
         seen = [i for i in range(len(found.values)) if found.delay(i) is not None]
@@ -65,6 +66,7 @@ def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants |
         factor *= _SLOWER
         fewer = slower(pieces, factor)
         again = responses(fewer) if rows_of(fewer) >= _FEWEST_ROWS else None
+        # too few rows, or nothing visible any more: the estimate before stays
         if again is None or all(again.delay(i) is None for i in range(len(again.values))):
             factor //= _SLOWER
             break
@@ -74,6 +76,7 @@ def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants |
         return None
     sizes = np.abs(poles)
     with np.errstate(divide="ignore"):
+        # z = e^(−1/τ); on and outside the unit circle nothing decays
         constants = np.where(sizes < 1, -1 / np.log(np.minimum(sizes, 1)), np.inf)
         turns = np.abs(np.angle(poles))
         periods = np.where(turns > 0, 2 * np.pi / turns, np.inf)
@@ -82,6 +85,7 @@ def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants |
         return None  # longer than all that was seen of it
     order = np.argsort(-constants, kind="stable")
     lags = [lag for lag in settled if lag is not None]
+    # in rows of the record, however many of them a row of the estimate was
     return TimeConstants(
         modes=tuple((constants[order] * factor).tolist()),
         periods=tuple((periods[order] * factor).tolist()),
@@ -92,6 +96,7 @@ def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants |
 
 def _poles(found: Responses, seen: Sequence[int]) -> ComplexArray:
     """The poles of the state space whose impulse responses are these, up to four."""
+    # half of the lags for rows, half for columns: the Hankel matrix is as square as it can be
     half = found.lags // 2
     if half < 2:
         return _NO_POLES
@@ -109,12 +114,15 @@ def _poles(found: Responses, seen: Sequence[int]) -> ComplexArray:
     noise = float(np.sqrt(np.mean(found.errors[list(seen)] ** 2)))
     # the largest singular value of a matrix of independent errors (Geman 1980)
     limit = max(noise * (np.sqrt(table.shape[0]) + np.sqrt(table.shape[1])), _LEAST * sizes[0])
+    # modes are as many as singular values stand out of noise
     order = min(int(np.sum(sizes > limit)), _HIGHEST_ORDER, half - 1)
     if order < 1:
         return _NO_POLES
     observed = left[:, :order]
+    # rows shifted by one are the state one step later (Kung 1978)
     step = np.linalg.lstsq(observed[:-1], observed[1:], rcond=None)[0]
     poles = np.asarray(np.linalg.eigvals(step), dtype=np.complex128)
+    # a mode without energy is a pole that only noise needs
     return poles[_energy(found, seen, poles) > _LEAST_ENERGY]
 
 
@@ -123,6 +131,7 @@ def _energy(found: Responses, seen: Sequence[int], poles: ComplexArray) -> Float
     energy = np.zeros(len(poles))
     for number in seen:
         series = found.values[number, max(found.delay(number) or 0, 1) :]
+        # each mode is a power series; how much of the response each one is follows by least squares
         modes = poles ** np.arange(len(series))[:, None]
         shares = np.linalg.lstsq(modes, series.astype(np.complex128), rcond=None)[0]
         energy += np.sum(np.abs(modes * shares) ** 2, axis=0) / np.sum(series**2)

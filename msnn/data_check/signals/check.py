@@ -50,5 +50,6 @@ def check_series(values: FloatArray, follows: BoolArray) -> SeriesCheck:
 
 def _longest(wanted: BoolArray) -> int:
     """The most neighbouring rows of which it holds."""
+    # edges of runs of True: begins and ends alternate
     edges = np.flatnonzero(np.diff(np.concatenate(([False], wanted, [False])).astype(np.int8)))
     return int(np.max(edges[1::2] - edges[::2], initial=0))

@@ -39,6 +39,7 @@ def doubt(unit: Unit | None, low: float, high: float) -> tuple[str, str] | None:
     """The unit that values from `low` to `high` are rather in, and why; None if they may be."""
     if unit is None or low == high:
         return None
+    # the largest magnitude: angles may go either way
     largest = max(-low, high)
     if unit.text == "rad" and _SIX_TURNS < largest <= 360.0:
         return "deg", "is more than six turns"

@@ -39,13 +39,17 @@ def quantisation(values: FloatArray) -> Quantisation | None:
         return None
     span = float(levels[-1] - levels[0])
     steps = np.diff(levels)
+    # conversions of units put equal values apart by a rounding
     steps = steps[steps > _ROUNDING * span]
+    # each step as a multiple of the smallest: rounded values lie on a grid
     multiples = np.rint(steps / np.min(steps))
     total = float(np.sum(multiples))
     if total > 1 / _ROUNDING:
         return None
+    # by the whole span: the error of the smallest step would add up
     step = span / total
     places = (levels - levels[0]) / step
+    # one in a hundred may be off: interpolated by whoever recorded
     if np.mean(np.abs(places - np.rint(places)) <= _OFF_GRID) < 0.99:
         return None
     return Quantisation(
@@ -64,4 +68,5 @@ def rounding(values: FloatArray) -> float | None:
     found = quantisation(values)
     if found is None or found.levels <= FEW_LEVELS:
         return None
+    # a command is held for several rows: most differences are 0
     return None if np.nanmedian(np.abs(np.diff(values))) == 0 else found.step

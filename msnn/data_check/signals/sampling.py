@@ -45,8 +45,10 @@ def sampling_of(piece: FileRows) -> StepsOfTime | None:
     steps = np.diff(time)
     rows = piece.file_rows(piece.start, piece.stop)
     forward = steps[steps > 0]
+    # of steps forward alone: repeated and backward rows are faults of their own
     usual = float(np.median(forward)) if len(forward) else np.nan
     gaps = steps > LONGEST_STEP * usual
+    # jitter is of steps that are no gaps
     even = (steps > 0) & ~gaps
     off = np.abs(steps - usual)
     worst = int(np.argmax(np.where(even, off, -1.0))) if even.any() else 0
@@ -75,6 +77,7 @@ def follows(time: FloatArray | None, rows: int) -> BoolArray:
         return found
     steps = np.diff(time)
     forward = steps[steps > 0]
+    # without a step forward no row follows any
     usual = float(np.median(forward)) if len(forward) else np.inf
     found[1:] = (steps > 0) & (steps <= LONGEST_STEP * usual)
     return found

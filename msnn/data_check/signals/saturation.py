@@ -48,6 +48,7 @@ def saturation(values: FloatArray, follows: BoolArray) -> tuple[Saturation, ...]
     low, high = float(np.min(values[known])), float(np.max(values[known]))
     if low == high or _levels(values[known]) <= _FEW_LEVELS:
         return ()
+    # stays: runs of equal values that follow each other
     begins = np.flatnonzero(np.concatenate(([True], (np.diff(values) != 0) | ~follows[1:])))
     lengths = np.diff(np.concatenate((begins, [len(values)])))
     at = values[begins]
@@ -61,7 +62,9 @@ def saturation(values: FloatArray, follows: BoolArray) -> tuple[Saturation, ...]
         stays, others = at == value, np.isfinite(at) & (at != low) & (at != high)
         longest = int(lengths[stays].max())
         rows = int(lengths[stays].sum())
+        # by rows, not by stays: how long the stay is in which a row is found
         usual = float(np.sum(lengths[others] ** 2) / np.sum(lengths[others]))
+        # what is beside the limit in value: a wave that is cut jumps over it
         beside = max(int(band.sum()), _next_level(values[known], value))
         if longest >= SHORTEST and longest > 3 * usual and rows > _CROWDED * beside:
             first = int(begins[stays][np.argmax(lengths[stays])])
@@ -73,6 +76,7 @@ def saturation(values: FloatArray, follows: BoolArray) -> tuple[Saturation, ...]
 
 def _levels(values: FloatArray) -> int:
     """How many values there are; counting ends where there are plainly many."""
+    # a look at the first rows: sorting all would take the time of reading
     few = np.unique(values[: 64 * _FEW_LEVELS])
     return len(few) if len(few) > _FEW_LEVELS else len(np.unique(values))
 

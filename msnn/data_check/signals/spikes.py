@@ -51,17 +51,21 @@ def spikes(values: FloatArray, follows: BoolArray) -> Spikes:
     """
     found: list[IntArray] = []
     differences = np.diff(values)
+    # across a gap there is no difference
     differences[~follows[1:]] = np.nan
     magnitudes = np.abs(differences)
     known = magnitudes[np.isfinite(magnitudes)]
     scale = _scale(known)
+    # a series that stands still has no spikes
     if scale == 0:
         return _NONE
     limit = scale * math.sqrt(2 * math.log(len(known) / FALSE_ALARMS))
     for width in range(1, min(WIDEST, len(differences) - 1) + 1):
         away, back = differences[:-width], differences[width:]
         smaller = np.minimum(np.abs(away), np.abs(back))
+        # away and back: of opposite sign, and as large
         there = (smaller > limit) & (away * back < 0) & (np.abs(away + back) < 0.5 * smaller)
+        # wider ones must come back to where they were, not only turn
         if width > 1:  # the rows between stay up
             returned = np.abs(values[width + 1 :] - values[: -width - 1])
             there &= returned < 0.5 * smaller
@@ -69,6 +73,7 @@ def spikes(values: FloatArray, follows: BoolArray) -> Spikes:
     rows, widths = _apart(found)
     heights = magnitudes[rows - 1]
     local = _motion_around(magnitudes, rows)
+    # where the signal moves anyway, a spike must stand out of that
     kept = heights > local * limit / scale
     rows, heights, widths = rows[kept], heights[kept], widths[kept]
     rare = _rare(heights, np.sort(known[known > limit]))
@@ -94,6 +99,7 @@ def _apart(found: list[IntArray]) -> tuple[IntArray, IntArray]:
     taken: dict[int, int] = {}
     for width, rows in enumerate(found, start=1):
         for row in rows.tolist():
+            # a wide one that begins within a narrow one is the same
             if not any(row - k in taken for k in range(WIDEST + 1)) and row + width not in taken:
                 taken[row] = width
     rows = sorted(taken)
@@ -102,6 +108,7 @@ def _apart(found: list[IntArray]) -> tuple[IntArray, IntArray]:
 
 def _motion_around(magnitudes: FloatArray, rows: IntArray) -> FloatArray:
     """The deviation of the differences beside each spike, without those of the spike itself."""
+    # beside the spike, not within it
     offsets = np.concatenate((np.arange(-_AROUND - 1, -1), np.arange(WIDEST, WIDEST + _AROUND)))
     places = rows[:, None] + offsets
     inside = (places >= 0) & (places < len(magnitudes))
@@ -118,4 +125,5 @@ def _rare(heights: FloatArray, jumps: FloatArray) -> BoolArray:
     own = np.sort(heights)
     as_high = len(own) - np.searchsorted(own, 0.5 * heights)
     jumping = len(jumps) - np.searchsorted(jumps, 0.5 * heights)
+    # two jumps a spike, and twice as many are let pass: a square wave has jumps without spikes
     return 2 * 2 * as_high >= jumping

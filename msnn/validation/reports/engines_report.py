@@ -55,6 +55,7 @@ def engines_record(report: EnginesReport) -> dict[str, Any]:
 
 def difference_text(value: float, judged: float) -> str:
     """|value − judged| by the size of the judged one; two that are NaN do not differ."""
+    # NaN differs from everything, also from itself
     if value == judged or (math.isnan(value) and math.isnan(judged)):
         return "0"
     return f"{abs(value - judged) / abs(judged):.1e}" if judged else f"{abs(value):.1e} (of 0)"

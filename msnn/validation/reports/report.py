@@ -147,6 +147,7 @@ def junit_text(name: str, report: ValidationReport) -> str:
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<testsuite name={quoteattr(name)} tests="{len(limited)}" failures="{broken}">',
     ]
+    # only what has a limit can fail: CI counts tests
     for row in limited:
         title = quoteattr(f"{row.of} {row.metric} {limits(row)} ({rollout_text(row)}, {row.data})")
         found = f"{row.value:.9g} {unit_text(row.unit)}".strip()
@@ -202,6 +203,7 @@ def _measurement_record(found: Measurement) -> dict[str, Any]:
 def _readings(curve: ErrorCurve) -> dict[int, float]:
     """The errors where the curve begins, at 1, 2, 5, 10, … and at its end; each point once."""
     end = int(curve.last[-1])
+    # at most three readings a decade, so that any curve fits in a row
     decades = [digit * 10**power for power in range(len(str(end))) for digit in (1, 2, 5)]
     step_of: dict[int, int] = {}
     begin = int(curve.first[0])

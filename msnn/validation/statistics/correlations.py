@@ -47,6 +47,7 @@ class Correlation:
 
         By far is where all lags of noise are 99 % of the time.
         """
+        # of all lags together (Bonferroni): the 0.5 % on each side are shared among them
         every = NormalDist().inv_cdf(1 - 0.005 / len(self.lags)) / _BAND * self.band
         return len(self.beyond) <= self.allowed and abs(self.largest[1]) <= every
 
@@ -75,6 +76,7 @@ class ErrorsOfElement:
 
 def lags_of(sample_time: float | None) -> int:
     """Up to which lag errors are judged: 25 samples or 2 s, whichever is longer."""
+    # dynamics that nobody models last seconds, however short the sample time is
     seconds = 0 if sample_time is None else round(_SECONDS / sample_time)
     return max(_LEAST_LAGS, seconds)
 
@@ -139,6 +141,7 @@ class _Grid:
 
 def _apart(rows: IntArray, records: IntArray, lags: int) -> tuple[IntArray, int]:
     """Places on one grid on which values of two records are more than `lags` apart."""
+    # records are laid apart on one grid, so that one transform takes the pairs of all
     places, offset = rows.astype(np.int64), 0
     for part in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(records)) + 1):
         if len(part):
@@ -152,6 +155,7 @@ def _on_grid(values: FloatArray, places: IntArray, size: int) -> _Grid:
     there, found = np.zeros(size), np.zeros(size)
     there[places[known]] = 1.0
     if known.any():
+        # less the mean of what is there: a gap of 0 then counts for nothing
         found[places[known]] = values[known] - values[known].mean()
     return _Grid(found, there)
 
@@ -160,6 +164,7 @@ def _autocorrelation(signal: _Grid, lags: int) -> FloatArray | None:
     """r(0) … r(lags); None of too few values, or of values that do not vary."""
     count = float(signal.there.sum())
     power = float(signal.values @ signal.values)
+    # with fewer values a lag the estimate is noise
     if count < _FEW * lags or not power > 0:
         return None
     return _sums(signal, signal, lags)[lags:] / power * count
@@ -170,7 +175,9 @@ def _cross(
 ) -> Correlation:
     power = math.sqrt(float(error.values @ error.values) * float(signal.values @ signal.values))
     count = math.sqrt(float(error.there.sum()) * float(signal.there.sum()))
+    # P of the formula: lag 0 once, all others on both sides
     memory = float(own[0] * other[0] + 2 * (own[1:] @ other[1:]))
+    # never more independent pairs than there are
     effective = float(error.there @ signal.there) / max(memory, 1.0)
     return Correlation(
         lags=np.arange(-lags, lags + 1),
@@ -186,12 +193,14 @@ def _at(found: Correlation, lags: BoolArray) -> Correlation:
 
 def _sums(first: _Grid, second: _Grid, lags: int) -> FloatArray:
     """Mean over pairs of first(t+k)·second(t), k = -lags … lags, by fast Fourier transforms."""
+    # zeros beyond the longest lag: a transform is periodic, and ends would meet beginnings
     size = 1 << (len(first.values) + lags).bit_length()
 
     def products(a: FloatArray, b: FloatArray) -> FloatArray:
         found = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
         return np.concatenate([found[-lags:], found[: lags + 1]])
 
+    # numbers of pairs are whole: transforms leave some 1e-13 on them
     pairs = np.rint(products(first.there, second.there))
     return products(first.values, second.values) / np.maximum(pairs, 1.0)
 

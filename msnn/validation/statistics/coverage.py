@@ -49,8 +49,10 @@ class Coverage:
             (found - level) / (math.sqrt(level * (1 - level)) * self._allowed)
             for found, level in zip(self.observed, LEVELS, strict=True)
         ]
+        # what all levels allow for is judged at once: one share beyond is enough
         if max(map(abs, off)) <= 1.0:
             return "as wide as they say"
+        # narrow ones too full and wide ones too empty: no width would be right for both
         if max(off) > _OPPOSITE and min(off) < -_OPPOSITE:
             which = "many small ones, some far out" if off[0] > 0 else "most of them of one size"
             return f"errors are not normal: {which}"
@@ -80,9 +82,11 @@ class Counts:
             total = variance + self._noise
             distance = np.abs(prediction - target)
             for place, level in enumerate(LEVELS):
+                # NaN and ∞ are no distance: outside
                 reached = there & (distance <= quantile(level) * np.sqrt(total))
                 self._inside[place] += reached.sum(axis=0)
             self._widths += float(np.sum(np.sqrt(total), where=there))
+            # without noise or doubt the variance is 0, and no share of it is
             share = np.divide(variance, total, out=np.zeros_like(total), where=total > 0)
             self._shares += float(np.sum(share, where=there))
         self._number += there.sum(axis=0)
@@ -91,6 +95,7 @@ class Counts:
         """What was found; of each element's errors the autocorrelation at lags from 1."""
         number = float(self._number.sum())
         memories = [1.0 + 2.0 * float(each @ each) for each in autocorrelations]
+        # elements that could not be judged have the memory of those that could
         memory = sum(memories) / len(memories) if memories else 1.0
         with np.errstate(invalid="ignore", divide="ignore"):
             elements = self._inside / self._number

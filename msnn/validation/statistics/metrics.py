@@ -36,6 +36,8 @@ class Spread:
         count = np.asarray(there.sum(axis=0), np.int64)
         if not len(values):
             return Spread(count, np.zeros(len(count)), np.zeros(len(count)))
+        # from the first value on: the mean of small differences loses no digits, and equal values
+        # spread by 0
         first = np.take_along_axis(values, there.argmax(axis=0)[np.newaxis], axis=0)[0]
         away = np.where(there, values - first, 0.0)
         mean = away.sum(axis=0) / np.maximum(count, 1)
@@ -43,6 +45,8 @@ class Spread:
         return Spread(count, np.where(count > 0, first + mean, 0.0), (away * away).sum(axis=0))
 
     def __add__(self, other: Spread) -> Spread:
+        # joined by means and squares about them: sums of squares alone lose digits (Chan et al.
+        # 1979)
         count = self.count + other.count
         share = other.count / np.maximum(count, 1)
         apart = np.where(self.count * other.count > 0, other.mean - self.mean, 0.0)
@@ -103,6 +107,8 @@ class Errors:
 
     def joined(self) -> Errors:
         """Of all elements together; each element's targets spread about their own mean."""
+        # elements may have units of their own sizes: a common mean of targets would make `fit` look
+        # better than it is
         about_own = self.target.joined()
         target = Spread(about_own.count, about_own.mean, self.target.squares.sum(keepdims=True))
         return Errors(
@@ -132,8 +138,10 @@ def score(metric: Metric, errors: Errors, parameters: int = 0) -> Scores:
 
 
 def _values(metric: Metric, errors: Errors, parameters: int) -> FloatArray:
+    # nothing scored is NaN, not 0: it keeps no limit
     count = np.where(errors.error.count > 0, errors.error.count, np.nan)
     targets = errors.target.squares
+    # a target that stands still has no variance to explain
     unexplained = errors.squares / np.where(targets > 0, targets, np.nan)
     match metric:
         case "rmse":

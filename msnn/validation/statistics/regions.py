@@ -44,6 +44,7 @@ def regions(squares: FloatArray, values: FloatArray) -> tuple[Region, ...]:
     squares, values = squares[known], values[known]
     if not len(values):
         return ()
+    # quarters of samples, not of the range: each holds as many
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _PARTS + 1)))
     if len(edges) < 2:
         return ()
@@ -69,6 +70,7 @@ def extrapolation(signal: str, values: FloatArray, trained: FloatArray) -> Extra
     if not len(values) or not len(trained):
         return None
     low, high = float(trained.min()), float(trained.max())
+    # rounding at the ends of the range is no extrapolation
     margin = _MARGIN * (high - low)
     share = float(np.mean((values < low - margin) | (values > high + margin)))
     return Extrapolation(signal=signal, share=share, low=low, high=high) if share else None
