@@ -17,17 +17,21 @@ def write_text(path: Path, text: str, *, durable: bool = False) -> Path:
     return write_bytes(path, text.encode("utf-8"), durable=durable)
 
 
-def write_bytes(path: Path, data: bytes, *, durable: bool = False) -> Path:
+def write_bytes(
+    path: Path, data: bytes, *, durable: bool = False, named_later: bool = False
+) -> Path:
     """Writes the bytes; returns the path. OSError leaves what stood there before.
 
     A `durable` file has reached the disk, with its name, before this returns: a cut of power
     leaves it or what stood there before. It takes as long as the disk does, some milliseconds.
+    Where it is `named_later`, the content alone is waited for: a cut of power may leave it or what
+    stood there before for some seconds more, but nothing torn.
     """
     with replacing(path) as temporary:
         temporary.write_bytes(data)
         if durable:
             sync(temporary)
-    if durable:
+    if durable and not named_later:
         with naming(path):
             # the rename is in the folder: without this a cut of power may leave the file under its
             # old name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -71,13 +72,23 @@ class Interpreter:
         beside = states_beside_the_log(program.step, following, outputs)
         # what only losses need may read targets, which a simulation need not have
         self._simulated = {n: node for n, node in following.items() if n not in beside}
-        scored = [state.next for state in states]
-        scored += [node for loss in program.losses for node in loss.nodes]
-        with np.errstate(all="ignore"):
-            self._start = self._prepared(program.start, [state.start for state in states])
-            simulated = [*outputs, *self._simulated.values()]
-            self._simulate = self._prepared(program.step, simulated)
-            self._score = self._prepared(program.step, outputs + scored)
+        self._outputs = outputs
+
+    # each is made when it is first run: who simulates needs no losses
+
+    @cached_property
+    def _start(self) -> _Plan:
+        return self._prepared(self.program.start, [state.start for state in self.program.states])
+
+    @cached_property
+    def _simulate(self) -> _Plan:
+        return self._prepared(self.program.step, [*self._outputs, *self._simulated.values()])
+
+    @cached_property
+    def _score(self) -> _Plan:
+        following = [state.next for state in self.program.states]
+        losses = [node for loss in self.program.losses for node in loss.nodes]
+        return self._prepared(self.program.step, [*self._outputs, *following, *losses])
 
     def start(self, log: Mapping[str, Array], t0: ArrayLike) -> States:
         """The states before the first step of runs that begin at rows t0."""
@@ -145,7 +156,8 @@ class Interpreter:
         return Rollout(outputs, dict(self._cast(current)))
 
     def _prepared(self, graph: Graph, wanted: Iterable[NodeId]) -> _Plan:
-        return _Plan(graph, wanted, self.weights, self.dtype)
+        with np.errstate(all="ignore"):
+            return _Plan(graph, wanted, self.weights, self.dtype)
 
     def _cast(self, states: Mapping[str, Array]) -> Mapping[str, Array]:
         return {name: np.asarray(value, self.dtype) for name, value in states.items()}

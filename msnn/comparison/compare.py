@@ -32,7 +32,7 @@ from msnn.errors.sweeps import grid_of_a_search, nothing_proposed, set_and_swept
 from msnn.model.kept_run import CHECKPOINT, run_of
 from msnn.model.load import load_model
 from msnn.model.model import PROGRAM_SUFFIX
-from msnn.training.engines.what_trains import require_what_trains
+from msnn.training.engines.what_trains import require_what_trains, slow_modules
 from msnn.training.ranks.torchrun import refuse_several_processes
 from msnn.training.records.run_log import LOG, RunLine, append, read
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -123,12 +123,14 @@ def compare(
     compared = variants(specs, grid, options.settings, drawn)
     # every choice once before the first training: a mistake in the last of 500 is no news after
     # hours
+    modules: set[str] = set()
     for variant in _one_of_each_choice(compared, options.draws.numbers):
         if run_of(variant.spec) is not None or variant.spec.name.endswith(PROGRAM_SUFFIX):
             stages = load_model(variant.spec, variant.settings).spec.train
         else:
             stages = read_spec(variant.spec, settings=variant.settings).spec.train
         require_what_trains(stages)
+        modules |= slow_modules(stages)
     if options.criterion is not None:
         first = {variant.spec: variant for variant in reversed(compared)}
         for variant in first.values():
@@ -160,7 +162,7 @@ def compare(
 
         running = ray_outcomes(waiting, setup, known, options.ray)
     else:
-        running = outcomes(waiting, setup, known, min(options.jobs, count))
+        running = outcomes(waiting, setup, known, min(options.jobs, count), sorted(modules))
     with closing(running) as ended:
         for trial, outcome in ended:
             line = outcome.line

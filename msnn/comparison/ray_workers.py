@@ -192,7 +192,8 @@ class _Cluster:
             return
         folder = self.setup.runs / line.folder
         for name, content in files.items():
-            write_bytes(folder / name, content, durable=name == WEIGHTS)
+            # who finds the line in the log and no weights trains again
+            write_bytes(folder / name, content, durable=name == WEIGHTS, named_later=True)
         for part in ready.model.parts:
             if part.file is not None:
                 place = folder / PARTS / f"{part.name}.safetensors"

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import get_context
 from types import FrameType
 from typing import Any
 
+from msnn.comparison.process_context import process_context
 from msnn.comparison.readings import Readings
 from msnn.comparison.trial import Outcome, Setup, Trial, killed, run_trial
 from msnn.comparison.waiting import Waiting
@@ -25,10 +25,15 @@ _TIMES = "twice"
 
 
 def outcomes(
-    waiting: Waiting, setup: Setup, known: Mapping[str, RunLine], jobs: int
+    waiting: Waiting,
+    setup: Setup,
+    known: Mapping[str, RunLine],
+    jobs: int,
+    modules: Sequence[str] = (),
 ) -> Generator[tuple[Trial, Outcome]]:
     """Each trial with its outcome, as they end; `jobs` at once, one alone in this process.
 
+    Processes have the slow `modules` that most trials need before they begin, where they can.
     A process that is killed is replaced: its trial goes on from its checkpoint, behind the others
     of its variant, and is given up when it is killed again. An interrupt ends all of them after the
     batch that is on.
@@ -39,7 +44,7 @@ def outcomes(
             yield trial, run_trial(trial, setup, known, readings)
         return
     again: set[Trial] = set()
-    with _Workers(setup, known, jobs) as workers:
+    with _Workers(setup, known, jobs, modules) as workers:
         while workers.begin(waiting):
             for trial, outcome in workers.ended():
                 if outcome is not None:
@@ -66,7 +71,7 @@ _SHARED = _Shared()
 
 @dataclass(slots=True)
 class _Worker:
-    """A process of its own, started afresh: nothing of this one is in it but what it is given."""
+    """A process of its own: nothing of this one is in it but what it is given."""
 
     opened: Callable[[], ProcessPoolExecutor]
     last: Trial | None = None
@@ -108,12 +113,13 @@ class _Worker:
 class _Workers:
     """So many processes; a Ctrl-C ends all of them."""
 
-    def __init__(self, setup: Setup, known: Mapping[str, RunLine], jobs: int) -> None:
-        # forked processes would share threads' locks of numpy and torch in the state of the moment
-        context = get_context("spawn")
+    def __init__(
+        self, setup: Setup, known: Mapping[str, RunLine], jobs: int, modules: Sequence[str]
+    ) -> None:
+        context = process_context((__name__, *modules))
         self._began: Any = context.SimpleQueue()
         self._is_over: Any = context.Event()
-        given = (self._began, self._is_over, setup, known)
+        given = (self._began, self._is_over, setup, known, dict(os.environ))
 
         def opened() -> ProcessPoolExecutor:
             return ProcessPoolExecutor(1, context, initializer=_begin, initargs=given)
@@ -150,7 +156,15 @@ class _Workers:
                 os.kill(self._began.get(), signal.SIGINT)
 
 
-def _begin(began: Any, is_over: Any, setup: Setup, known: Mapping[str, RunLine]) -> None:
+def _begin(
+    began: Any,
+    is_over: Any,
+    setup: Setup,
+    known: Mapping[str, RunLine],
+    environment: Mapping[str, str],
+) -> None:
+    os.environ.clear()  # that of a server is older, where one forked this process
+    os.environ.update(environment)
     _SHARED.setup, _SHARED.known, _SHARED.is_over = setup, known, is_over
     _SHARED.readings = Readings(setup.data, setup.data_root)
     for number in (signal.SIGINT, signal.SIGTERM):

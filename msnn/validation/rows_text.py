@@ -12,7 +12,9 @@ def rows_text(data: Dataset, rows: IntArray) -> str:
     if not len(rows):
         return "no rows"
     # rows are counted from the beginning of their record, as files have them
-    touched = [r for r in data.records if np.any((rows >= r.start) & (rows < r.stop))]
+    bounds = [(record.start, record.stop) for record in data.records]
+    counts = np.diff(np.searchsorted(rows, bounds))[:, 0].tolist()
+    touched = [record for record, count in zip(data.records, counts, strict=True) if count]
     if len(touched) > 1:
         total = sum(record.stop - record.start for record in touched)
         return f"{len(rows)} of {total} rows in {len(touched)} records"

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 import msnn as api
+from backends.files import atomic_write
 from msnn.comparison.draws import Draws, draw_axes
 from msnn.project.new_project import new_project
 from msnn.training.records.run_log import LOG, read
+from msnn.training.records.safekeeping import Safekeeping
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.cli.command_line import CommandLine
 from tests.cli.test_check import SPEC
@@ -129,6 +131,25 @@ def test_mistakes_end_a_sweep_before_any_training(msnn: CommandLine):
         assert said.code == 1
         assert f"error[{code}]" in said.err
         assert not Path("runs").exists()
+
+
+def test_a_training_of_a_sweep_waits_for_the_disk_once(
+    msnn: CommandLine, monkeypatch: pytest.MonkeyPatch
+):
+    """What a cut of power takes is trained again, so what is in weights must be whole, no more."""
+    waited: list[str] = []
+    own = atomic_write.sync
+
+    def sync(path: Path) -> None:
+        waited.append("a folder" if path.is_dir() else path.name.split(".")[1])
+        own(path)
+
+    monkeypatch.setattr(atomic_write, "sync", sync)
+    # a machine with other work to do may take as long as trainings that write checkpoints
+    monkeypatch.setattr(Safekeeping, "is_stale", False)
+    monkeypatch.setattr(Safekeeping, "is_due", lambda *_: False)
+    assert msnn("sweep", SPEC, *STIFFNESS, "--draws", "2", *SHORT).code == 0
+    assert waited == ["weights", "weights"]
 
 
 def test_a_sweep_in_python_shows_the_best(msnn: CommandLine):

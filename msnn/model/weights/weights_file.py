@@ -29,8 +29,13 @@ def initial_weights(program: Program) -> dict[str, FloatArray]:
     }
 
 
-def write_weights(path: Path, weights: Mapping[str, FloatArray], program: Program) -> Path:
-    """Writes the arrays with the program's name, spec hash and units as metadata; durably."""
+def write_weights(
+    path: Path, weights: Mapping[str, FloatArray], program: Program, *, named_later: bool = False
+) -> Path:
+    """Writes the arrays with the program's name, spec hash and units as metadata; durably.
+
+    `named_later` is that of `write_bytes`, for who trains again what a cut of power took.
+    """
     units = {p.name: p.unit.text for p in program.parameters if p.unit is not None}
     metadata = {
         "format": "msnn-weights-1",
@@ -39,7 +44,8 @@ def write_weights(path: Path, weights: Mapping[str, FloatArray], program: Progra
         "units": json.dumps(units, ensure_ascii=False, sort_keys=True),
     }
     arrays = {name: np.asarray(value, np.float64) for name, value in weights.items()}
-    return write_bytes(path, safetensors_bytes(arrays, metadata), durable=True)
+    content = safetensors_bytes(arrays, metadata)
+    return write_bytes(path, content, durable=True, named_later=named_later)
 
 
 def read_weights(path: Path, program: Program) -> dict[str, FloatArray]:

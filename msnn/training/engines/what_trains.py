@@ -9,6 +9,17 @@ from msnn.errors.failures import MissingExtraError
 from msnn.packages import TORCH, ZIGLANG
 from spec_schema.sections.training.training import Stage
 
+_IN_TORCH = ("msnn.training.engines.torch.torch_engine", "torch._dynamo")
+"""torch imports the second, 900 modules, when its first optimiser is made."""
+
+
+def slow_modules(stages: Sequence[Stage]) -> frozenset[str]:
+    """Modules that these stages need and that take seconds to import."""
+    needs_torch = any(
+        stage.engine == "torch" or stage.optimizer.choice.steps_by == "torch" for stage in stages
+    )
+    return frozenset(_IN_TORCH if needs_torch else ())
+
 
 def require_what_trains(stages: Sequence[Stage]) -> None:
     """Raises MissingExtraError where a stage needs torch or a C compiler that is not there."""

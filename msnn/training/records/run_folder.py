@@ -41,7 +41,10 @@ class RunFolder:
     latest: Path | None
     """The link that leads to the run last used; None for one of several runs, such as a fold."""
     is_durable: bool = True
-    """Whether what it says of itself waits for the disk; weights and checkpoints do always."""
+    """Whether what it says of itself, and the name of its weights, wait for the disk.
+
+    What is in weights does always, and a checkpoint with the names of all that is beside it.
+    """
 
     @property
     def weights(self) -> Path:
@@ -53,7 +56,7 @@ class RunFolder:
 
     def write_weights(self, weights: Mapping[str, FloatArray]) -> None:
         """Replaces the weights of the run."""
-        write_weights(self.weights, weights, self.program)
+        write_weights(self.weights, weights, self.program, named_later=not self.is_durable)
 
     def become_latest(self) -> None:
         """Lets `latest` point at this run: other commands take its weights from now on."""

@@ -1,0 +1,36 @@
+"""Opens processes that have slow modules when they begin, where the platform lets them."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Sequence
+from multiprocessing import forkserver
+from multiprocessing.context import BaseContext
+
+_SAFE_PATH = "PYTHONSAFEPATH"
+
+
+def process_context(modules: Sequence[str]) -> BaseContext:
+    """Processes forked from a server that has done nothing but import, or started afresh.
+
+    Forked from this one they would share locks of numpy's and torch's threads in the state of the
+    moment. The server is started once by a process of Python, and knows the modules of that time;
+    others are imported where they are needed. Its environment is that of the time too.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(modules))
+    before = os.environ.get(_SAFE_PATH)
+    # it would look for modules in the working folder first, as `python -c` does: a user's
+    # statistics.py is not Python's
+    os.environ[_SAFE_PATH] = "1"
+    try:
+        forkserver.ensure_running()
+    finally:
+        if before is None:
+            del os.environ[_SAFE_PATH]
+        else:
+            os.environ[_SAFE_PATH] = before
+    return context
