@@ -116,7 +116,11 @@ class _Cluster:
                 raise SpecError((unusable_cluster(self.address, why[0]),)) from error
         cores = int(ray.cluster_resources().get("CPU", 1))
         self._most = max(1, cores) * _AHEAD
-        self._task = ray.remote(max_retries=_RETRIES, num_cpus=1)(_in_task)
+        self._task = ray.remote(
+            max_retries=_RETRIES,
+            retry_exceptions=[OSError],  # what a task sees of its node that is killed
+            num_cpus=1,
+        )(_in_task)
         return self
 
     def __exit__(self, *why: object) -> None:
