@@ -84,6 +84,7 @@ def install_dependencies() -> None:
         *installer,
         "install",
         "--require-hashes",
+        "--no-compile",  # of the bytecode of all these files a tenth is ever used
         "--disable-pip-version-check",
         "--quiet",
         "--progress-bar=off",

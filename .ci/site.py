@@ -12,6 +12,19 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 _LINK = re.compile(r"\]\(([^)#:\s]+)(#[^)\s]*)?\)")
+_BOOSTS = (
+    ("docs/decisions/*", 0.3),
+    ("spec_schema/explanations/*", 0.3),
+    ("CHANGELOG.md", 0.3),
+    ("docs/tutorial.md", 4),
+    ("docs/how-to/*", 4),
+    ("docs/identification.md", 3),
+    ("docs/ci.md", 3),
+    ("docs/nnodely.md", 2),
+    ("docs/mpc.md", 2),
+    ("docs/data.md", 2),
+)
+"""Who searches wants a guide first: by how much pages count more or less than others."""
 
 
 def main(site: Path) -> int:
@@ -41,11 +54,18 @@ def gather(pages: Path) -> None:
         elif file.suffix == ".md":
             text = file.read_text(encoding="utf-8")
             linked = [p for m in _LINK.finditer(text) if (p := _meant(file, m[1])) is not None]
-            place.write_text(_rewritten(file, text), encoding="utf-8")
+            place.write_text(_searched(file) + _rewritten(file, text), encoding="utf-8")
         else:
             linked = []
             shutil.copyfile(file, place)
         ahead += linked
+
+
+def _searched(file: Path) -> str:
+    """The head of a page that search is to find earlier or later than others."""
+    path = file.relative_to(ROOT)
+    boost = next((by for pattern, by in _BOOSTS if path.match(pattern)), None)
+    return "" if boost is None else f"---\nsearch: {{boost: {boost}}}\n---\n"
 
 
 def _rewritten(file: Path, text: str) -> str:

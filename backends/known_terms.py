@@ -87,6 +87,7 @@ def known_terms(
             if penalty is None or penalty.parameter != parameter.name or not weight:
                 continue
             if penalty.over is None:
+                # without `over` a penalty is the mean of the magnitudes
                 magnitude[begin:end] += weight / numbers.size
                 continue
             axis = [each.name for each in parameter.axes].index(penalty.over)
@@ -124,14 +125,17 @@ def _to_priors(terms: KnownTerms, raw: FloatArray, steps: FloatArray, spread: fl
     move = pull * (value[known] - terms.mean[known]) / width
     limit = np.where(bounded[known], LARGEST_MOVE, np.inf)
     raw[known] -= np.clip(move, -limit, limit)
+    # the prior adds its curvature to 1/η: the step that corners take after it is shorter
     steps[known] *= variance / width
 
 
 def _to_corners(terms: KnownTerms, raw: FloatArray, steps: FloatArray) -> FloatArray:
     limit = steps * terms.magnitude
+    # soft thresholding, the proximal step of λ|r|
     raw = np.where(limit > 0, np.sign(raw) * np.maximum(np.abs(raw) - limit, 0.0), raw)
     for numbers, weight in zip(terms.slices, terms.norms, strict=True):
         reach = steps[numbers] * weight
+        # slices with a number that is held stay as they are
         if (reach > 0).all():
             raw[numbers] = _shrunk(raw[numbers], reach)
     return raw
@@ -145,9 +149,11 @@ def _shrunk(values: FloatArray, reach: FloatArray) -> FloatArray:
     """
     if np.sum((values / reach) ** 2) <= 1.0:
         return np.zeros_like(values)
+    # below the root, as Σ (values/(r + reach))² ≥ (‖values‖/(r + largest reach))² = 1 there
     radius = max(float(np.sqrt(np.sum(values * values))) - float(reach.max()), 0.0)
     for _ in range(NEWTON_STEPS):
         parts = values / (radius + reach)
+        # Newton's step for 1/√squares − 1, whose slope is steep/squares^1.5
         squares = float(np.sum(parts * parts))
         steep = float(np.sum(parts * parts / (radius + reach)))
         following = radius + (np.sqrt(squares) - 1.0) * squares / steep

@@ -11,13 +11,13 @@ from __future__ import annotations
 from backends.c_kernels.routine import RoutineLowering
 from backends.c_language import tree as c
 from backends.c_language.printer import Printer
-from compiler.kernels.trace.statements import COMPARISONS, Kind, Operand, Operator
+from compiler.kernels.trace.statements import COMPARISONS, Operand, Operator, ValueKind
 
 _SELECT = {
-    Kind.REAL: "select_real",
-    Kind.UNSIGNED: "select_word",
-    Kind.WIDE: "select_wide",
-    Kind.TRUTH: "select_word",
+    ValueKind.REAL: "select_real",
+    ValueKind.UNSIGNED: "select_word",
+    ValueKind.WIDE: "select_wide",
+    ValueKind.TRUTH: "select_word",
 }
 """What stands for `condition ? then : otherwise`, by the kind of its value."""
 
@@ -31,11 +31,11 @@ _TRUTH = "truth_word"
 class ConstantTimeLowering(RoutineLowering):
     """Lowers a routine without branches; `choices` has the names of the functions it calls."""
 
-    def type(self, kind: Kind) -> c.CType:
-        return super().type(Kind.UNSIGNED if kind is Kind.TRUTH else kind)
+    def type(self, kind: ValueKind) -> c.CType:
+        return super().type(ValueKind.UNSIGNED if kind is ValueKind.TRUTH else kind)
 
-    def constant(self, kind: Kind, value: float) -> c.Expression:
-        return super().constant(Kind.UNSIGNED if kind is Kind.TRUTH else kind, value)
+    def constant(self, kind: ValueKind, value: float) -> c.Expression:
+        return super().constant(ValueKind.UNSIGNED if kind is ValueKind.TRUTH else kind, value)
 
     def opposite(self, condition: c.Expression) -> c.Expression:
         return c.Binary("^", condition, c.Unsigned(1))
@@ -47,7 +47,7 @@ class ConstantTimeLowering(RoutineLowering):
         return self._helper(_TRUTH, result) if operator in COMPARISONS else result
 
     def select(
-        self, kind: Kind, condition: c.Expression, then: c.Expression, otherwise: c.Expression
+        self, kind: ValueKind, condition: c.Expression, then: c.Expression, otherwise: c.Expression
     ) -> c.Expression:
         return self._helper(_SELECT[kind], condition, then, otherwise)
 
@@ -72,10 +72,10 @@ def _truth(printer: Printer) -> c.Function:
     word = c.CType.UNSIGNED
     value = c.Conditional(condition, yes, no)
     return c.Function(
-        f"{printer.prefix}_{_TRUTH}",
-        printer.type(word),
-        (c.Argument("bool", condition.text),),
-        (
+        name=f"{printer.prefix}_{_TRUTH}",
+        result=printer.type(word),
+        arguments=(c.Argument("bool", condition.text),),
+        body=(
             c.Declare(word, yes.text, c.Unsigned(1), constant=True),
             c.Declare(word, no.text, c.Unsigned(0), constant=True),
             c.Declare(word, known.text, value, constant=True, volatile=True),
@@ -91,14 +91,14 @@ def _selecting(name: str, type: c.CType, printer: Printer) -> c.Function:
     written = printer.type(type)
     values = (otherwise, then)
     return c.Function(
-        f"{printer.prefix}_{name}",
-        written,
-        (
+        name=f"{printer.prefix}_{name}",
+        result=written,
+        arguments=(
             c.Argument(printer.type(c.CType.UNSIGNED), truth.text),
             c.Argument(written, then.text),
             c.Argument(written, otherwise.text),
         ),
-        (
+        body=(
             c.Declare(type, both.text, size=len(values), elements=values, constant=True),
             c.Return(c.Element(both, truth)),
         ),

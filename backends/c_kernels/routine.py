@@ -23,7 +23,6 @@ from compiler.kernels.trace.statements import (
     Constant,
     Convert,
     Function,
-    Kind,
     Local,
     Lookup,
     Operand,
@@ -34,16 +33,17 @@ from compiler.kernels.trace.statements import (
     Statement,
     Table,
     Unary,
+    ValueKind,
 )
 
 INLINE_LENGTH = 50
 """Longest text of a value that is written where it is used, in characters."""
 
 _TYPES = {
-    Kind.REAL: c.CType.REAL,
-    Kind.UNSIGNED: c.CType.UNSIGNED,
-    Kind.WIDE: c.CType.WIDE,
-    Kind.TRUTH: c.CType.BOOL,
+    ValueKind.REAL: c.CType.REAL,
+    ValueKind.UNSIGNED: c.CType.UNSIGNED,
+    ValueKind.WIDE: c.CType.WIDE,
+    ValueKind.TRUTH: c.CType.BOOL,
 }
 
 
@@ -84,11 +84,11 @@ class RoutineLowering:
             targets = [c.Unary("*", c.Name(name)) for name in routine.results]
             body += [c.Assign(target, value) for target, value in zip(targets, values, strict=True)]
         return c.Function(
-            self._called(routine),
-            result,
-            tuple(arguments),
-            (*self._tables.values(), *body),
-            routine.doc,
+            name=self._called(routine),
+            result=result,
+            arguments=tuple(arguments),
+            body=(*self._tables.values(), *body),
+            doc=routine.doc,
             static=not public,
         )
 
@@ -179,7 +179,7 @@ class RoutineLowering:
             self._names[local.index] = name
         return self._names[local.index]
 
-    def type(self, kind: Kind) -> c.CType:
+    def type(self, kind: ValueKind) -> c.CType:
         """The type of a value of that kind."""
         return _TYPES[kind]
 
@@ -193,18 +193,18 @@ class RoutineLowering:
             case _:
                 assert_never(operand)
 
-    def constant(self, kind: Kind, value: float) -> c.Expression:
+    def constant(self, kind: ValueKind, value: float) -> c.Expression:
         match kind:
-            case Kind.REAL:
+            case ValueKind.REAL:
                 return c.Real(float(value))
-            case Kind.UNSIGNED | Kind.WIDE:
-                return c.Unsigned(int(value), wide=kind is Kind.WIDE)
-            case Kind.TRUTH:
+            case ValueKind.UNSIGNED | ValueKind.WIDE:
+                return c.Unsigned(int(value), wide=kind is ValueKind.WIDE)
+            case ValueKind.TRUTH:
                 return c.Truth(bool(value))
             case _:
                 assert_never(kind)
 
-    def _operation(self, operation: Operation, kind: Kind) -> c.Expression:
+    def _operation(self, operation: Operation, kind: ValueKind) -> c.Expression:
         match operation:
             case Unary(function, operand):
                 return self._unary(function, self.operand(operand))
@@ -245,11 +245,11 @@ class RoutineLowering:
         first = self.operand(left)
         match operator, left, right:
             # x − 3 in place of x + -3: the same rounding, and readable
-            case Operator.ADD, _, Constant(Kind.REAL, value) if value < 0.0:
+            case Operator.ADD, _, Constant(ValueKind.REAL, value) if value < 0.0:
                 return c.Binary("-", first, c.Real(-value))
-            case Operator.SUBTRACT, _, Constant(Kind.REAL, value) if value < 0.0:
+            case Operator.SUBTRACT, _, Constant(ValueKind.REAL, value) if value < 0.0:
                 return c.Binary("+", first, c.Real(-value))
-            case Operator.SHIFT_LEFT, Constant(Kind.UNSIGNED, _), _:
+            case Operator.SHIFT_LEFT, Constant(ValueKind.UNSIGNED, _), _:
                 # a literal alone would have 16 bits where int has
                 first = c.Convert(c.CType.UNSIGNED, first)
             case _:
@@ -257,7 +257,7 @@ class RoutineLowering:
         return c.Binary(operator.value, first, self.operand(right))
 
     def select(
-        self, kind: Kind, condition: c.Expression, then: c.Expression, otherwise: c.Expression
+        self, kind: ValueKind, condition: c.Expression, then: c.Expression, otherwise: c.Expression
     ) -> c.Expression:
         """One of two values of that kind that are both computed."""
         return c.Conditional(condition, then, otherwise)

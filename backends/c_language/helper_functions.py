@@ -61,7 +61,9 @@ def _truth(calls: Calls) -> Function:
     )
     doc = "The condition; compilers cannot write code for true and for false behind it."
     name, arguments = f"{calls.prefix}_truth", (Argument("bool", condition.text),)
-    return Function(name, "bool", arguments, body, doc, static=True, inline=True)
+    return Function(
+        name=name, result="bool", arguments=arguments, body=body, doc=doc, static=True, inline=True
+    )
 
 
 def _select(calls: Calls) -> Function:
@@ -89,7 +91,9 @@ def _selecting(calls: Calls, name: str, type: CType, written: str, doc: str) -> 
         Return(Element(both, one_if(condition))),
     )
     name = f"{calls.prefix}_{name}"
-    return Function(name, written, arguments, body, doc, static=True, inline=True)
+    return Function(
+        name=name, result=written, arguments=arguments, body=body, doc=doc, static=True, inline=True
+    )
 
 
 def _outside(calls: Calls) -> Function:
@@ -99,11 +103,11 @@ def _outside(calls: Calls) -> Function:
     doc = "1 if x is not within low .. high, NaN included, else 0."
     real = f"{calls.prefix}_real"
     return Function(
-        f"{calls.prefix}_outside",
-        "uint32_t",
-        tuple(Argument(real, name.text) for name in (x, low, high)),
-        (Return(Binary("^", inside, Unsigned(1))),),
-        doc,
+        name=f"{calls.prefix}_outside",
+        result="uint32_t",
+        arguments=tuple(Argument(real, name.text) for name in (x, low, high)),
+        body=(Return(Binary("^", inside, Unsigned(1))),),
+        doc=doc,
         static=True,
         inline=True,
     )
@@ -131,6 +135,7 @@ def _clamp(calls: Calls) -> Function:
 def _sign(calls: Calls) -> Function:
     x, zero = Name("x"), Real(0.0)
     level, negative, positive = (calls.truth(Binary(test, x, zero)) for test in (">=", "<", ">"))
+    # where nothing holds x is NaN, and the result x itself
     otherwise = calls.select("real", negative, Real(-1.0), calls.select("real", level, zero, x))
     value = calls.select("real", positive, Real(1.0), otherwise)
     return _inline(calls, "sign", ("x",), value, "-1, 0 or 1; NaN of NaN.")
@@ -150,11 +155,11 @@ def _inline(
 ) -> Function:
     real = f"{calls.prefix}_real"
     return Function(
-        f"{calls.prefix}_{name}",
-        real,
-        tuple(Argument(real, argument) for argument in arguments),
-        (Return(value),),
-        doc,
+        name=f"{calls.prefix}_{name}",
+        result=real,
+        arguments=tuple(Argument(real, argument) for argument in arguments),
+        body=(Return(value),),
+        doc=doc,
         static=True,
         inline=True,
     )

@@ -104,6 +104,7 @@ class ArrayView:
 
     def repeated(self, shape: tuple[int, ...], kept: Sequence[int | None]) -> ArrayView:
         """Axes in a new order; `kept[i]` is the axis of this place at i, None to repeat along i."""
+        # a stride of 0 stays at the same number
         strides = tuple(0 if axis is None else self.strides[axis] for axis in kept)
         if self.scalar:
             return self._bare(shape)
@@ -142,6 +143,7 @@ def _reshaped_strides(
     shape: tuple[int, ...], strides: tuple[int, ...], new: tuple[int, ...]
 ) -> tuple[int, ...] | None:
     """Strides of the new shape, if its axes split or join axes that lie in one row in memory."""
+    # the stride of an axis with one element is never used
     old_axes = [(n, s) for n, s in zip(shape, strides, strict=True) if n != 1]
     new_sizes = [n for n in new if n != 1]
     found: list[int] = []
@@ -149,6 +151,7 @@ def _reshaped_strides(
     while i < len(old_axes) and j < len(new_sizes):
         last_old, last_new = i, j
         old_size, new_size = old_axes[i][0], new_sizes[j]
+        # the fewest axes of both shapes that have the same number of elements
         while old_size != new_size:
             if old_size < new_size:
                 last_old += 1
@@ -158,6 +161,7 @@ def _reshaped_strides(
                 new_size *= new_sizes[last_new]
         group = old_axes[i : last_old + 1]
         for (_, outer), (size, inner) in pairwise(group):
+            # to be joined, a step outside has to be as far as all steps inside
             if outer != size * inner:
                 return None
         step = group[-1][1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
@@ -27,6 +28,15 @@ class Generated(Protocol):
     def takes_parameters(self) -> bool:
         """Whether functions take a pointer to parameters."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class GeneratedNames:
+    """What files are named after whose functions take no parameters."""
+
+    model: str
+    prefix: str
+    takes_parameters: bool = False
 
 
 _WITHOUT_JACOBIAN = {"jacobian": False, "letters": (), "vectors": (), "vector_functions": ()}

@@ -54,6 +54,7 @@ class LocalNames:
     def reserve(self, name: str) -> None:
         """Takes exactly this name, before any other is made."""
         of_spec = next((own for own, kept in self._kept.items() if kept == name), None)
+        # the argument takes the name; the value of the spec gets another one
         if of_spec is not None:
             del self._kept[of_spec]
             return
@@ -61,12 +62,13 @@ class LocalNames:
         self._taken.add(name)
 
     def _new(self, name: str) -> str:
+        # names with the prefix are those of the headers
         if name.lower().startswith(self._prefix):
             name = f"v_{name}"
         return c_identifier(name, self._taken)
 
 
-class Scope:
+class BlockScope:
     """Statements of a block; inner blocks are made by `loop`."""
 
     def __init__(self, names: LocalNames, depth: int = 0, note: str = "") -> None:
@@ -113,15 +115,15 @@ class Scope:
         self.add(Declare(type, local, size=size))
         return Name(local)
 
-    def inner(self) -> Scope:
+    def inner(self) -> BlockScope:
         """A block inside this one."""
-        return Scope(self._names, self._depth, self._note)
+        return BlockScope(self._names, self._depth, self._note)
 
     @contextmanager
-    def loop(self, count: int, step: int = 1) -> Generator[tuple[Index, Scope]]:
+    def loop(self, count: int, step: int = 1) -> Generator[tuple[Index, BlockScope]]:
         """A loop over 0, step … below count: its counter and its body."""
         counter = _COUNTERS[self._depth]
-        inner = Scope(self._names, self._depth + 1, self._note)
+        inner = BlockScope(self._names, self._depth + 1, self._note)
         yield variable(counter), inner
         self.add(Loop(counter, 0, count, tuple(inner.statements), step))
 
@@ -129,7 +131,7 @@ class Scope:
         self,
         shape: Sequence[int],
         unroll: int,
-        body: Callable[[tuple[Index, ...], Scope], None],
+        body: Callable[[tuple[Index, ...], BlockScope], None],
     ) -> None:
         """Writes `body` for every element: in loops, or one after the other up to `unroll`."""
         if math.prod(shape) <= unroll:
@@ -142,7 +144,7 @@ class Scope:
         self,
         outer: tuple[Index, ...],
         rest: tuple[int, ...],
-        body: Callable[[tuple[Index, ...], Scope], None],
+        body: Callable[[tuple[Index, ...], BlockScope], None],
     ) -> None:
         if not rest:
             body(outer, self)

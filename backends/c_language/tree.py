@@ -246,7 +246,7 @@ class Argument:
     name: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Function:
     """A function definition; `result` is its return type written out."""
 

@@ -9,7 +9,7 @@ from typing import Literal, assert_never
 import numpy as np
 
 from backends.c_language.places import ArrayView, Index, variable
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from backends.c_language.tree import (
     Assign,
     Binary,
@@ -43,7 +43,7 @@ def active_degrees(
     points: ArrayView,
     numbers: Sequence[float] | None,
     locals: LocalValues,
-    scope: Scope,
+    scope: BlockScope,
 ) -> ActiveDegrees:
     """Writes the search and the degrees, with the arithmetic of the formula for all sets.
 
@@ -68,7 +68,7 @@ class _Writer:
         points: ArrayView,
         numbers: Sequence[float] | None,
         locals: LocalValues,
-        scope: Scope,
+        scope: BlockScope,
     ) -> None:
         self._value = value
         self._points = points
@@ -111,7 +111,7 @@ class _Writer:
         self._search(self._count + 1, -1, self._scope)
         return ActiveDegrees((variable(self._at.text),), (Real(1.0),))
 
-    def _find_interval(self, scope: Scope) -> None:
+    def _find_interval(self, scope: BlockScope) -> None:
         """The interval of a value from the first to below the last centre."""
         even = None
         if self._numbers is not None:
@@ -121,7 +121,7 @@ class _Writer:
         else:
             self._calculate(even, scope)
 
-    def _calculate(self, even: EvenPoints, scope: Scope) -> None:
+    def _calculate(self, even: EvenPoints, scope: BlockScope) -> None:
         distance = _difference(self._value, Real(even.origin))
         place = scope.constant(f"{self._name}_place", Binary("*", distance, Real(even.factor)))
         # even points: the interval follows from one product; rounding may be one interval too far
@@ -132,7 +132,7 @@ class _Writer:
             back = Assign(self._at, Binary("-", self._at, Unsigned(1)))
             scope.add(If(rounded_up, (back,)))
 
-    def _search(self, count: int, offset: int, scope: Scope) -> None:
+    def _search(self, count: int, offset: int, scope: BlockScope) -> None:
         """Halves `count` intervals until one is left; always the same number of comparisons."""
         where = variable(self._at.text)
         reached = Index()
@@ -145,7 +145,7 @@ class _Writer:
             count -= half
             reached = where
 
-    def _slope(self, scope: Scope) -> Expression:
+    def _slope(self, scope: BlockScope) -> Expression:
         """1 / (cᵢ₊₁ − cᵢ) of the interval, as the formula for all sets has it."""
         where = variable(self._at.text)
         if self._numbers is None:

@@ -14,7 +14,7 @@ from typing import Protocol, assert_never
 
 from backends.c_language.operations import scalar_operation
 from backends.c_language.places import ArrayView, Index
-from backends.c_language.scope import Scope, SpecName
+from backends.c_language.scope import BlockScope, SpecName
 from backends.c_language.tree import Binary, Expression
 from backends.c_lowering.active_memberships import ActiveDegrees, active_degrees
 from backends.c_lowering.active_sums import ActiveSets
@@ -56,7 +56,7 @@ class LeafSource(Protocol):
         """Where the samples, the parameter or the state stand."""
         ...
 
-    def push(self, op: ops.Window, newest: ArrayView, scope: Scope) -> ArrayView | None:
+    def push(self, op: ops.Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
         """Adds the newest sample behind a buffer: where its window stands; None if it cannot."""
         ...
 
@@ -69,7 +69,7 @@ class GraphLowering:
         graph: Graph,
         roots: Sequence[NodeId],
         surroundings: LeafSource,
-        scope: Scope,
+        scope: BlockScope,
         locals: LocalValues,
         active: ActiveSets = _DENSE,
         moving: Mapping[NodeId, ShiftBuffer] = _STILL,
@@ -167,7 +167,7 @@ class GraphLowering:
         found = active_degrees(node, sets.shape, value, points, numbers, self._locals, self._scope)
         self._degrees[index] = found
 
-        def make(indices: Indices, scope: Scope) -> Expression:
+        def make(indices: Indices, scope: BlockScope) -> Expression:
             return found.degrees[found.positions.index(indices[0])]
 
         return Computed(node.type.shape, make, 1)
@@ -179,7 +179,7 @@ class GraphLowering:
         locals = self._locals
         weights = [(v, type) for v, type in factors if v != memory.window]
 
-        def term(along: Index, sample: Expression, scope: Scope) -> Expression:
+        def term(along: Index, sample: Expression, scope: BlockScope) -> Expression:
             for value, type in weights:
                 indices = [along if axis.name == WINDOW else Index() for axis in type.axes]
                 weight = element_of(value, indices, scope)
@@ -202,7 +202,7 @@ class GraphLowering:
         return self._graph[node.args[0]].type
 
     def _elementwise(self, node: Node, op: ops.Computed, args: Sequence[Value]) -> Computed:
-        def make(indices: Indices, scope: Scope) -> Expression:
+        def make(indices: Indices, scope: BlockScope) -> Expression:
             operands = tuple(element_of(arg, indices, scope) for arg in args)
             if isinstance(op, ops.Select) and isinstance(operands[1], Binary):
                 # between `?` and `:` checkers of MISRA's precedence rule want no operation
@@ -210,7 +210,7 @@ class GraphLowering:
                 operands = (operands[0], then, operands[2])
             return scalar_operation(op, operands, self._locals.functions, node.type.kind)
 
-        def finish(value: Expression, scope: Scope) -> Expression:
+        def finish(value: Expression, scope: BlockScope) -> Expression:
             return self._locals.finished(node, value, scope)
 
         return Computed(node.type.shape, make, 1 + max(map(depth_of, args)), finish)

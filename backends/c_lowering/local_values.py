@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from backends.c_language.functions import FunctionTable
 from backends.c_language.operations import expression_size
 from backends.c_language.places import ArrayView, Index
-from backends.c_language.scope import LocalName, Scope, SpecName
+from backends.c_language.scope import BlockScope, LocalName, SpecName
 from backends.c_language.tree import (
     Comment,
     ConstantTable,
@@ -60,7 +60,7 @@ class LocalValues:
         """The spec's for what it names; for others one of the equation and their kind."""
         return SpecName(node.label) if node.label else self.notes.part_name(node, kind)
 
-    def finished(self, node: Node, value: Expression, scope: Scope) -> Expression:
+    def finished(self, node: Node, value: Expression, scope: BlockScope) -> Expression:
         """The expression, or a constant for it where the spec names it or it grows long."""
         if isinstance(value, Name):
             return value
@@ -69,7 +69,7 @@ class LocalValues:
         self.notes.write(node, scope)
         return scope.constant(self.name(node), value, _c_type(node))
 
-    def kept(self, node: Node, value: Value, name: LocalName, scope: Scope) -> ArrayView:
+    def kept(self, node: Node, value: Value, name: LocalName, scope: BlockScope) -> ArrayView:
         """The value in a local of its own."""
         if node.label is not None and name == node.label:
             name = SpecName(node.label)
@@ -86,7 +86,7 @@ class LocalValues:
             made = scope.constant(name, made, _c_type(node))
         return ArrayView.single(made, boolean).reshaped_single(node.type.shape)
 
-    def array(self, node: Node, name: LocalName, scope: Scope) -> ArrayView:
+    def array(self, node: Node, name: LocalName, scope: BlockScope) -> ArrayView:
         """A new local array for the value, not yet filled."""
         return ArrayView.array(scope.array(name, node.type.size, _c_type(node)), node.type.shape)
 
@@ -103,7 +103,7 @@ class LocalValues:
         values: tuple[float, ...],
         type: Type,
         name: LocalName,
-        scope: Scope,
+        scope: BlockScope,
         *,
         of_spec: bool = False,
     ) -> ArrayView:
@@ -111,6 +111,7 @@ class LocalValues:
 
         A number that the spec names is a constant of that name.
         """
+        # by their bits: 0.0 and -0.0 compare equal and are two numbers
         if len({value.hex() for value in values}) == 1 and type.kind == "real":
             if not (of_spec and self.names_constants):
                 return ArrayView.single(Real(values[0])).reshaped_single(type.shape)
@@ -123,6 +124,7 @@ class LocalValues:
             return ArrayView.single(local).reshaped_single(type.shape)
         declared: list[Name] = []
 
+        # declared at its first use: numbers that are read one by one are literals in the text
         def table() -> Expression:
             if not declared:
                 declared.append(Name(scope.fresh(name)))

@@ -13,7 +13,7 @@ ParameterAccess = Literal["const", "tunable", "calibration", "inline"]
 Extra = Literal["jacobian", "state_jacobian", "parameter_jacobian", "feedthrough"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class COptions:
     """What `write_c` is asked for; the defaults suit a core with a single-precision FPU."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from backends.c_language.places import Index
-from backends.c_language.scope import LocalName, Scope
+from backends.c_language.scope import BlockScope, LocalName
 from backends.c_language.tree import Binary, Expression, Real
 from backends.c_lowering.state_memory import ShiftBuffer, StateMemory
 from backends.c_lowering.sums import in_blocks
@@ -14,7 +14,7 @@ from compiler.ir.ops import ReadState, Reduction, Window
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import WINDOW
 
-Term = Callable[[Index, Expression, Scope], Expression]
+Term = Callable[[Index, Expression, BlockScope], Expression]
 
 
 def moving_sums(
@@ -70,7 +70,7 @@ def write_moving_sum(
     total: LocalName,
     term: Term,
     block: int,
-    scope: Scope,
+    scope: BlockScope,
 ) -> Expression:
     """Writes the loop; `term` makes what a sample at a place of the window adds to the sum."""
     samples, kept = memory.samples, memory.shape[-1]
@@ -78,14 +78,15 @@ def write_moving_sum(
     sum = scope.variable(total, Real(-0.0))
     sample = scope.variable(f"{sum.text}_sample", samples.element((Index(),)))
 
-    def move(along: Index, following: Expression, inner: Scope) -> None:
+    def move(along: Index, following: Expression, inner: BlockScope) -> None:
         inner.assign(sum, Binary("+", sum, term(along, sample, inner)))
         inner.assign(sample, following)
         inner.assign(samples.element((along,)), sample)
 
-    def move_kept(along: Index, inner: Scope) -> None:
+    def move_kept(along: Index, inner: BlockScope) -> None:
         move(along, samples.element((along.plus(Index(1)),)), inner)
 
+    # all move by one, the newest to the last place; a window has one sample more than is kept
     in_blocks(kept - 1, block, scope, move_kept)
     move(Index(kept - 1), newest, scope)
     scope.assign(sum, Binary("+", sum, term(Index(kept), sample, scope)))

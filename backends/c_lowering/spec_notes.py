@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from pathlib import PurePath
 
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from compiler.ir.program import Formula, Graph, Node
 from spec_schema.diagnostics.source import Span
 
@@ -39,7 +39,7 @@ class SpecNotes:
                 self._formulas.setdefault((span.file, line), []).append(formula)
         self._shown: set[Formula] = set()
 
-    def write(self, node: Node, scope: Scope) -> None:
+    def write(self, node: Node, scope: BlockScope) -> None:
         """Puts what the node is before the next statement of the block.
 
         The formula is shown once: a step evaluates some equations many times.

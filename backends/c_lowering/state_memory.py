@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from backends.c_language.places import ArrayView, Index, c_strides, variable
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from backends.c_language.tree import (
     Assign,
     Binary,
@@ -49,10 +49,10 @@ class PlainState:
         """The value, as `ReadState` sees it."""
         return member_place("s", self.identifier, self.shape)
 
-    def write(self, value: ArrayView, scope: Scope, unroll: int) -> None:
+    def write(self, value: ArrayView, scope: BlockScope, unroll: int) -> None:
         copy_value(value, self.samples, scope, unroll)
 
-    def write_start(self, start: ArrayView, scope: Scope, unroll: int) -> None:
+    def write_start(self, start: ArrayView, scope: BlockScope, unroll: int) -> None:
         self.write(start, scope, unroll)
 
 
@@ -80,14 +80,14 @@ class DelayLine:
         """The sample that joined last."""
         return _last(self.samples, self.shape[:-1])
 
-    def write(self, newest: ArrayView, scope: Scope, unroll: int) -> None:
+    def write(self, newest: ArrayView, scope: BlockScope, unroll: int) -> None:
         axis, kept = len(self.shape) - 1, self.shape[-1]
         # samples are copied in ascending order: each is read before it is overwritten
         rest = self.samples.sliced(axis, 0, kept - 1)
         copy_value(self.samples.sliced(axis, 1, kept), rest, scope, unroll)
         copy_value(newest, _last(self.samples, newest.shape), scope, unroll)
 
-    def write_start(self, start: ArrayView, scope: Scope, unroll: int) -> None:
+    def write_start(self, start: ArrayView, scope: BlockScope, unroll: int) -> None:
         copy_value(start, self.samples, scope, unroll)
 
 
@@ -122,21 +122,21 @@ class ShiftBuffer:
         """The sample that joined last, when the buffer has moved."""
         return _last(self.samples, self.shape[:-1])
 
-    def write_start(self, start: ArrayView, scope: Scope, unroll: int) -> None:
+    def write_start(self, start: ArrayView, scope: BlockScope, unroll: int) -> None:
         copy_value(start, self.samples, scope, unroll)
 
-    def begin(self, scope: Scope) -> None:
+    def begin(self, scope: BlockScope) -> None:
         """Nothing to prepare: the samples stand where they always stand."""
 
-    def push(self, newest: ArrayView, scope: Scope, unroll: int) -> None:
+    def push(self, newest: ArrayView, scope: BlockScope, unroll: int) -> None:
         if not self.in_sum:
             copy_value(newest, _last(self.window, newest.shape), scope, unroll)
 
-    def fill(self, newest: ArrayView, scope: Scope, unroll: int) -> None:
+    def fill(self, newest: ArrayView, scope: BlockScope, unroll: int) -> None:
         """Makes every sample that was kept equal to the newest."""
         copy_value(_along_time(newest, self.shape), self.samples, scope, unroll)
 
-    def commit(self, scope: Scope, unroll: int) -> None:
+    def commit(self, scope: BlockScope, unroll: int) -> None:
         axis = len(self.shape) - 1
         copy_value(self.window.sliced(axis, 1, self.shape[-1] + 1), self.samples, scope, unroll)
 
@@ -184,7 +184,7 @@ class DoubledRing:
         """The sample that joined last, in the step that pushed it."""
         return _last(self.window, self.shape[:-1])
 
-    def write_start(self, start: ArrayView, scope: Scope, unroll: int) -> None:
+    def write_start(self, start: ArrayView, scope: BlockScope, unroll: int) -> None:
         scope.add(Assign(Member("s", self.head), Unsigned(0)))
         for offset in (1, 1 + self.length):
             copy_value(start, self._from(Index(offset), self.shape[-1]), scope, unroll)
@@ -193,7 +193,7 @@ class DoubledRing:
         for offset in (0, self.length):
             copy_value(zero, _last(self._from(Index(offset), 1), zero.shape), scope, unroll)
 
-    def begin(self, scope: Scope) -> None:
+    def begin(self, scope: BlockScope) -> None:
         """Reads the head, which wraps here; memory errors cannot make it leave the ring."""
         stored = Member("s", self.head)
         inside = Binary("<", stored, Unsigned(self.length))
@@ -202,15 +202,15 @@ class DoubledRing:
         scope.reserve(self.head)
         scope.add(Declare(CType.UNSIGNED, self.head, head, constant=True))
 
-    def push(self, newest: ArrayView, scope: Scope, unroll: int) -> None:
+    def push(self, newest: ArrayView, scope: BlockScope, unroll: int) -> None:
         for offset in (0, self.length):
             position = variable(self.head).plus(Index(offset))
             copy_value(newest, _last(self._from(position, 1), newest.shape), scope, unroll)
 
-    def fill(self, newest: ArrayView, scope: Scope, unroll: int) -> None:
+    def fill(self, newest: ArrayView, scope: BlockScope, unroll: int) -> None:
         copy_value(_along_time(newest, self._storage.shape), self._storage, scope, unroll)
 
-    def commit(self, scope: Scope, unroll: int) -> None:
+    def commit(self, scope: BlockScope, unroll: int) -> None:
         # `length` itself is stored once a turn; `begin` makes 0 of it, so that one place wraps
         scope.assign(Member("s", self.head), Binary("+", Name(self.head), Unsigned(1)))
 

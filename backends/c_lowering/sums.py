@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from backends.c_language.operations import scalar_operation
 from backends.c_language.places import Index
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from backends.c_language.tree import Expression, Name, Real
 from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.values import Computed, Indices, Value, depth_of, element_of
@@ -33,7 +33,7 @@ def sum_along(
     count = first.axes[first.position(axis)].size
     names = node.type.axis_names
 
-    def term(indices: Indices, along: Index, scope: Scope) -> Expression:
+    def term(indices: Indices, along: Index, scope: BlockScope) -> Expression:
         where = dict(zip(names, indices, strict=True)) | {axis: along}
         elements = tuple(
             element_of(value, [where[name] for name in type.axis_names], scope)
@@ -43,10 +43,10 @@ def sum_along(
             return elements[0]
         return scalar_operation(Multiply(), elements, locals.functions)
 
-    def added(total: Expression, indices: Indices, along: Index, scope: Scope) -> Expression:
+    def added(total: Expression, indices: Indices, along: Index, scope: BlockScope) -> Expression:
         return scalar_operation(Add(), (total, term(indices, along, scope)), locals.functions)
 
-    def make(indices: Indices, scope: Scope) -> Expression:
+    def make(indices: Indices, scope: BlockScope) -> Expression:
         if active or count <= _SHORT:
             first, *rest = active or [Index(along) for along in range(count)]
             total = term(indices, first, scope)
@@ -55,25 +55,26 @@ def sum_along(
             return total
         return _written_out(indices, scope) if count <= locals.unroll else _loop(indices, scope)
 
-    def _written_out(indices: Indices, scope: Scope) -> Expression:
+    def _written_out(indices: Indices, scope: BlockScope) -> Expression:
         total = _variable(term(indices, Index(), scope), scope)
         for along in range(1, count):
             scope.assign(total, added(total, indices, Index(along), scope))
         return total
 
-    def _loop(indices: Indices, scope: Scope) -> Expression:
+    def _loop(indices: Indices, scope: BlockScope) -> Expression:
         width = locals.parallel_sums
+        # with less than two terms for each, partial sums only add additions
         if width > 1 and count >= 2 * width:
             return _side_by_side(width, indices, scope)
         total = _variable(_NEUTRAL, scope)
 
-        def add_term(along: Index, inner: Scope) -> None:
+        def add_term(along: Index, inner: BlockScope) -> None:
             inner.assign(total, added(total, indices, along, inner))
 
         in_blocks(count, locals.block, scope, add_term)
         return total
 
-    def _side_by_side(width: int, indices: Indices, scope: Scope) -> Expression:
+    def _side_by_side(width: int, indices: Indices, scope: BlockScope) -> Expression:
         """Sums of every width-th term, added at the end: a processor works on all at once."""
         totals = [_variable(_NEUTRAL, scope) for _ in range(width)]
         with scope.loop(count // width) as (along, inner):
@@ -88,18 +89,21 @@ def sum_along(
             result = scalar_operation(Add(), (result, total), locals.functions)
         return result
 
-    def _variable(begin: Expression, scope: Scope) -> Name:
+    def _variable(begin: Expression, scope: BlockScope) -> Name:
         locals.notes.write(node, scope)
         return scope.variable(locals.name(node, "sum"), begin)
 
-    def finish(value: Expression, scope: Scope) -> Expression:
+    def finish(value: Expression, scope: BlockScope) -> Expression:
         return locals.finished(node, value, scope)
 
     return Computed(node.type.shape, make, 1 + max(depth_of(value) for value, _ in factors), finish)
 
 
-def in_blocks(count: int, block: int, scope: Scope, body: Callable[[Index, Scope], None]) -> None:
+def in_blocks(
+    count: int, block: int, scope: BlockScope, body: Callable[[Index, BlockScope], None]
+) -> None:
     """Writes `body` for 0 … count−1 in a loop that makes `block` steps at once, then the rest."""
+    # a loop that turns once is no loop
     if block <= 1 or count < 2 * block:
         with scope.loop(count) as (along, inner):
             body(along, inner)

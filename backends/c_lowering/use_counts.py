@@ -28,6 +28,7 @@ def demands(
     counts = [0] * len(graph)
     for root in roots:
         counts[root] = min(MANY, counts[root] + 1)
+    # from the last node on: all users of a node stand behind it
     for index in range(len(graph) - 1, -1, -1):
         sets = active.get(index)
         if sets is not None and counts[index]:
@@ -59,6 +60,7 @@ def _uses(node: Node, operand: Type, demand: int) -> int:
         case ops.Window():
             return MANY  # written to the buffer, and often to two places of it
         case ops.Elementwise() | ops.Concat() | ops.Sum():
+            # computed once each, however often they are used themselves: then they are kept
             return 1
         case ops.Leaf():
             return 0

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from backends.c_language.places import ArrayView, Index
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from backends.c_language.tree import Expression
 from compiler.ir.types import Type
 
 Indices = Sequence[Index]
-Finish = Callable[[Expression, Scope], Expression]
+Finish = Callable[[Expression, BlockScope], Expression]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,14 +19,14 @@ class Computed:
     """A value whose elements are made, once each, by writing statements into a block."""
 
     shape: tuple[int, ...]
-    make: Callable[[Indices, Scope], Expression]
+    make: Callable[[Indices, BlockScope], Expression]
     """The element's expression; what it needs has been written into the block."""
     depth: int
     """Recipes inside one another, this one included."""
     finish: Finish | None = None
     """Gives the expression a name where it is to be a part of another one."""
 
-    def element(self, indices: Indices, scope: Scope) -> Expression:
+    def element(self, indices: Indices, scope: BlockScope) -> Expression:
         made = self.make(indices, scope)
         return made if self.finish is None else self.finish(made, scope)
 
@@ -34,17 +34,17 @@ class Computed:
 Value = ArrayView | Computed
 
 
-def element_of(value: Value, indices: Indices, scope: Scope) -> Expression:
+def element_of(value: Value, indices: Indices, scope: BlockScope) -> Expression:
     """One element as a part of another expression."""
     if isinstance(value, ArrayView):
         return value.element(indices)
     return value.element(indices, scope)
 
 
-def copy_value(value: Value, target: ArrayView, scope: Scope, unroll: int) -> None:
+def copy_value(value: Value, target: ArrayView, scope: BlockScope, unroll: int) -> None:
     """Writes every element of a value to the same element of a place."""
 
-    def one(indices: tuple[Index, ...], inner: Scope) -> None:
+    def one(indices: tuple[Index, ...], inner: BlockScope) -> None:
         if isinstance(value, ArrayView):
             made = value.element(indices)
         else:
@@ -64,6 +64,7 @@ def repeated(value: Value, old: Type, new: Type) -> Value:
     if isinstance(value, ArrayView):
         return value.repeated(new.shape, kept)
 
+    # the indices of the old axes among those of the new; a repeated axis has none
     def moved(indices: Indices) -> Indices:
         result = [Index()] * len(old.shape)
         for index, axis in zip(indices, kept, strict=True):
@@ -100,7 +101,7 @@ def with_units_moved(value: Computed, old: tuple[int, ...], new: tuple[int, ...]
 def _seen_through(
     value: Computed, shape: tuple[int, ...], moved: Callable[[Indices], Indices]
 ) -> Computed:
-    def make(indices: Indices, scope: Scope) -> Expression:
+    def make(indices: Indices, scope: BlockScope) -> Expression:
         return value.element(moved(indices), scope)
 
     return Computed(shape, make, value.depth + 1)

@@ -50,7 +50,7 @@ class RowKind(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ConstraintRow:
     """One number of a constraint; `path` is the path limit that it is of."""
 
     kind: RowKind
@@ -76,7 +76,7 @@ class ControlProgram:
         self._scale_x, self._scale_u = scales(problem)
         self._step = build_function(problem.program)
         self._names = casadi_names(problem.program)
-        self.rows: list[Row] = []
+        self.rows: list[ConstraintRow] = []
         self._stages: list[_Stage] = []
         self._constraints: list[Expression] = []
         self._variables: list[Expression] = []
@@ -225,7 +225,7 @@ class ControlProgram:
         self, value: Expression, kind: RowKind, k: int, element: int = 0, path: int = 0
     ) -> None:
         self._constraints.append(value)
-        self.rows += [Row(kind, k, element + i, path) for i in range(int(value.numel()))]
+        self.rows += [ConstraintRow(kind, k, element + i, path) for i in range(int(value.numel()))]
 
     def _holds(self, path: PathLimits, k: int) -> bool:
         stages = stages_of(self._problem, path)

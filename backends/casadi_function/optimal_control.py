@@ -9,7 +9,7 @@ from typing import Any, Literal
 import casadi
 import numpy as np
 
-from backends.casadi_function.control_program import ControlProgram, Row, RowKind
+from backends.casadi_function.control_program import ConstraintRow, ControlProgram, RowKind
 from compiler.interpreter.interpreter import Interpreter
 from compiler.optimal_control.horizon import (
     Array,
@@ -95,7 +95,7 @@ class OptimalControlNlp:
         low, high = (np.array([end[side] for end in ends]) for side in (0, 1))
         return {"lbx": lower, "ubx": upper, "lbg": low, "ubg": high}
 
-    def _ends(self, row: Row, along: LimitsAlong) -> tuple[float, float]:
+    def _ends(self, row: ConstraintRow, along: LimitsAlong) -> tuple[float, float]:
         if row.kind.is_equality:
             return 0.0, 0.0
         if row.kind is RowKind.RATE:

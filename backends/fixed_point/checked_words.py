@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from backends.c_language.places import Index
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from backends.c_language.tree import (
     Binary,
     Convert,
@@ -28,14 +28,18 @@ def word_of(port: WordPort, field: str, at: Index) -> Expression:
 
 
 def check_window(
-    port: WordPort, field: str, report: Statement, helpers: FixedHelpers, scope: Scope
+    port: WordPort, field: str, report: Statement, helpers: FixedHelpers, scope: BlockScope
 ) -> None:
     """Words of a window for `reset`, moved into their range; `report` says that one was."""
     _check(port, Member("x0", field), field, None, (report, helpers, scope))
 
 
 def check_input(
-    entry: CheckedInput, names: FixedNames, report: Statement, helpers: FixedHelpers, scope: Scope
+    entry: CheckedInput,
+    names: FixedNames,
+    report: Statement,
+    helpers: FixedHelpers,
+    scope: BlockScope,
 ) -> None:
     """Words of an input for `step`: `report` says that one was outside its range."""
     port, field = entry.port, names.inputs[entry.port.name]
@@ -49,7 +53,7 @@ def _check(
     given: Expression,
     field: str,
     held: Expression | None,
-    writing: tuple[Statement, FixedHelpers, Scope],
+    writing: tuple[Statement, FixedHelpers, BlockScope],
 ) -> None:
     report, helpers, scope = writing
     local = f"w_{field}"
@@ -68,7 +72,7 @@ def _check(
 
 
 def _replace(
-    word: Expression, raw: Expression, held: Expression | None, report: Statement, scope: Scope
+    word: Expression, raw: Expression, held: Expression | None, report: Statement, scope: BlockScope
 ) -> None:
     """Reports a word that was moved, and takes the last valid one instead where one is held."""
     inner = scope.inner()

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from backends.c.interface.structs import step_text
 from backends.c_language.places import Index
-from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.scope import BlockScope, LocalNames
 from backends.c_language.tree import (
     Argument,
     Binary,
@@ -93,6 +93,7 @@ class FixedFunctions:
         scope, program = self._scope(), self._program
         ports = {port.name: port for port in program.windows}
         if not ports:
+            # the signature is the same for all models, used or not
             scope.add(Discard("x0"))
         scope.add(Declare(CType.STATUS, "status", Name(f"{self._names.macro}_OK")))
         clamped = self._bits(FixedStatus.CLAMPED)
@@ -112,6 +113,7 @@ class FixedFunctions:
         for memory in program.memories:
             self._memories(scope).start(memory, nodes, self._bits(FixedStatus.STATE_SATURATED))
         self._set_held(scope, initial(program).held)
+        # every memory has its start: nothing waits any more
         scope.assign(self._ready, Unsigned(_INITIALISED))
         scope.add(Return(Name("status")))
         prefix = self._names.prefix
@@ -154,6 +156,7 @@ class FixedFunctions:
         for entry in program.expected:
             self._expected(entry, nodes, scope)
         saturated = self._bits(FixedStatus.STATE_SATURATED)
+        # last: reads that are written where they are used would see the next state
         for memory in program.memories:
             restart = initial(program).memories[memory.name] if memory.restarts else None
             memories.commit(memory, nodes, saturated, restart)
@@ -163,10 +166,11 @@ class FixedFunctions:
         doc = step_text(self._program.late)
         return self._function("step", f"{prefix}_status_t", arguments, scope, doc)
 
-    def _first_step(self, scope: Scope) -> None:
+    def _first_step(self, scope: BlockScope) -> None:
         """Buffers that `init` could not fill take the first sample for all samples."""
         statements: list[Statement] = []
         if self._has_state:
+            # states wait for `reset`, or nobody has called `init`
             begun = Binary("&", self._ready, Unsigned(_WAITS | _INITIALISED))
             waits = Binary("!=", begun, Unsigned(_INITIALISED))
             statements.append(If(waits, (self._bits(FixedStatus.UNINITIALISED),)))
@@ -182,14 +186,16 @@ class FixedFunctions:
                 ]
                 self._memories(inner).fill(memory, words)
             filled = Unsigned(_WAITS | _INITIALISED)
+            # the bit of filling goes out, the others stay
             inner.assign(self._ready, Binary("&", self._ready, filled))
             empty = Binary("!=", Binary("&", self._ready, Unsigned(_FILLS)), Unsigned(0))
             statements.append(If(empty, tuple(inner.statements)))
         if statements:
+            # one comparison in every later step, however much there is to do in the first
             unready = Binary("!=", self._ready, Unsigned(_INITIALISED))
             scope.add(If(unready, tuple(statements)))
 
-    def _expected(self, entry: ExpectedWords, nodes: IntegerNodes, scope: Scope) -> None:
+    def _expected(self, entry: ExpectedWords, nodes: IntegerNodes, scope: BlockScope) -> None:
         """Reports an equation that is outside its range; the step uses the end of the range."""
         scope.note(f"expected of {entry.name}")
         report = self._bits(FixedStatus.EQUATION_OUT_OF_RANGE)
@@ -205,13 +211,14 @@ class FixedFunctions:
             for index, node in enumerate(memory.next):
                 op = self._program.step[node].op
                 in_place = isinstance(op, ReadMemory) and op.memory == memory.name
+                # a loop upwards reads a later element before it is overwritten
                 if isinstance(op, ReadMemory) and not (in_place and op.index > index):
                     found.add(node)
         for _, nodes in self._program.outputs:
             found.update(n for n in nodes if isinstance(self._program.step[n].op, ReadMemory))
         return frozenset(found)
 
-    def _set_held(self, scope: Scope, values: Mapping[str, Sequence[int]]) -> None:
+    def _set_held(self, scope: BlockScope, values: Mapping[str, Sequence[int]]) -> None:
         for name, words in values.items():
             port = next(e.port for e in self._program.inputs if e.port.name == name)
             for index, word in enumerate(words):
@@ -219,7 +226,7 @@ class FixedFunctions:
                 value = Convert(CType.WORD, Integer(word))
                 scope.assign(element(field, port.axes, Index(index)), value)
 
-    def _memories(self, scope: Scope) -> MemoryWriter:
+    def _memories(self, scope: BlockScope) -> MemoryWriter:
         return MemoryWriter(self._program, self._names, self._helpers, scope)
 
     def _named(self, name: str) -> IntegerMemory:
@@ -239,15 +246,21 @@ class FixedFunctions:
     def _ready(self) -> Member:
         return Member("s", self._names.ready)
 
-    def _scope(self) -> Scope:
-        return Scope(LocalNames(self._names.prefix))
+    def _scope(self) -> BlockScope:
+        return BlockScope(LocalNames(self._names.prefix))
 
     def _function(
-        self, name: str, result: str, structs: tuple[Argument, ...], scope: Scope, doc: str
+        self, name: str, result: str, structs: tuple[Argument, ...], scope: BlockScope, doc: str
     ) -> Function:
         prefix = self._names.prefix
         arguments = (Argument(f"{prefix}_state_t *", "s"), *structs)
-        return Function(f"{prefix}_{name}", result, arguments, tuple(scope.statements), doc)
+        return Function(
+            name=f"{prefix}_{name}",
+            result=result,
+            arguments=arguments,
+            body=tuple(scope.statements),
+            doc=doc,
+        )
 
 
 _POLICY_BITS = {

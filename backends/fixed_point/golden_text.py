@@ -35,9 +35,9 @@ def golden_functions(
     answers = [step for run in runs for step in run.outputs]
     every = [*(run.start for run in runs), *starts]
     tables = GoldenTables(
-        names.prefix,
-        CType.WORD,
-        _UNROLL,
+        prefix=names.prefix,
+        number=CType.WORD,
+        unroll=_UNROLL,
         starts=[
             _column(port, names.windows[port.name], (start.windows[port.name] for start in every))
             for port in program.windows
@@ -72,4 +72,6 @@ def expected_text(program: IntegerProgram, runs: Sequence[GoldenWords]) -> str:
 
 
 def _column(port: WordPort, field: str, rows: Iterable[Sequence[int]]) -> Column:
-    return Field(port.name, field, port.axes, port.unit, ""), np.array(list(rows), np.int64)
+    return Field(
+        name=port.name, identifier=field, axes=port.axes, unit=port.unit, comment=""
+    ), np.array(list(rows), np.int64)

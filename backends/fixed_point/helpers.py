@@ -72,7 +72,10 @@ class FixedHelpers:
         )
         unit = 1 << bits
         body = (
+            # half a unit more, without its low bits: a multiple of the unit, halves upwards
             _constant(CType.SUM, raised, Binary("+", x, Integer(unit >> 1))),
+            # modulo 2ⁿ by the standard: the low bits of a negative number are those of two's
+            # complement
             _constant(CType.BITS, pattern, Convert(CType.BITS, raised)),
             _constant(CType.BITS, low_bits, Binary("&", pattern, Unsigned(unit - 1))),
             _constant(CType.SUM, rest, Convert(CType.SUM, low_bits)),
@@ -117,7 +120,15 @@ class FixedHelpers:
         self, name: str, arguments: tuple[Argument, ...], body: tuple[Statement, ...], doc: str
     ) -> Function:
         full_name = f"{self._prefix}_{name}"
-        return Function(full_name, self._sum, arguments, body, doc, static=True, inline=True)
+        return Function(
+            name=full_name,
+            result=self._sum,
+            arguments=arguments,
+            body=body,
+            doc=doc,
+            static=True,
+            inline=True,
+        )
 
 
 def _constant(type: CType, name: Name, value: Expression) -> Declare:

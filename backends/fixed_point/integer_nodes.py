@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import assert_never
 
 from backends.c_language.places import Index
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from backends.c_language.tree import (
     Binary,
     Conditional,
@@ -72,7 +72,7 @@ class IntegerNodes:
         width: Width,
         surroundings: IntegerLeafSource,
         helpers: FixedHelpers,
-        scope: Scope,
+        scope: BlockScope,
     ) -> None:
         self._nodes, self._largest_word, self._surroundings = (
             nodes,
@@ -91,6 +91,7 @@ class IntegerNodes:
     def write(self) -> None:
         """Declares all nodes that are not written where they are used."""
         for index, node in enumerate(self._nodes):
+            # the rows of a product are written together, where the first of them stands
             if self.is_inline(index) or (index in self._rows and index not in self._products):
                 continue
             if node.span is not None:
@@ -186,6 +187,7 @@ class IntegerNodes:
         """Rows of a matrix product, each in the order of its terms as if it stood alone."""
         scope, first = self._scope, rows[0]
         args = self._nodes[first].args
+        # operands in an array of their own: the inner loop runs along two arrays of words
         operands, sums = Name(f"x{first}"), Name(f"n{first}")
         scope.add(Declare(CType.WORD, operands.text, size=len(args)))
         for place, arg in enumerate(args):
@@ -193,6 +195,7 @@ class IntegerNodes:
         ops = [op for row in rows if isinstance(op := self._nodes[row].op, WeightedSum)]
         weights = self._table(tuple(c for op in ops for c in op.coefficients))
         constants = tuple(op.constant for op in ops)
+        # a table of equal numbers would only take flash
         begins = self._table(constants) if len(set(constants)) > 1 else None
         scope.add(Declare(CType.SUM, sums.text, size=len(rows)))
         with scope.loop(len(rows)) as (row, inner):
@@ -226,7 +229,7 @@ class IntegerNodes:
         total.begin()
         table = self._table(weights) if len(set(weights)) > 1 else None
 
-        def add(along: Index, inner: Scope) -> None:
+        def add(along: Index, inner: BlockScope) -> None:
             value = self._read(first, along.plus(Index(first.index)))
             if table is None:
                 total.add(*_term(weights[0], value), inner)
@@ -240,6 +243,7 @@ class IntegerNodes:
         """The table with these values, declared before it is used."""
         if values not in self._tables:
             name = Name(f"table_{len(self._tables) + 1}")
+            # words take half the flash of sums
             fits = max(map(abs, values)) <= self._largest_word
             self._scope.add(ConstantTable(name.text, values, CType.WORD if fits else CType.SUM))
             self._tables[values] = name
@@ -249,7 +253,7 @@ class IntegerNodes:
 class _Total:
     """A sum that grows term by term in a variable."""
 
-    def __init__(self, name: Name, constant: int, scope: Scope) -> None:
+    def __init__(self, name: Name, constant: int, scope: BlockScope) -> None:
         self._name, self._scope = name, scope
         self._begun = False
         if constant:
@@ -260,7 +264,7 @@ class _Total:
         if not self._begun:
             self._declare(Integer(0))
 
-    def add(self, sign: str, term: Expression, scope: Scope) -> None:
+    def add(self, sign: str, term: Expression, scope: BlockScope) -> None:
         """Adds or subtracts a term in a block."""
         if self._begun:
             scope.assign(self._name, Binary(sign, self._name, term))

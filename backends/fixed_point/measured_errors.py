@@ -71,7 +71,7 @@ class _Comparison:
 
     def errors(self) -> tuple[OutputError, ...]:
         """Of every output, over all runs."""
-        spreads = {output.name: ErrorSpread(output.name) for output in self.program.outputs}
+        spreads = {output.name: ErrorSpread(name=output.name) for output in self.program.outputs}
         ports = {port.name: port for port, _ in self.integers.outputs}
         inputs = {entry.port.name: entry.port for entry in self.integers.inputs}
         random = np.random.Generator(np.random.Philox(_SEED))

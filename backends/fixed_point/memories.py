@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from backends.c_language.places import Index
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from backends.c_language.tree import (
     Assign,
     Binary,
@@ -48,7 +48,7 @@ class MemoryWriter:
     """Statements about memories in one block of a function."""
 
     def __init__(
-        self, program: IntegerProgram, names: FixedNames, helpers: FixedHelpers, scope: Scope
+        self, program: IntegerProgram, names: FixedNames, helpers: FixedHelpers, scope: BlockScope
     ) -> None:
         self._program, self._names = program, names
         self._helpers, self._scope = helpers, scope
@@ -95,6 +95,8 @@ class MemoryWriter:
         if restart is None or all(_fits(memory, graph[node]) for node in memory.next):
             self._commit(memory, nodes, (saturated,))
             return
+        # elements are judged one after the other; whether the array starts anew is known after the
+        # last
         left = Name(self._scope.fresh(f"{self._names.memories[memory.name]}_left"))
         self._scope.add(Declare(CType.BOOL, left.text, Truth(False)))
         self._commit(memory, nodes, (Assign(left, Truth(True)),))
@@ -124,6 +126,7 @@ class MemoryWriter:
         found, target = nodes.node(node), self.element(memory, Index(index))
         self._scope.assign(target, self._stored(nodes, node, memory, found))
         if not _fits(memory, found):
+            # it was limited where what is stored is not what was computed
             changed = Binary("!=", target, nodes.value(node))
             self._scope.add(If(changed, too_large))
 
@@ -143,7 +146,7 @@ class MemoryWriter:
         if count == 1 or memory.wide or not whole or not isinstance(op, ReadWord | ReadMemory):
             return False
 
-        def move(along: Index, inner: Scope) -> None:
+        def move(along: Index, inner: BlockScope) -> None:
             source = nodes.element(op, along.plus(Index(op.index)))
             inner.assign(self.element(memory, along.plus(Index(begin))), source)
 

@@ -9,7 +9,7 @@ from compiler.fixed_point.integers.interpret import FixedStatus
 from compiler.fixed_point.integers.program import IntegerProgram
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FixedNames:
     """Identifiers by the names of the spec; each dict is one struct."""
 
@@ -44,16 +44,16 @@ def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
     ins, outs, wins, mems = (set[str]() for _ in range(4))
     ready = c_identifier("ready", mems)
     return FixedNames(
-        program.name,
-        prefix,
-        {e.port.name: c_identifier(e.port.name, ins) for e in program.inputs},
-        {port.name: c_identifier(port.name, outs) for port, _ in program.outputs},
-        {port.name: c_identifier(port.name, wins) for port in program.windows},
-        {memory.name: c_identifier(memory.name, mems) for memory in program.memories},
-        {
+        model=program.name,
+        prefix=prefix,
+        inputs={e.port.name: c_identifier(e.port.name, ins) for e in program.inputs},
+        outputs={port.name: c_identifier(port.name, outs) for port, _ in program.outputs},
+        windows={port.name: c_identifier(port.name, wins) for port in program.windows},
+        memories={memory.name: c_identifier(memory.name, mems) for memory in program.memories},
+        held={
             e.port.name: c_identifier(f"{e.port.name}.held", mems)
             for e in program.inputs
             if e.policy == "hold"
         },
-        ready,
+        ready=ready,
     )

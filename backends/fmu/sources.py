@@ -13,8 +13,8 @@ from backends.c.interface.status_bits import step_bits
 from backends.c_language.comments import comment_text, string_literal
 from backends.c_language.literals import real_literal
 from backends.c_language.rendering import render
-from backends.fmu.variable import UnitVariables, Variable, VariableKind
-from backends.fmu.variables import FIRST, Weights
+from backends.fmu.description.variable import UnitVariables, Variable, VariableKind
+from backends.fmu.description.variables import FIRST, Weights
 from compiler.ir.program import Program
 
 Version = Literal[2, 3]

@@ -13,10 +13,10 @@ from backends.c.interface.status import MEANING
 from backends.c_lowering.options import COptions
 from backends.files.atomic_write import write_text
 from backends.files.readme import one_line, readme_text
-from backends.fmu.facts import UnitFacts
+from backends.fmu.description.facts import UnitFacts
+from backends.fmu.description.variable import UnitVariables, Variable, VariableKind
+from backends.fmu.description.variables import unit_variables
 from backends.fmu.sources import bits_of_steps, has_slopes, model_sources, unit_sources
-from backends.fmu.variable import UnitVariables, Variable, VariableKind
-from backends.fmu.variables import unit_variables
 from backends.fmu.write_units import write_headers, write_units
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program

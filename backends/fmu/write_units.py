@@ -10,10 +10,10 @@ from pathlib import Path
 
 from backends.files.atomic_write import write_bytes, write_text
 from backends.files.c_compiler import CompilerMissingError, find_compiler
-from backends.fmu import description2, description3
 from backends.fmu.archive import archive
 from backends.fmu.binary import HEADERS, PLATFORMS, Platform, binary, this_platform, zig_compiler
-from backends.fmu.facts import UnitFacts
+from backends.fmu.description import description2, description3
+from backends.fmu.description.facts import UnitFacts
 from backends.fmu.sources import VERSIONS, Version
 
 _HEADERS_OF: dict[Version, tuple[str, ...]] = {

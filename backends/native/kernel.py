@@ -84,6 +84,7 @@ class Kernel:
         built = compiled_kernel(self.source.text, on_lanes=True)
         self.built = built
         self._library = built.library
+        # ctypes expects an int, which sizes from 2 GiB on do not fit
         self._library.msnn_work_bytes.restype = ctypes.c_int64
         if slopes:
             self._library.msnn_train.restype = ctypes.c_int64
@@ -114,6 +115,7 @@ class Kernel:
             sizes = [min(size, count - begin) for begin in range(0, count, size)]
             return lane_groups(self.group_type, starts[members], steps[members], sizes)
         whole, rest = divmod(count, size)
+        # rounded up: no group has rollouts of two batches
         a_batch, in_rest = -(-size // self.lanes), -(-rest // self.lanes)
         groups = np.empty(whole * a_batch + in_rest, self.group_type)
         starts, members = (np.ascontiguousarray(rows, np.int64) for rows in (starts, members))
@@ -126,6 +128,7 @@ class Kernel:
             pointer(groups),
         )
         bounds = np.arange(whole + 1 + (rest > 0), dtype=np.int64) * a_batch
+        # the last batch may be shorter
         bounds[-1] = len(groups)
         return groups, bounds
 
@@ -147,8 +150,10 @@ class Kernel:
     def _work(self, groups: Groups, largest: int) -> WorkStruct:
         """Memory for a call whose batches have at most so many groups; later calls use it again."""
         steps = int(groups["steps"].max())
+        # calls of a training are alike: the C is asked for the size once
         if (steps, largest) == self._reserved:
             return self._reservation
+        # what one thread needs to keep all rows of its rollouts
         alone = WorkStruct(None, steps, 0, 1, 1, 0, 1)
         kept = self._library.msnn_work_bytes(ctypes.byref(alone)) <= self._kept_bytes
         threads = min(self._threads, max(largest, 1))
@@ -193,6 +198,7 @@ class Kernel:
             pointer(sums),
             pointer(counts),
         )
+        # what ranks have raised waits until here: C has no exceptions
         if handed is not None:
             handed.raise_failure()
         return Losses(sums, counts, slope.astype(float))
@@ -215,6 +221,7 @@ class Kernel:
         their losses, added one batch after the other to those `before`: the bits do not depend on
         where an epoch is divided into calls.
         """
+        # the C adds to them in place; without `before` one array of zeros is copied twice
         sums, counts = (one.copy() for one in before or (np.zeros(len(self.source.losses)),) * 2)
         work = self._work(groups, int((bounds[1:] - bounds[:-1]).max()))
         handed = _handed(work, ranks)
@@ -252,6 +259,7 @@ class Kernel:
             rates=rates,
             known=known,
         )
+        assert made.known is None or self.source.takes_known, "compiled without what is known"
         self.fill_in_physical(made)
         return made
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from backends.c_language.tree import Argument, Binary, Expression, Function, Real
 from backends.native.arrangement.loop_splitting import (
     Addends,
@@ -85,14 +85,14 @@ class ModelFunctions:
         assert isinstance(made.op, Contract)
         row = array(f"row_{node}", made.type.shape)
         sums = TiledSum(
-            tuple(writer.factors(made)),
-            made.type.axis_names,
-            (made.op.axis,),
-            _sizes(writer.graph, made),
+            factors=tuple(writer.factors(made)),
+            axes=made.type.axis_names,
+            summed=(made.op.axis,),
+            sizes=_sizes(writer.graph, made),
             over_time=False,
         )
 
-        def store(indices: Mapping[str, Index], value: Expression, scope: Scope) -> None:
+        def store(indices: Mapping[str, Index], value: Expression, scope: BlockScope) -> None:
             position = row.position([indices[axis] for axis in made.type.axis_names])
             position = position.plus(indices[MOMENT].times(made.type.size))
             scope.assign(ArrayView(row.storage, (), (), position).element(()), value)
@@ -202,14 +202,14 @@ class ModelFunctions:
         target = self._gradient_place(late.parameter)
         summed = (made.op.axis,) if isinstance(made.op, Contract) else ()
         sums = TiledSum(
-            tuple(writer.factors(made)),
-            made.type.axis_names,
-            summed,
-            _sizes(writer.graph, made),
+            factors=tuple(writer.factors(made)),
+            axes=made.type.axis_names,
+            summed=summed,
+            sizes=_sizes(writer.graph, made),
             over_time=True,
         )
 
-        def store(indices: Mapping[str, Index], value: Expression, scope: Scope) -> None:
+        def store(indices: Mapping[str, Index], value: Expression, scope: BlockScope) -> None:
             element = target.element([indices[axis] for axis in made.type.axis_names])
             scope.assign(element, Binary("+", element, value))
 

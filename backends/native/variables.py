@@ -27,7 +27,7 @@ class Method(IntEnum):
     SGD = 2
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
     """An optimiser as the kernel runs it: which one, and its constants."""
 
@@ -46,6 +46,7 @@ class KnownMemory:
     def __init__(self, known: KnownTerms) -> None:
         ends = np.cumsum([0, *(len(one) for one in known.slices)]).astype(np.int64)
         numbers = np.concatenate([np.zeros(0, np.int64), *known.slices]).astype(np.int32)
+        # kept alive here: the struct has their addresses alone
         self._arrays = (known.mean, known.std, known.magnitude, numbers, ends, known.norms)
         addresses = (array.ctypes.data for array in self._arrays)
         self.struct = KnownStruct(*addresses, len(known.slices), 0.0)
@@ -76,6 +77,7 @@ class Variables:
 
         def numbers(of: Callable[[Parameter], ArrayLike]) -> FloatArray:
             parts = [np.broadcast_to(of(p), np.shape(weights[p.name])).ravel() for p in parameters]
+            # a program may have no parameters, and concatenation wants an array
             return np.concatenate([np.zeros(0), *parts])
 
         arrays: dict[str, NDArray[Any]] = {
@@ -87,10 +89,12 @@ class Variables:
             "raw": numbers(lambda p: raws[p.name][0] if p.name in raws else 0.0).astype(dtype),
             "physical": numbers(lambda p: weights[p.name]).astype(dtype),
         }
+        # as they were given: `scale_rates` begins from these, so that no rounding adds up
         self._rates = numbers(lambda p: rates.get(p.name, 0.0))
         arrays["first"] = np.zeros_like(arrays["raw"])
         arrays["second"] = np.zeros_like(arrays["raw"])
         self.arrays = arrays
+        # the arrays stand in the order of the struct's fields
         self.addresses = VariablesStruct(*(array.ctypes.data for array in arrays.values()))
         constants = (rule.beta1, rule.beta2, rule.epsilon, rule.decay, rule.clip)
         self.optimizer = OptimizerStruct(int(rule.method), 0, *constants, 0, 1.0, 1.0, 0)

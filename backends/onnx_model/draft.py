@@ -43,7 +43,7 @@ _ELEMENTS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Draft:
     """An expanded program with its ports, their names, the weights and the precision."""
 
@@ -63,7 +63,13 @@ class Draft:
         arrays = physical_weights(program, weights or {})
         expanded = expand_functions(program, NATIVE)
         interface = step_interface(expanded)
-        return Draft(expanded, interface, port_names(interface, (STEPS,)), arrays, real)
+        return Draft(
+            program=expanded,
+            interface=interface,
+            names=port_names(interface, (STEPS,)),
+            weights=arrays,
+            dtype=real,
+        )
 
     def nodes(self) -> OnnxNodes:
         """No nodes yet, and all names of ports taken."""

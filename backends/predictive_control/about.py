@@ -7,7 +7,7 @@ from typing import Any
 
 from backends.c_language.literals import Dtype
 from backends.ports.metadata import metadata_text
-from backends.predictive_control.inputs import InputField
+from backends.predictive_control.inputs import SeriesField
 from backends.predictive_control.members import StructMember
 from backends.predictive_control.structure.form import PlanLayout
 from backends.predictive_control.structure.rows import Rows
@@ -20,7 +20,7 @@ def about_text(
     prefix: str,
     dtype: Dtype,
     struct: Iterable[StructMember],
-    fields: Iterable[InputField],
+    fields: Iterable[SeriesField],
     *,
     plan: PlanLayout,
     rows: Rows,

@@ -64,6 +64,7 @@ def solver_constants(
             1e-2 if is_staged else 1e-5,
             "The same in the plan of the sample before.",
         ),
+        ("ROUNDING", precision / 2, "Largest error of a rounded number, by its size."),
         ("LEAST_SLACK", 4 * precision, "Least slack of a control, by its scale: rounding."),
         ("LEAST_CURVATURE", 1e-8 if exact else 1e-5, "Floor of curvatures."),
         ("LEAST_SHARE", 1e-4, "Floor of the curvature of a control by its own stage's."),

@@ -13,7 +13,7 @@ from compiler.optimal_control.problem import ControlProblem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class InputField:
+class SeriesField:
     """A disturbance or a reference: `samples` of `count` numbers, one sample after the other."""
 
     name: str
@@ -38,18 +38,18 @@ class InputField:
         return () if self.size == 1 else (self.size,)
 
 
-def input_fields(problem: ControlProblem) -> tuple[InputField, ...]:
+def input_fields(problem: ControlProblem) -> tuple[SeriesField, ...]:
     """The fields beside x, in the order of the problem."""
     taken = {"x"}
     first = 0
-    found: list[InputField] = []
+    found: list[SeriesField] = []
     for member, ahead in _members(problem):
         window = Type(member.axes).window or 1
         # previewed ports hold the samples of all stages, and what windows read beyond
         samples = ahead + window - 1 if member.name in problem.previewed else 1
         count = member.size // window
         found.append(
-            InputField(
+            SeriesField(
                 name=member.name,
                 identifier=c_identifier(member.name, taken),
                 comment=_comment(member, count, samples),

@@ -11,7 +11,7 @@ from compiler.kernels.tables.formats import RealName
 
 
 @dataclass(frozen=True, slots=True)
-class Numbers:
+class TypedLiterals:
     """Literals of one type."""
 
     dtype: Dtype

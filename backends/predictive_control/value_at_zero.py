@@ -39,6 +39,7 @@ def values_at_zero(
     lean = GraphBuilder()
     wanted = {root: copies[root] for root in roots}
     moved = without_zeros(builder.graph(), list(wanted.values()), lean)
+    # a concatenation of numbers and zeros is left: the sums over it would be as long as before
     if any(_is_partly_zero(lean, node) for _, node in lean.graph()):
         return None
     found, places = folded(lean.graph())
@@ -79,6 +80,7 @@ def _read(builder: GraphBuilder, node: Node, are_zero: tuple[bool, ...]) -> Node
     if len(node.type.axes) != 1:
         return read
     axis = node.type.axes[0]
+    # a run ends where zeros begin or end
     edges = [at for at in range(1, len(are_zero)) if are_zero[at] != are_zero[at - 1]]
     parts: list[NodeId] = []
     for start, stop in zip([0, *edges], [*edges, len(are_zero)], strict=True):
@@ -96,6 +98,7 @@ def _summed(builder: GraphBuilder, node: Node, axis: str) -> NodeId:
     """A sum over the parts of its first concatenation that are not 0."""
     all_parts = [_parts(builder, arg, axis) for arg in node.args]
     zeros = [[known_number(builder, part) == 0.0 for part in parts] for parts in all_parts]
+    # one operand with zeros is enough: a product with 0 is 0 whatever the other one is
     number = next((at for at, known in enumerate(zeros) if any(known)), None)
     if number is None:
         return copy_node(builder, node, node.args)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from numpy.typing import ArrayLike
@@ -13,14 +13,14 @@ from backends.c_kernels.sources import c_sources
 from backends.c_language.functions import FunctionNames, FunctionTable
 from backends.c_language.literals import Dtype
 from backends.c_language.printer import Printer
-from backends.c_language.rendering import render
+from backends.c_language.rendering import GeneratedNames, render
 from backends.c_language.tree import Function
 from backends.files.atomic_write import write_text
 from backends.predictive_control.about import about_text
 from backends.predictive_control.constants import reachable, solver_constants
 from backends.predictive_control.inputs import input_fields, quantity_lines
 from backends.predictive_control.members import Sizes, members
-from backends.predictive_control.numbers import Numbers
+from backends.predictive_control.numbers import TypedLiterals
 from backends.predictive_control.selftest.selftest import selftest_texts
 from backends.predictive_control.stage_code.stage_functions import (
     PlacedLimit,
@@ -37,15 +37,6 @@ from compiler.optimal_control.trained import trained
 
 MOST_SIMULATIONS = 3
 """Of a solve: each costs what the values of an iteration cost."""
-
-
-@dataclass(frozen=True, slots=True)
-class Controller:
-    """What the files are named after."""
-
-    model: str
-    prefix: str
-    takes_parameters: bool = False
 
 
 def write_controller(
@@ -78,10 +69,11 @@ def solver_texts(
     is_window: bool = False,
 ) -> dict[str, str]:
     """Texts by path of the solver of a problem, under this name; that of a window solves alone."""
+    # a tolerance that the type cannot resolve would cap every solve
     problem = replace(problem, tolerance=reachable(problem.tolerance, dtype))
-    controller = Controller(problem.program.name, name)
+    controller = GeneratedNames(problem.program.name, name)
     rows = rows_of(problem)
-    numbers = Numbers(dtype)
+    numbers = TypedLiterals(dtype)
     table = FunctionTable(FunctionNames(name, dtype, "own"))
     structure = chosen_structure(problem)
     made = (condensed_form if structure == "condensed" else staged_form)(problem, rows)
@@ -145,6 +137,8 @@ def solver_texts(
             for r in rows.rates
         ],
         "kept": max(stage.kept, terminal.kept),
+        # where the end of the horizon keeps nothing, its function is given an array that it does
+        # not read
         "last_kept": f"c->kept[{'k' if terminal.kept else 0}]",
         "given_of_stage": "c->given[k]" if given else nothing,
         "given_of_all": "c->given[0]" if given else nothing,

@@ -1,18 +1,20 @@
 """Reads the ASAP2 files of exports with pya2l, a parser that is not ours.
 
-    uv run --with pya2l --with '.[a2l]' python benchmarks/a2l/parse.py [SPEC …]
+    uv run --with pya2l --with '.[a2l]' python benchmarks/a2l/parse.py [--write] [SPEC …]
 
 Without a spec: every spec of the gallery, in float32 and float64, with parameters of every kind,
 and in fixed point where its ranges allow that. Exit code 1 where the parser has an error or a
-warning.
+warning. `--write` writes RESULTS.md.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 import tempfile
 from collections.abc import Iterator
 from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -56,9 +58,24 @@ def texts(spec: Path) -> Iterator[tuple[str, str]]:
             yield f"dtype={dtype}", file.read_text(encoding="utf-8")
 
 
-def main(specs: list[Path]) -> int:
+_TEXT = """\
+# ASAP2 files read by pya2l {version}
+
+Written by `python benchmarks/a2l/parse.py --write`: those of every spec of the gallery, in float32
+and float64, with parameters of every kind, and in fixed point where its ranges allow that.
+
+{files} files, {warnings} warnings
+
+```text
+{found}
+```
+"""
+
+
+def main(specs: list[Path], *, is_written: bool) -> int:
     parser_of: Any = import_module("pya2l.parser").A2lParser
     found = 0
+    lines: list[str] = []
     for spec in specs:
         for asked, text in texts(spec):
             with parser_of() as parser:
@@ -66,11 +83,21 @@ def main(specs: list[Path]) -> int:
                 warnings = list(parser.warnings)
             module = tree.PROJECT.MODULE[0]
             counts = f"{len(module.CHARACTERISTIC)} parameters, {len(module.MEASUREMENT)} measured"
-            print(f"{spec.name}, {asked}: {counts}, {len(warnings)} warnings")
-            print(*warnings, sep="\n", end="\n" if warnings else "")
+            lines.append(f"{spec.name}, {asked}: {counts}, {len(warnings)} warnings")
+            print(lines[-1], *warnings, sep="\n", flush=True)
             found += len(warnings)
+    if is_written:
+        text = _TEXT.format(
+            version=version("pya2l"), files=len(lines), warnings=found, found="\n".join(lines)
+        )
+        Path(__file__).with_name("RESULTS.md").write_text(text, encoding="utf-8")
     return 1 if found else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main([Path(name) for name in sys.argv[1:]] or sorted(GALLERY.glob("*.msnn.yaml"))))
+    parser = argparse.ArgumentParser(description="Reads ASAP2 files with pya2l.")
+    parser.add_argument("specs", nargs="*", type=Path, metavar="SPEC")
+    parser.add_argument("--write", action="store_true", help="Write the page of results.")
+    given = parser.parse_args()
+    every = sorted(GALLERY.glob("*.msnn.yaml"))
+    sys.exit(main(given.specs or every, is_written=given.write))

@@ -29,7 +29,7 @@ def main() -> None:
             spec = str(GALLERY / f"{name}.msnn.yaml")
             if run(["export", spec, "--initial", "--to", "c", "--out", place]) != 0:
                 raise SystemExit(f"{name} was not exported")
-            wanted = WantedSteps(frozenset(TARGETS), proof=True, misra=True)
+            wanted = WantedSteps(targets=frozenset(TARGETS), proof=True, misra=True)
             found = verify(Path(place) / "c", wanted)
         for row in _rows(name, found):
             print("| " + " | ".join(row) + " |", flush=True)

@@ -1,33 +1,35 @@
-"""Exports units of the gallery, of controllers and of filters, and measures what was promised.
+"""Exports units of the gallery, of controllers and of estimators, and measures what was promised.
 
-    python benchmarks/fmu/gallery.py [SOLVES]
+    python benchmarks/fmu/gallery.py [SOLVES] [--write]
 
 For every spec of the gallery in float32 and float64, every control problem of the tests and every
-filter of theirs: findings of FMPy in both versions of FMI (a unit with one is not run), values
+estimator of theirs: findings of FMPy in both versions of FMI (a unit with one is not run), values
 whose bits differ from those of the C along a record, two instances in turn, a state that is saved,
 restored and continued in another instance, the size of the archives, and by how much memory grows
-over so many steps: a million of a model and a filter, SOLVES of a controller (a million unless it
-is given). Exit code 1 where anything is not as promised.
+over so many steps: a million of a model and a filter, SOLVES of a controller or a window (a million
+unless it is given). Exit code 1 where anything is not as promised.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from msnn.agreement.judgement import FloatType
-from msnn.agreement.record import drawn_record
+from msnn.agreement.judging.judgement import FloatType
+from msnn.agreement.judging.record import drawn_record
 from msnn.exports.check import check_export
 from msnn.exports.export import load_export, plan_exports, write_export
-from msnn.exports.fmu_instance import FmuInstance, fmu_instance
+from msnn.exports.running.fmu_instance import FmuInstance, fmu_instance
 from msnn.exports.target import Written
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights
@@ -44,22 +46,81 @@ GROWTH = 1024
 """KiB: pages that the allocator of Python keeps, and none for each step."""
 Set = Callable[[FmuInstance, int], None]
 
+_TEXT = """\
+# Units of the gallery, of controllers and of estimators
 
-def main(solves: int) -> int:
-    failed = 0
+Written by `python benchmarks/fmu/gallery.py {solves} --write`. Both units of FMI 2.0 and 3.0 of
+each model passed FMPy's checks: a unit with a finding is not run. Values whose bits differ from
+those of the C along a record; pairs of instances that are not in turn as each alone; units that do
+not go on with the same bits in another instance; the larger archive; by how much the process is
+larger after so many steps.
+
+{models} models: {failed} not as promised. Archives have {least:.0f} to {largest:.0f} kB, memory
+grows by at most {growth} KiB.
+
+| model | differ | in turn | continued | archive, kB | steps | more memory, KiB |
+|---|---|---|---|---|---|---|
+{rows}
+"""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was found of one model."""
+
+    name: str
+    differing: int
+    in_turn: int
+    continued: int
+    size: float
+    """kB of the larger archive."""
+    steps: int
+    growth: int
+    """KiB."""
+
+    @property
+    def is_as_promised(self) -> bool:
+        wrong = self.differing or self.in_turn or self.continued
+        return not wrong and 1000 * self.size < LARGEST and self.growth < GROWTH
+
+    @property
+    def row(self) -> str:
+        """Its row of the table."""
+        counts = f"{self.differing} | {self.in_turn} | {self.continued}"
+        return f"| {self.name} | {counts} | {self.size:.1f} | {self.steps:,} | {self.growth} |"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Measures FMUs.")
+    parser.add_argument("solves", nargs="?", type=int, default=STEPS)
+    parser.add_argument("--write", action="store_true")
+    given = parser.parse_args()
+    found: list[Measured] = []
     for name in NAMES:
         for dtype in TYPES:
             with tempfile.TemporaryDirectory() as folder:
-                failed += model(name, dtype, Path(folder))
+                found.append(model(name, dtype, Path(folder)))
     for name in (*PROBLEMS, *SPECS):
         for dtype in TYPES:
             with tempfile.TemporaryDirectory() as folder:
-                failed += online(name, dtype, Path(folder), solves)
+                found += online(name, dtype, Path(folder), given.solves)
+    failed = sum(not one.is_as_promised for one in found)
     print(f"{failed} not as promised")
+    if given.write:
+        text = _TEXT.format(
+            solves=given.solves,
+            models=len(found),
+            failed=failed,
+            least=min(one.size for one in found),
+            largest=max(one.size for one in found),
+            growth=max(one.growth for one in found),
+            rows="\n".join(one.row for one in found),
+        )
+        Path(__file__).with_name("RESULTS.md").write_text(text, encoding="utf-8")
     return 1 if failed else 0
 
 
-def model(name: str, dtype: FloatType, folder: Path) -> int:
+def model(name: str, dtype: FloatType, folder: Path) -> Measured:
     """A spec of the gallery."""
     found: list[dict[str, bytes]] = []
     written: Written | None = None
@@ -78,8 +139,8 @@ def model(name: str, dtype: FloatType, folder: Path) -> int:
     return told(f"{name} {dtype}", differing, archives(written), drawn, STEPS)
 
 
-def online(name: str, dtype: FloatType, folder: Path, solves: int) -> int:
-    """A controller or a filter, or both."""
+def online(name: str, dtype: FloatType, folder: Path, solves: int) -> list[Measured]:
+    """A controller or an estimator, or both."""
     text = SPECS.get(name)
     if text is None:
         PROBLEMS[name].model(name, folder)
@@ -88,14 +149,14 @@ def online(name: str, dtype: FloatType, folder: Path, solves: int) -> int:
     weights = initial_weights(plan.program)
     written = write_export(plan, weights, folder / "out")
     agreement = check_export(plan, weights, written, drawn_record(plan.program, "drawn"))
-    failed = 0
-    for kind in ("mpc", "ekf"):
+    found: list[Measured] = []
+    for kind in ("mpc", "ekf", "mhe"):
         units = [path for path in archives(written) if f"_{kind}_" in path.name]
         if units:
-            steps = solves if kind == "mpc" else STEPS
+            steps = STEPS if kind == "ekf" else solves
             bits = agreement.bits or 0
-            failed += told(f"{name} {kind} {dtype}", bits, units, drawn, steps)
-    return failed
+            found.append(told(f"{name} {kind} {dtype}", bits, units, drawn, steps))
+    return found
 
 
 def drawn(unit: FmuInstance, step: int) -> None:
@@ -107,9 +168,8 @@ def drawn(unit: FmuInstance, step: int) -> None:
             unit.set(variable.valueReference, 0.1 * random.uniform(-1, 1, size))
 
 
-def told(name: str, differing: int, units: list[Path], given: Set, steps: int) -> int:
-    """Prints what was found of one model; 1 where it is not as promised."""
-    largest = max(path.stat().st_size for path in units)
+def told(name: str, differing: int, units: list[Path], given: Set, steps: int) -> Measured:
+    """What was found of one model, which it prints."""
     with ExitStack() as stack:
         pairs = [[stack.enter_context(fmu_instance(path)) for _ in "ab"] for path in units]
         in_turn = sum(not alone_and_in_turn(one, other, given) for one, other in pairs)
@@ -117,14 +177,18 @@ def told(name: str, differing: int, units: list[Path], given: Set, steps: int) -
         began = time.process_time()
         growth = max(grown(pair[0], given, steps) for pair in pairs)
         seconds = time.process_time() - began
-    bad = bool(differing or in_turn or continued or largest >= LARGEST or growth >= GROWTH)
-    print(
-        f"{name}: {differing} differ from C, {in_turn} in turn, {continued} continued, "
-        f"{largest / 1000:.1f} kB, {growth} KiB more after {steps:,} steps ({seconds:.1f} s)"
-        + (" <-" if bad else ""),
-        flush=True,
+    measured = Measured(
+        name=name,
+        differing=differing,
+        in_turn=in_turn,
+        continued=continued,
+        size=max(path.stat().st_size for path in units) / 1000,
+        steps=steps,
+        growth=growth,
     )
-    return int(bad)
+    wrong = "" if measured.is_as_promised else " <-"
+    print(f"{measured.row} {seconds:.1f} s{wrong}", flush=True)
+    return measured
 
 
 def stepped(unit: FmuInstance, given: Set, first: int, end: int) -> list[bytes]:
@@ -194,4 +258,4 @@ def resident() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else STEPS))
+    sys.exit(main())

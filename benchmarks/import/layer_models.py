@@ -375,6 +375,14 @@ def closed_window(m):
 
 
 @model
+def closed_ahead(m):
+    x, u = Input("x"), Input("u")
+    m.addModel("m", [Output("y", Fir(x.sw([0, 3])) * 0.2 + u.last()), Output("z", x.sw([-1, 1]))])
+    m.addMinimize("fit", "y", x.next())
+    m.addClosedLoop("y", "x")
+
+
+@model
 def connected(m):
     x, u = Input("x"), Input("u")
     plant = x.last() * 0.8 + u.last() + u.z(1) * 0.1

@@ -20,8 +20,8 @@ from nnodely import Modely, clearNames
 
 SAMPLE_TIME = 0.1
 ROWS = 12
-STARTS_AT_ZERO = {"closed_window"}
-"""Models whose loops are closed by windows: the spec does not begin them in the log."""
+STARTS_AT_ZERO = {"closed_window", "closed_ahead"}
+"""Models whose loops the spec does not begin in the log."""
 
 
 def record(name: str, folder: Path) -> str | None:

@@ -17,7 +17,6 @@ from compiler.kernels.trace.statements import (
     Call,
     Constant,
     Convert,
-    Kind,
     Lookup,
     Operand,
     Operation,
@@ -26,6 +25,7 @@ from compiler.kernels.trace.statements import (
     Statement,
     Table,
     Unary,
+    ValueKind,
 )
 
 Site = tuple[str, int]
@@ -52,14 +52,14 @@ def _with(routine: Routine, site: Site, other: Constant) -> Routine:
 
 
 def _neighbours(constant: Constant, routine: Routine) -> Iterator[Constant]:
-    if constant.kind is Kind.REAL:
+    if constant.kind is ValueKind.REAL:
         dtype = routine.format.dtype.type
         for limit in (-math.inf, math.inf):
             with np.errstate(over="ignore"):
                 beside = float(np.nextafter(dtype(constant.value), dtype(limit)))
             if math.isfinite(beside):
                 yield Constant(constant.kind, beside)
-    elif constant.kind is not Kind.TRUTH:
+    elif constant.kind is not ValueKind.TRUTH:
         yield Constant(constant.kind, int(constant.value) ^ 1)
 
 

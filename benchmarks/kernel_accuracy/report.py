@@ -28,8 +28,8 @@ gradual. Which NaN it is differs between processors and is not promised. Angles 
 however large they are.
 
 This page is written by `python -m benchmarks.kernel_accuracy.measure` and
-`python -m benchmarks.kernel_accuracy.sample_double` (about an hour together); the polynomials
-are those of `benchmarks/kernel_accuracy/fit_coefficients.py`.
+`python -m benchmarks.kernel_accuracy.sample_double`; the polynomials are those of
+`benchmarks/kernel_accuracy/fit_coefficients.py`.
 """
 
 FLOAT = """
@@ -39,6 +39,7 @@ All 2³² floats against the double-precision C library, its result rounded to f
 `atan2` on 10⁹ stratified pairs. *Compared* counts arguments with a finite result; all others (NaN,
 infinities, signed zeros) are checked to be what IEEE 754 and C99 annex F say.
 
+<!-- figures by: tests/docs/test_kernels_page.py -->
 | kernel | arguments | promised ulp | compared | largest ulp | at | not the nearest float |
 |---|---|---|---|---|---|---|
 """
@@ -46,8 +47,10 @@ infinities, signed zeros) are checked to be what IEEE 754 and C99 annex F say.
 DOUBLE = """
 ## double: samples
 
+<!-- figures given: a precision -->
 Random numbers of every binade and of usual size against mpmath with 200 bits and more.
 
+<!-- figures by: tests/docs/test_kernels_page.py -->
 | kernel | promised ulp | compared | largest ulp | at |
 |---|---|---|---|---|
 """
@@ -78,6 +81,12 @@ def keep(real: str, name: str, row: Measurement) -> None:
 
 def write_report() -> None:
     """Writes the document from all that has been measured."""
+    DOCUMENT.parent.mkdir(exist_ok=True)
+    DOCUMENT.write_text(report(), encoding="utf-8")
+
+
+def report() -> str:
+    """The document, from all that has been measured."""
     results = _results()
     lines = [OPENING, FLOAT]
     for name, kernel in KERNELS.items():
@@ -96,8 +105,7 @@ def write_report() -> None:
                 f"| `{name}` | {PROMISED_DOUBLE:g} | {row.compared:,} | {row.largest_error:.3f} | "
                 f"{_point(row)} |\n"
             )
-    DOCUMENT.parent.mkdir(exist_ok=True)
-    DOCUMENT.write_text("".join(lines), encoding="utf-8")
+    return "".join(lines)
 
 
 def _point(row: Measurement) -> str:

@@ -13,7 +13,7 @@ from backends.c_kernels.sources import c_sources
 from backends.c_language.functions import FunctionNames, FunctionTable
 from backends.c_language.places import ArrayView, Index, c_strides
 from backends.c_language.printer import Printer
-from backends.c_language.scope import LocalNames, Scope, SpecName
+from backends.c_language.scope import BlockScope, LocalNames, SpecName
 from backends.c_language.tree import Argument, Function, Name, Real
 from backends.c_lowering.graph import GraphLowering
 from backends.c_lowering.local_values import LocalValues
@@ -32,7 +32,7 @@ class _Leaves:
     derivatives: StepDerivatives
     weights: Weights
     locals: LocalValues
-    scope: Scope
+    scope: BlockScope
 
     def read(self, op: AnyRead, type: Type) -> ArrayView:
         if isinstance(op, ReadParameter):
@@ -50,7 +50,7 @@ class _Leaves:
                     return ArrayView(Name(array), type.shape, c_strides(type.shape), at)
         raise AssertionError(f"{name} is no variable")
 
-    def push(self, op: Window, newest: ArrayView, scope: Scope) -> ArrayView | None:
+    def push(self, op: Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
         return None
 
 
@@ -59,7 +59,7 @@ def derivatives_source(
 ) -> str:
     """`void NAME(z, lambda, r, J, H)` and the kernels that it calls, in double."""
     table = FunctionTable(FunctionNames(name, "float64", math, False))
-    scope = Scope(LocalNames(name))
+    scope = BlockScope(LocalNames(name))
     for taken in ("z", "lambda", "r", "J", "H"):
         scope.reserve(taken)
     locals = LocalValues(table, SpecNotes(found.graph), 4, block=6)
@@ -88,7 +88,9 @@ def derivatives_source(
         Argument(f"{real} *", "H"),
     )
     body = (*locals.constants(statements), *statements)
-    function = Printer(name, "float64").function(Function(name, "void", arguments, body, ""))
+    function = Printer(name, "float64").function(
+        Function(name=name, result="void", arguments=arguments, body=body, doc="")
+    )
     includes = "".join(f"#include <{header}.h>\n" for header in ("math", "stdbool", "stdint"))
     parts = [f"{includes}typedef double {real};\n", function]
     if table.kernels:

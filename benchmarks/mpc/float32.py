@@ -88,7 +88,7 @@ def main() -> None:
         "float32",
         "residual",
     )
-    print(table_text((*header, "residual"), rows, numbers=list(range(1, 8))))
+    print(table_text(header, rows, numbers=list(range(1, 8))))
     print(f"distance of first controls, which are between -3 and 3, at {SAMPLES} samples")
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 import msnn
 from backends.c_language.literals import Dtype
-from backends.predictive_control.estimation import write_filter
+from backends.predictive_control.write_estimator import write_estimator
 
 HERE = Path(__file__).parent
 Array = NDArray[np.float64]
@@ -149,7 +149,7 @@ def run(plant: Plant, rows: Array, dtype: Dtype) -> tuple[Array, float]:
         model = msnn.load(spec)
         assert model.estimation is not None
         weights = msnn.initial_weights(model)
-        write_filter(model.estimation, weights, folder, prefix="plant", dtype=dtype)
+        write_estimator(model.estimation, weights, folder, prefix="plant", dtype=dtype)
         program = folder / "run"
         defined = {
             "HEADER": '"plant_ekf.h"',

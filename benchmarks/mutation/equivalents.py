@@ -55,7 +55,30 @@ def _stores(places: str, why: str) -> dict[tuple[str, str], str]:
 _SIGN = "return (x > 0.0f) ? 1.0f : ((x < 0.0f) ? (-1.0f) : ((x >= 0.0f) ? 0.0f : x));"
 _ZERO, _ONE = "0.0f -> 0.001f", "1.0f -> 1.011f"
 
+_LENGTH = (
+    "it is 0 only where the length is infinite: then a turn is infinite by infinite, and what is "
+    "added NaN"
+)
+
 EQUIVALENTS: dict[str, dict[tuple[str, str], str]] = {
+    "cart_pole": {
+        (
+            "const cart_pole_real pull_part_59 = ((fabsf(turn_part_12) <= 0.0f) ? 0.0f",
+            "0.0f -> 0.001f (2)",
+        ): _LENGTH,
+        (
+            "const cart_pole_real pull_part_78 = ((fabsf(turn_part_19) <= 0.0f) ? 0.0f",
+            "0.0f -> 0.001f (2)",
+        ): _LENGTH,
+        (
+            "jac->C[14U] = pull_part_101 + ((fabsf(pull_part_3) <= 0.0f) ? 0.0f",
+            "0.0f -> 0.001f (2)",
+        ): NO_ZERO,
+        (
+            "if (!(fabsf(jac->C[14U]) <= 3.4028235e+38f)) {",
+            "3.4028235e+38f -> 3.4368517349999996e+38f",
+        ): _TOGETHER,
+    },
     "arm_friction": _stores(
         """
 jac->A[i + 60U] = part_36[i];
@@ -219,13 +242,15 @@ jac->D[0U] = anticipated_part_5[2U];
 
 
 _COUPLED = {
+    "cart_pole_linearize": ("if (!(fabsf(jac->C[14U]) <= 3.4028235e+38f)) {",),
     "battery_step": ("if (!(fabsf(s->polarisation_state[1U]) <= 3.4028235e+38f)) {",),
     "heater_step": tuple(
         f"if (!(fabsf(s->element_state[{i}U]) <= 3.4028235e+38f)) {{" for i in range(3)
     ),
 }
 """Checks of elements of a filter's memory: the second sample of a filter was the first before, and
-keeps it infinite; each element of a state space depends on all."""
+keeps it infinite; each element of a state space depends on all. The slope of the angle shown is
+at most 1 of a finite angle, and of another all slopes in the angle are NaN."""
 
 
 def reason(prefix: str, mutant: Mutant) -> str | None:

@@ -2,7 +2,8 @@
 
 Generates the data below FOLDER and deletes them. Prints the median time of an epoch by the clock
 and, as other work may share the cores, its processor seconds in each process: where every process
-has a core of its own, an epoch takes as long as the busiest one of them.
+has a core of its own, an epoch takes as long as the busiest one of them. `--write` keeps it all
+in RESULTS.md.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from results import write_section
 
 SPEC = """
 msnn: 1
@@ -54,6 +56,7 @@ def main() -> None:
     arguments.add_argument("folder", type=Path)
     arguments.add_argument("--rows", type=int, default=10_000_000)
     arguments.add_argument("--rounds", type=int, default=2)
+    arguments.add_argument("--write", action="store_true")
     arguments.add_argument("--trains", action="store_true", help="Used by the script itself.")
     given = arguments.parse_args()
     if given.trains:
@@ -62,9 +65,11 @@ def main() -> None:
     folder = given.folder / "ranks"
     folder.mkdir(parents=True)
     try:
-        measure(folder, given.rows, given.rounds)
+        said = measure(folder, given.rows, given.rounds)
     finally:
         shutil.rmtree(folder)
+    if given.write:
+        write_section(f"ranks.py FOLDER --rows {given.rows}", said)
 
 
 def train(folder: Path) -> None:
@@ -89,7 +94,9 @@ def train(folder: Path) -> None:
     (folder / name).write_text(json.dumps(lines))
 
 
-def measure(folder: Path, rows: int, rounds: int) -> None:
+def measure(folder: Path, rows: int, rounds: int) -> list[str]:
+    """Trains each spec in one process and in two, by turns; what was said of it."""
+    said: list[str] = []
     generator = np.random.default_rng(0)
     for name, count in (("train", rows), ("val", 100_000)):
         u = generator.normal(size=count)
@@ -102,12 +109,14 @@ def measure(folder: Path, rows: int, rounds: int) -> None:
             alone, shared = (epoch(lines, "clock") for lines in (one, two[0]))
             busy = [epoch(lines, "cpu") for lines in (one, *two)]
             off = max(abs(a["total"] / b["total"] - 1) for a, b in zip(one, two[0], strict=True))
-            print(
-                f"{stage}: clock {alone:.3f} s, {shared:.3f} s in two: {alone / shared:.2f}x; "
+            clock = f"clock {alone:.3f} s, {shared:.3f} s in two: {alone / shared:.2f}x"
+            processor = (
                 f"processor {busy[0]:.3f} s, {busy[1]:.3f} and {busy[2]:.3f} s in two: "
-                f"{busy[0] / max(busy[1:]):.2f}x; losses differ by {off:.1e}",
-                flush=True,
+                f"{busy[0] / max(busy[1:]):.2f}x; losses differ by {off:.1e}"
             )
+            said += [f"{stage}: {clock}", f"{stage}: {processor}"]
+            print(*said[-2:], sep="\n", flush=True)
+    return said
 
 
 def run(folder: Path, ranks: int) -> list[list[dict[str, float]]]:

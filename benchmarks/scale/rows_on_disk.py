@@ -4,6 +4,7 @@ Writes a partitioned Parquet data set below FOLDER, a vehicle a folder, trains o
 its own and deletes all of it. Prints the peak of that process's memory: its own (`RssAnon`), and
 with the pages of files that it has mapped (`VmHWM`), which the system takes back when others want
 memory. `--limit` bounds what is not such pages (`RLIMIT_DATA`), so that more would be an error.
+`--write` keeps all that in RESULTS.md.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from results import write_section
 
 SPEC = """
 msnn: 1
@@ -50,6 +52,7 @@ def main() -> None:
     arguments.add_argument("folder", type=Path)
     arguments.add_argument("--rows", type=int, default=100_000_000)
     arguments.add_argument("--limit", type=float, default=2.0, help="GiB")
+    arguments.add_argument("--write", action="store_true")
     arguments.add_argument("--trains", action="store_true", help="Used by the script itself.")
     given = arguments.parse_args()
     if given.trains:
@@ -58,15 +61,14 @@ def main() -> None:
     folder = given.folder / "rows_on_disk"
     folder.mkdir(parents=True)
     try:
-        write(folder, given.rows)
-        words = [sys.executable, __file__, str(folder), "--trains", "--limit", str(given.limit)]
-        environment = {**os.environ, "MSNN_CACHE": str(folder / "cache")}
-        subprocess.run(words, check=True, env=environment)
+        said = [generate(folder, given.rows), *trained(folder, given.limit)]
     finally:
         shutil.rmtree(folder)
+    if given.write:
+        write_section(f"rows_on_disk.py FOLDER --rows {given.rows}", said)
 
 
-def write(folder: Path, rows: int) -> None:
+def generate(folder: Path, rows: int) -> str:
     """A folder a vehicle, ten row groups a file; `spare` is a column that nobody asks for."""
     import pyarrow as arrow
     import pyarrow.parquet as parquet
@@ -91,10 +93,24 @@ def write(folder: Path, rows: int) -> None:
                 made = {name: arrow.array(c.astype(np.float32)) for name, c in columns.items()}
                 out.write_table(arrow.table(made))
     size = sum(path.stat().st_size for path in folder.rglob("*.parquet"))
-    print(
-        f"{rows:,} rows written in {time.monotonic() - began:.0f} s, {size / 1e9:.2f} GB",
-        flush=True,
-    )
+    said = f"{rows:,} rows written in {time.monotonic() - began:.0f} s, {size / 1e9:.2f} GB"
+    print(said, flush=True)
+    return said
+
+
+def trained(folder: Path, limit: float) -> list[str]:
+    """What a process says that trains on the files."""
+    words = [sys.executable, __file__, str(folder), "--trains", "--limit", str(limit)]
+    environment = {**os.environ, "MSNN_CACHE": str(folder / "cache")}
+    said: list[str] = []
+    with subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            print(line, end="", flush=True)
+            said.append(line.rstrip())
+    if process.returncode:
+        sys.exit(process.returncode)
+    return said
 
 
 def train(folder: Path, limit: int) -> None:

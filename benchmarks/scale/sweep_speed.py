@@ -1,12 +1,12 @@
 """Measures trainings of a sweep a second: 200 draws of two first guesses by 5 folds.
 
-    python benchmarks/scale/sweep_speed.py [--draws 200] [--jobs 2] [--lm | --adam]
+    python benchmarks/scale/sweep_speed.py [--draws 200] [--jobs 2] [--lm | --adam] [--write]
 
 The model is `examples/mass_spring_damper/msd_physical.msnn.yaml` as it stands (20 epochs of Adam, 2
 of L-BFGS with 20 iterations each, 26 records of 151 rows to train on); with --adam the second stage
 takes 20 epochs of Adam instead, so that kernels alone train. A first sweep of two draws makes the
 kernels; CPU seconds are those of this process and its children, which a machine with other work to
-do does not lengthen.
+do does not lengthen. --write keeps the last line in RESULTS.md.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ import tempfile
 import time
 from multiprocessing.forkserver import ForkServer, ensure_running
 from pathlib import Path
+
+from results import write_section
 
 import msnn
 
@@ -42,6 +44,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--lm", action="store_true", help="Levenberg-Marquardt in both stages")
     parser.add_argument("--adam", action="store_true", help="no L-BFGS, which torch steps")
+    parser.add_argument("--write", action="store_true", help="keep the figures")
     arguments = parser.parse_args()
     settings: dict[str, object] = dict(SETTINGS)
     if arguments.adam:
@@ -72,10 +75,13 @@ def main() -> None:
             )
             wall, cpu = time.monotonic() - began, cpu_seconds() - before
             trained = sum(len(entry.lines) for entry in found.entries)
-            print(
+            line = (
                 f"{trained} trainings in {wall:.1f} s: {trained / wall:.1f} a second, "
                 f"{1e3 * cpu / trained:.1f} ms of CPU each (load {os.getloadavg()[0]:.1f})"
             )
+            print(line)
+        if arguments.write:
+            write_section(f"sweep_speed.py --draws {arguments.draws}", [line])
 
 
 def cpu_seconds() -> float:

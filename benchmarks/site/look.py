@@ -1,11 +1,12 @@
 """Opens every page of the site in Chromium: is there a finding of axe-core, a page too wide?
 
-    python benchmarks/site/look.py [--write] [--only WORD] [--pictures FOLDER]
+    python benchmarks/site/look.py [--write] [--navigation] [--only WORD] [--pictures FOLDER]
 
 It builds the site first. Pages somebody opens from the navigation are opened on a desk and on a
 phone, light and dark; decisions and explanations of messages, of which there are hundreds laid out
-alike, on a phone, light, and on a desk, dark. `--write` writes RESULTS.md, `--only` takes pages
-with a word in their path, `--pictures` keeps what each looks like. Takes a quarter of an hour.
+alike, on a phone, light, and on a desk, dark. `--write` writes RESULTS.md, `--navigation` leaves
+out what is laid out alike, `--only` takes pages with a word in their path, `--pictures` keeps what
+each looks like. Takes a quarter of an hour.
 """
 
 from __future__ import annotations
@@ -54,9 +55,16 @@ def main() -> int:
         subprocess.run([sys.executable, ROOT / ".ci" / "site.py", site], check=True)
         built = time.perf_counter() - began
         pages = [page for page in _pages(site) if given.only in str(page)]
+        if given.navigation:
+            pages = [page for page in pages if not _is_alike(page)]
         looks = [_look(site, pages, *mode, pictures=given.pictures) for mode in MODES]
-    table = "\n".join(look.row for look in looks)
-    text = _TEXT.format(built=built, table=table)
+    found = [f"- {fault}" for look in looks for fault in look.faults]
+    text = _TEXT.format(
+        called=" --navigation" if given.navigation else "",
+        built=built,
+        table="\n".join(look.row for look in looks),
+        found="\n".join(found or ["Nothing was found."]),
+    )
     print(text)
     if given.write:
         Path(__file__).with_name("RESULTS.md").write_text(text, encoding="utf-8")
@@ -66,7 +74,8 @@ def main() -> int:
 _TEXT = """\
 # The site, page by page
 
-Written by `python benchmarks/site/look.py --write`. Building took {built:.0f} s.
+Written by `python benchmarks/site/look.py --write{called}`. Building, strictly, so that a dead
+link or anchor would have ended it, took {built:.0f} s by the clock.
 A finding is a violation that axe-core reports, a page wider than its screen, or a complaint in the
 browser's console. Decisions and explanations of messages are laid out alike and opened in two of
 the four modes.
@@ -74,6 +83,8 @@ the four modes.
 | screen | pages | decisions, explanations | findings |
 |---|---|---|---|
 {table}
+
+{found}
 """
 
 
@@ -82,8 +93,12 @@ def _pages(site: Path) -> list[Path]:
     return [page for page in sorted(site.rglob("*.html")) if page.name != "404.html"]
 
 
+def _is_alike(page: Path) -> bool:
+    return any(part in str(page) for part in _ALIKE)
+
+
 def _look(site: Path, pages: list[Path], width: int, dark: bool, pictures: Path | None) -> Looks:
-    alike = [page for page in pages if any(part in str(page) for part in _ALIKE)]
+    alike = [page for page in pages if _is_alike(page)]
     others = [page for page in pages if page not in alike]
     if (width, dark) not in _MODES_OF_ALIKE:
         alike = []
@@ -110,6 +125,7 @@ def _keep(browser: Any, file: Path) -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Opens every page of the site.")
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--navigation", action="store_true")
     parser.add_argument("--only", default="")
     parser.add_argument("--pictures", type=Path)
     return parser.parse_args()

@@ -2,6 +2,7 @@
 
 python benchmarks/start_up/installed_size.py                     # of this environment, with [all]
 python benchmarks/start_up/installed_size.py SITE_PACKAGES light  # of another, without extras
+python benchmarks/start_up/installed_size.py --write             # of this one; writes INSTALLED.md
 
 Files are counted by the blocks that they take, with the bytecode beside them, as `du` does.
 """
@@ -23,10 +24,22 @@ ROOT = Path(__file__).parents[2]
 _SHOWN = 12
 _BLOCK = 512
 """Bytes of a block, by POSIX."""
+_GPU = ("torch", "nvidia-", "cuda-", "triton")
+"""How the names begin of what torch for Linux brings."""
+_TEXT = """\
+# What msnn takes on the disk
+
+Written by `python benchmarks/start_up/installed_size.py --write`, with all extras:
+{count} packages, {total:.1f} GB, of which torch and its GPU libraries {torch:.1f} GB. The largest:
+
+| package | MB |
+|---|---|
+{rows}
+"""
 
 
 def main() -> None:
-    words = [word for word in sys.argv[1:] if word != "light"]
+    words = [word for word in sys.argv[1:] if word not in ("light", "--write")]
     site = words[0] if words else sysconfig.get_path("purelib")
     installed = {_name(found.name): found for found in distributions(path=[site])}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -41,6 +54,19 @@ def main() -> None:
     print(f"{len(sizes)} packages, {sum(sizes.values()) / 1e6:,.0f} MB")
     for name, size in sorted(sizes.items(), key=lambda item: -item[1])[:_SHOWN]:
         print(f"{size / 1e6:10,.1f}  {name}")
+    if "--write" in sys.argv:
+        page = Path(__file__).with_name("INSTALLED.md")
+        page.write_text(_page(sizes), encoding="utf-8")
+
+
+def _page(sizes: dict[str, int]) -> str:
+    largest = sorted(sizes.items(), key=lambda item: -item[1])[:_SHOWN]
+    return _TEXT.format(
+        count=len(sizes),
+        total=1e-9 * sum(sizes.values()),
+        torch=1e-9 * sum(size for name, size in sizes.items() if name.startswith(_GPU)),
+        rows="\n".join(f"| {name} | {1e-6 * size:,.0f} |" for name, size in largest),
+    )
 
 
 def _needed(wanted: list[str], installed: dict[str, Distribution]) -> Iterator[str]:

@@ -25,6 +25,7 @@ def earlier(context: Context, call: Call, environment: Environment) -> NodeId:
     if environment.part is EnvironmentPart.START or environment.latest > 0:
         lower(context, argument, environment)  # a mistake in it is one at t, not one of its past
         return lower(context, argument, before)
+    # tried in the start: where it can be lowered there, its past is known from the log
     known = context.names.tried(lambda: lower(context, argument, before.at_start()))
     if known is not None:
         return lower(context, argument, before)
@@ -95,6 +96,7 @@ def _remembered(context: Context, call: Call, environment: Environment) -> NodeI
     builder, start = context.builder(environment), context.builder(START)
     type = builder.type(now)
     name = context.memories.name("previous", (now,))
+    # never chosen: the first step takes its own value
     zero = start.broadcast(start.constant(0.0, unit=type.unit), type.axes)
     keep(context, call, name, now, zero, environment, starts_fresh_each_run=True)
     first = context.memories.name("first_step", ())
@@ -104,6 +106,7 @@ def _remembered(context: Context, call: Call, environment: Environment) -> NodeI
             (),
             None,
             LayerMemory(starts_fresh_each_run=True),
+            # 0 from the second step on
             builder.constant(0.0, unit=None),
             start.constant(1.0, unit=None),
             None,

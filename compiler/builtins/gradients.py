@@ -46,6 +46,7 @@ def lower_gradient(context: Context, call: Call, environment: Environment) -> No
     builder = context.builder(environment)
     whole, reads = _reads(context, x_argument, environment)
     used = context.gradients.made_of(builder, y)
+    # a read that shares no sample with x as it is asked for has no part in this gradient
     overlapping = [
         read
         for read in reads
@@ -64,6 +65,7 @@ def lower_gradient(context: Context, call: Call, environment: Environment) -> No
     for read, slope in zip(overlapping, slopes, strict=True):
         if slope is not None:
             parts.append(_placed(builder, slope, read, whole))
+    # no slope at all: y depends on x by comparisons alone
     result = parts[0] if parts else _zero(builder, y, whole.node)
     for part in parts[1:]:
         result = builder.add(result, part)
@@ -76,6 +78,7 @@ def _reads(
 ) -> tuple[_Read, list[_Read]]:
     """x as it is asked for, and every node that has some of its samples."""
     named, there = resolved(expression, environment)
+    # of a window: the operand may be an argument that stands for another expression
     operand = named.operand if isinstance(named, Window | Past | Future) else named
     operand, _ = resolved(operand, there)
     entry = None
@@ -123,6 +126,7 @@ def _of_signal(
     assert isinstance(op, ReadSamples)
     whole = _Read(node, op.first, op.last)
     reads: list[_Read] = []
+    # the graph also has reads that were lowered for other values; `made_of` leaves them out above
     for index, other in builder.graph():
         if isinstance(other.op, ReadSamples) and other.op.signal == op.signal:
             read = _Read(index, other.op.first, other.op.last)
@@ -164,6 +168,7 @@ def _placed(builder: GraphBuilder, slope: NodeId, read: _Read, whole: _Read) -> 
         return builder.reshape(slope, axes)
     one = tuple(axis for axis in axes if axis.name != WINDOW)
     slope = builder.reshape(slope, (*one, Axis(WINDOW, last - first + 1)))
+    # y does not read the rest of the window asked for: its slope there is 0
     zero = builder.constant(0.0, unit=builder.type(slope).unit)
     parts: list[NodeId] = []
     if first > whole.first:

@@ -32,6 +32,7 @@ def element_gradients(
 ) -> list[list[NodeId | None]]:
     """The same for each element of the value alone, in C order: the rows of a Jacobian."""
     differentiated = _Differentiated(builder, value)
+    # one row for each element: weight 1 for it, 0 for all others
     rows = np.eye(builder.type(value).size)
     return [differentiated.gradients(row, wanted) for row in rows]
 
@@ -52,6 +53,7 @@ class _Differentiated:
             adjoint = draft.broadcast(draft.constant(weights), type.axes)
         else:
             adjoint = draft.constant(weights, type.axes)
+        # of what the value is not made of there is no slope
         present = [node for node in wanted if node in self._guarded]
         inner = [self._guarded[node] for node in present]
         found = gradients(draft, {self._guarded[self._value]: adjoint}, inner)
@@ -72,6 +74,7 @@ class _Differentiated:
             return copied
         return builder.emit(Reshape(), (copied,), type.with_unit(unit))
 
+    # a stack of its own: graphs are deeper than Python recurses
     def _copy(self, wanted: NodeId) -> None:
         waiting = [wanted]
         while waiting:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from compiler.differentiation.sensitivities import Residuals, Sensitivities
+from compiler.differentiation.sensitivities import LossResiduals, Sensitivities
 from compiler.interpreter.bounded import Bounded, unit_roundoff
 from compiler.interpreter.bounded_rollouts import Forward, Rollouts, RolloutStep
 from compiler.interpreter.bounded_sums import Total
@@ -54,7 +54,9 @@ def interpreted_products(
     return sums
 
 
-def _rows(one: Residuals, moment: RolloutStep, numbers: int, members: int) -> tuple[Array, Array]:
+def _rows(
+    one: LossResiduals, moment: RolloutStep, numbers: int, members: int
+) -> tuple[Array, Array]:
     """Rows of slopes and residual, (members, elements, numbers + 1), and what each may be off."""
     unit = unit_roundoff(_DTYPE)
     values, slopes = (moment.values[node].repeated(members) for node in (one.values, one.slopes))

@@ -58,6 +58,7 @@ class InterpretedTraining:
         counts = {name: Total(self._dtype) for name in sums}
         members = len(runs.t0)
         for number, moment in enumerate(moments):
+            # the first samples of a rollout let states settle and count in no loss
             if number < runs.skip:
                 continue
             for term in self._step.losses:
@@ -86,6 +87,7 @@ class InterpretedTraining:
             state.name: AdjointTape.of_zeros(
                 members,
                 tuple(axis.size for axis in state.axes),
+                # only buffers have an adjoint for each sample, on a tape over all steps
                 runs.steps if state.name in self._step.newest else None,
                 self._dtype,
             )
@@ -100,6 +102,7 @@ class InterpretedTraining:
             for name, tape in adjoints.items():
                 given[StateAdjoint(name)] = tape.after(number)
             for name, (value, error) in scales.items():
+                # scaled by 0, a step that counts in no loss still passes adjoints on
                 scored = number >= runs.skip
                 given[LossScale(name)] = _number(
                     value if scored else 0.0, error if scored else 0.0, members, self._dtype
@@ -134,12 +137,14 @@ def _scale(
         found = weight / (2.0 * 0.5 * count)
         return found, abs(found) * part
 
+    # ∂√(s/n)/∂s = 1 / (2 n √(s/n)), s the sum and n the count
     def slope(mean: float) -> float:
         return weight / (2.0 * float(np.sqrt(mean)) * count) if mean > 0 else np.inf
 
     value, off = float(total.value), float(total.off())
     if value == 0 and off == 0:
         return 0.0, 0.0
+    # the root is steepest at the smallest mean that rounding allows
     most, found = slope((value - off) / count), slope(value / count)
     return found, abs(most - found) + abs(most) * part
 

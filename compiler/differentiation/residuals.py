@@ -14,7 +14,7 @@ from compiler.ir.types import Axis
 
 
 @dataclass(frozen=True, slots=True)
-class Residuals:
+class LossResiduals:
     """A loss as Σ r² over its elements: r with its slopes ∂r/∂θ, both 0 where nothing is scored.
 
     Both are 0, too, where a slope is infinite: no step can be made of it (decision 0184).
@@ -67,13 +67,13 @@ def residual_row(
     residual: Unsquared,
     slopes: NodeId,
     leaves_out: Callable[[], bool],
-) -> Residuals:
+) -> LossResiduals:
     """A residual with its slopes, without those that are infinite."""
     directions = builder.type(slopes).axes[0]
     values = _weighted(builder, residual.factor, residual.error)
     slopes = _weighted(builder, residual.factor, slopes, directions)
     if not builder.infinite_values.can_be_infinite(slopes) or not leaves_out():
-        return Residuals(loss, values, slopes, None)
+        return LossResiduals(loss, values, slopes, None)
     # one slope that is no number leaves the whole residual out, for every learned number
     size = builder.sum(builder.apply("abs", slopes), directions.name)
     axes = builder.type(size).axes
@@ -83,7 +83,7 @@ def residual_row(
     zero, one = (builder.broadcast(builder.constant(value), axes) for value in (0.0, 1.0))
     everywhere = (directions, *axes)
     nothing = builder.broadcast(builder.constant(0.0), everywhere)
-    return Residuals(
+    return LossResiduals(
         loss,
         builder.select(finite, values, zero),
         builder.select(builder.broadcast(finite, everywhere), slopes, nothing),

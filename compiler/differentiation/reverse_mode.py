@@ -168,6 +168,7 @@ class _Rule:
                 derivative = SCALAR_FUNCTIONS[function].derivatives[position]
                 return self._times(derivative(b, args, self.node))
             case ops.Broadcast():
+                # an element that is repeated collects the adjoints of all its copies
                 return self._summed_to(b.type(args[0]).axes, g)
             case ops.Reshape():
                 return b.reshape(g, b.type(args[0]).axes)
@@ -182,6 +183,7 @@ class _Rule:
                 return self._contracted(position)
             # the past is a state, whose adjoint `step_gradients` takes
             case ops.Window():
+                # the newest sample is the last one of the window
                 length = self._length(self.node, WINDOW)
                 return b.element(g, WINDOW, length - 1)
             case ops.Leaf() | ops.Compare():
@@ -217,6 +219,7 @@ class _Rule:
             case 0:
                 above = self._chosen(b.compare(ops.Relation.LESS_EQUAL, low, x), when=True)
                 return b.select(b.compare(ops.Relation.LESS_EQUAL, x, high), above, self._zero())
+            # strict: on a bound the slope is that of x alone, whose two comparisons include it
             case 1:
                 return self._chosen(b.compare(ops.Relation.LESS, x, low), when=True)
             case _:
@@ -264,6 +267,7 @@ class _Rule:
         kept = {axis.name for axis in wanted}
         shared = [a for a in b.type(other).axes if b.type(self.adjoint).axis(a.name) is not None]
         summed = [axis.name for axis in shared if axis.name not in kept]
+        # each element of the wanted operand meets one element of the other: nothing is summed
         if not summed:
             left, right = self._in_axes(self.adjoint, wanted), self._in_axes(other, wanted)
             return slope_product(b, left, right)

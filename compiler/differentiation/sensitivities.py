@@ -15,7 +15,7 @@ import numpy as np
 
 from compiler.differentiation.forward_mode import tangents, zero_tangent
 from compiler.differentiation.residuals import (
-    Residuals,
+    LossResiduals,
     Unsquared,
     residual_row,
     unsquared_residual,
@@ -46,7 +46,7 @@ class Sensitivities:
     learned: tuple[str, ...]
     """Parameters in the order of LEARNED."""
     losses: tuple[LossTerm, ...]
-    residuals: tuple[Residuals, ...]
+    residuals: tuple[LossResiduals, ...]
     """Of the losses that are sums of squares."""
 
     @property
@@ -133,7 +133,7 @@ class _Step:
                 step.infinite_values.expect(seeds[node])
         found = tangents(step, directions, seeds, buffers, infinite)
 
-        def row(loss: Loss, residual: Unsquared) -> Residuals:
+        def row(loss: Loss, residual: Unsquared) -> LossResiduals:
             tangent = _or_zero(step, directions, residual.error, found)
             return residual_row(step, loss, residual, tangent, leaves_out)
 

@@ -29,7 +29,7 @@ UNIT_WARNINGS = ("W0504", "W0505", "W0737")
 """What `strict_units` refuses."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Compiled:
     """A program and what is worth saying about the spec that it came from."""
 
@@ -119,7 +119,7 @@ def compile_linked(
     found = (*never_finite(program), *infinite_slopes(program))
     # asked of what was lowered, not of the program: passes have shared and dropped nodes of it
     types = elaborated.entries.types()
-    return Compiled(program, spec, (*diagnostics, *found), types=types)
+    return Compiled(program=program, spec=spec, warnings=(*diagnostics, *found), types=types)
 
 
 def _with_problems(

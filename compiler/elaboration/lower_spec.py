@@ -32,7 +32,7 @@ from spec_schema.sections.references import names_in
 from spec_schema.sections.spec import Spec
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LoweredSpec:
     """Everything of a spec as nodes of the graphs."""
 
@@ -89,7 +89,14 @@ def _lowered_once(elaborated: Elaboration) -> LoweredSpec:
     # after outputs and states: the arrays that a loss reads of a layer exist once it was called
     losses = _losses(context, outputs)
     lower_unused(elaborated)
-    return LoweredSpec(elaborated, outputs, states, losses, ranges, expected_values(context))
+    return LoweredSpec(
+        elaborated=elaborated,
+        outputs=outputs,
+        states=states,
+        losses=losses,
+        ranges=ranges,
+        expected=expected_values(context),
+    )
 
 
 def _outputs(elaborated: Elaboration) -> list[Output]:

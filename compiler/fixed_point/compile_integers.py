@@ -9,11 +9,11 @@ from typing import Any
 from numpy.typing import NDArray
 
 from compiler.fixed_point.constants import finite, with_numbers, word_format
+from compiler.fixed_point.expected_words import expected_words
 from compiler.fixed_point.integers.builder import CannotFitError
 from compiler.fixed_point.integers.drop_unused import without_unused
 from compiler.fixed_point.integers.program import (
     CheckedInput,
-    ExpectedWords,
     IntegerMemory,
     IntegerProgram,
     ReadWord,
@@ -26,7 +26,6 @@ from compiler.fixed_point.step_errors import start_errors, step_errors
 from compiler.ir.liveness import extents, reads_log
 from compiler.ir.ops import ReadLog, ReadSignal, Window
 from compiler.ir.program import (
-    Expected,
     History,
     Node,
     Output,
@@ -97,22 +96,22 @@ class _Compilation:
             raise UnsupportedError("the step", None, f"needs {why}")
         read = [signal for signal in program.signals if signal.name in self.ports]
         return IntegerProgram(
-            program.name,
-            self.width,
-            tuple(CheckedInput(self.ports[s.name], s.on_invalid) for s in read),
-            tuple(port for port, _ in self.windows.values()),
-            tuple(first for _, first in self.windows.values()),
-            outputs,
-            memories,
-            tuple(step.builder.nodes),
-            tuple(first.builder.nodes),
-            tuple(self._expected(entry, step) for entry in program.expected),
-            tuple(step_errors(program, step.builder, outputs, memories)),
-            tuple(start_errors(first.builder, memories)),
-            program.doc,
-            program.spec_hash,
-            program.sample_time,
-            program.late,
+            name=program.name,
+            width=self.width,
+            inputs=tuple(CheckedInput(self.ports[s.name], s.on_invalid) for s in read),
+            windows=tuple(port for port, _ in self.windows.values()),
+            window_firsts=tuple(first for _, first in self.windows.values()),
+            outputs=outputs,
+            memories=memories,
+            step=tuple(step.builder.nodes),
+            start=tuple(first.builder.nodes),
+            expected=tuple(expected_words(entry, step) for entry in program.expected),
+            step_errors=tuple(step_errors(program, step.builder, outputs, memories)),
+            start_errors=tuple(start_errors(first.builder, memories)),
+            doc=program.doc,
+            spec_hash=program.spec_hash,
+            sample_time=program.sample_time,
+            late=program.late,
         )
 
     # ---- what is read
@@ -141,7 +140,16 @@ class _Compilation:
         low, high = self._range(signal) or (0.0, 0.0)
         fraction, least, most = word_format(low, high, self.width.word)
         doc, span = signal.doc, signal.span
-        return WordPort(signal.name, axes, signal.unit, fraction, least, most, doc, span)
+        return WordPort(
+            name=signal.name,
+            axes=axes,
+            unit=signal.unit,
+            fraction=fraction,
+            low=least,
+            high=most,
+            doc=doc,
+            span=span,
+        )
 
     def _input_words(self, lowering: Lowering, node: Node) -> Elements:
         assert isinstance(node.op, ReadSignal), "a step in step form reads ports only"
@@ -158,6 +166,7 @@ class _Compilation:
         port, first = self.windows[node.op.signal]
         samples = port.axes[-1].size
         rows = port.size // samples
+        # the port has every sample that some node reads; this node reads a part of them
         begin, end = node.op.first - first, node.op.last - first + 1
         nodes = [
             lowering.builder.word(
@@ -241,20 +250,20 @@ class _Compilation:
         except CannotFitError as error:
             raise UnsupportedError(f"state `{state.name}`", state.span, str(error)) from None
         return IntegerMemory(
-            state.name,
-            state.axes,
-            state.unit,
-            fraction,
-            low,
-            high,
-            not self._is_word(state),
-            after,
-            before,
-            reads_log(self.program.start, state.start),
-            self._filling(state, step),
-            state.doc,
-            state.span,
-            state.on_range == "reset",
+            name=state.name,
+            axes=state.axes,
+            unit=state.unit,
+            fraction=fraction,
+            low=low,
+            high=high,
+            wide=not self._is_word(state),
+            next=after,
+            start=before,
+            from_record=reads_log(self.program.start, state.start),
+            first_fills=self._filling(state, step),
+            doc=state.doc,
+            span=state.span,
+            restarts=state.on_range == "reset",
         )
 
     def _filling(self, state: State, step: Lowering) -> tuple[str, tuple[int, ...]] | None:
@@ -262,37 +271,29 @@ class _Compilation:
         if not isinstance(state.origin, History) or not is_buffer(state, self.program.step):
             return None
         samples = state.axes[-1].size
+        # the newest sample is the last of each row
         newest = [step.builder[node].op for node in step.nodes(state.next)[samples - 1 :: samples]]
         words = [op for op in newest if isinstance(op, ReadWord)]
         if len(words) < len(newest):
             return None
         return words[0].port, tuple(word.index for word in words)
 
-    @staticmethod
-    def _expected(entry: Expected, step: Lowering) -> ExpectedWords:
-        """The elements that can leave the range; rounding alone is no reason to say so."""
-        low, high = entry.range
-        found = [(node, step.builder[node]) for node in step.nodes(entry.node)]
-        limits = {
-            node: (math.floor(math.ldexp(low, n.fraction)), math.ceil(math.ldexp(high, n.fraction)))
-            for node, n in found
-        }
-        outside = [i for i, n in found if n.low < limits[i][0] or n.high > limits[i][1]]
-        return ExpectedWords(
-            entry.name,
-            tuple(outside),
-            tuple(limits[node][0] for node in outside),
-            tuple(limits[node][1] for node in outside),
-        )
-
     def _output(self, output: Output, step: Lowering) -> tuple[WordPort, tuple[int, ...]]:
         nodes = [step.builder.as_word(node) for node in step.nodes(output.node)]
+        # one scale for the whole array: the coarsest one, which no element overflows
         fraction = min(step.builder[node].fraction for node in nodes)
         nodes = [step.builder.to_fraction(node, fraction) for node in nodes]
         found = [step.builder[node] for node in nodes]
         type = self.program.step[output.node].type
         low, high = min(n.low for n in found), max(n.high for n in found)
         port = WordPort(
-            output.name, type.axes, type.unit, fraction, low, high, output.doc, output.span
+            name=output.name,
+            axes=type.axes,
+            unit=type.unit,
+            fraction=fraction,
+            low=low,
+            high=high,
+            doc=output.doc,
+            span=output.span,
         )
         return port, tuple(nodes)

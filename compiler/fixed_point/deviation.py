@@ -16,12 +16,13 @@ from compiler.fixed_point.integers.interpret import reset, step
 from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 from compiler.ir.program import Program
 
+# runs, steps of each and the seed of what is drawn
 _RUNS, _STEPS, _SEED = 8, 1250, 11
 HELD = 20
 """Steps for which every second run keeps its inputs, so that errors can add up."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class OutputError:
     """The error of one output, and the span of its values in float64."""
 
@@ -47,7 +48,7 @@ def output_errors(
     it predicts, else what its values cover.
     """
     random = np.random.Generator(np.random.Philox(_SEED))
-    spreads = {output.name: ErrorSpread(output.name) for output in program.outputs}
+    spreads = {output.name: ErrorSpread(name=output.name) for output in program.outputs}
     stepper = ExactStepper(program, weights)
     ports = {port.name: port for port, _ in integers.outputs}
     inputs = {entry.port.name: entry.port for entry in integers.inputs}
@@ -60,6 +61,7 @@ def output_errors(
         )
         words: dict[str, list[int]] = {}
         for k in range(_STEPS):
+            # every second run changes its inputs in every step
             if run % 2 == 0 or k % HELD == 0:
                 words = {name: drawn(port, random) for name, port in inputs.items()}
             answer = step(integers, state, words)
@@ -67,12 +69,13 @@ def output_errors(
             result = stepper.steps(real, states, 1)
             states = result.next_states
             for name, words_out in answer.outputs.items():
+                # words out become real numbers by their scale, as those in do
                 found = np.ldexp(np.array(words_out, float), -ports[name].fraction)
                 spreads[name].add(result.outputs[name].reshape(1, -1), found.reshape(1, -1))
     return tuple(spread.error(program) for spread in spreads.values())
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class ErrorSpread:
     """What is known of the error of an output after some steps."""
 
@@ -99,7 +102,9 @@ class ErrorSpread:
         limits = _ranges(program).get(self.name)
         low, high = (self.low, self.high) if limits is None else limits
         rms = math.sqrt(self.squares / self.numbers)
-        return OutputError(self.name, self.largest, rms, high - low, self.steps)
+        return OutputError(
+            name=self.name, largest=self.largest, rms=rms, span=high - low, steps=self.steps
+        )
 
 
 def _ranges(program: Program) -> dict[str, tuple[float, float]]:

@@ -59,6 +59,8 @@ def golden_equalities(program: IntegerProgram, steps: int, seed: int) -> list[Go
             break
         run, met = search.run(pending, steps)
         seen = {one for one in met if _answers_differ(run, one.broken)}
+        # a first meeting is kept even where it makes no difference: other changes of the C may show
+        # there
         if seen or any(search.met[one] == 1 for one in met):
             found.append(run)
         pending = [one for one in pending if one not in seen and not search.is_over(one)]
@@ -100,6 +102,8 @@ def _comparisons(program: IntegerProgram) -> Iterator[_Comparison]:
             yield replace(found, at_start=True)
     for place, entry in enumerate(program.expected):
         for k, node in enumerate(entry.nodes):
+            # limits one unit further inside count the limit itself as outside: the other answer at
+            # equality
             for end, (low, high) in ((entry.low[k], (1, 0)), (entry.high[k], (0, -1))):
                 inner = replace(
                     entry,
@@ -169,6 +173,7 @@ class _Search:
             inputs.append(self._drawn())
             wanted = next((one for one in in_steps if one not in met), None)
             if wanted is not None and self.work < _MOST_WORK:
+                # to the end of the queue, so that each gets its turn before one gets two
                 in_steps = [*(one for one in in_steps if one is not wanted), wanted]
                 if self._meet_now(wanted, state, inputs[k - 1]) or self._meet_next(
                     wanted, state, inputs[k - 1], inputs[k]
@@ -253,6 +258,7 @@ class _Search:
 
     def _root(self, function: Callable[[int], int], port: WordPort) -> int | None:
         """A word at which the function is 0, between two at which it has different signs."""
+        # sides need not differ monotonically: between ends of one sign there may be two roots
         inside = self.random.integers(port.low, port.high, _PROBES, endpoint=True).tolist()
         known = [(word, function(word)) for word in sorted({port.low, *inside, port.high})]
         for (low, below), (high, above) in pairwise(known):
@@ -261,6 +267,7 @@ class _Search:
                     return word
             if (below < 0) == (above < 0):
                 continue
+            # bisection on integers: neighbours of different signs have no word between them
             while high - low > 1:
                 middle = (low + high) // 2
                 value = function(middle)

@@ -60,12 +60,14 @@ class ExactStepper:
             if state.name not in known:
                 shape = tuple(axis.size for axis in state.axes)
                 known[state.name] = np.zeros((count, *shape))
+        # rows before and after t that any signal reads: all series get as many for each step
         back = max([0, *(-op.first for op in self._reads.values())])
         length = back + max([0, *(op.last for op in self._reads.values())]) + 1
         log = {
             signal.name: self._series(signal, inputs.get(signal.name), count, back, length)
             for signal in self._program.signals
         }
+        # the steps lie one behind the other in one log, and none reads rows of its neighbour
         rows = np.arange(count) * length + back
         with np.errstate(all="ignore"):
             found = self._interpreter.step(log, rows, known, losses=False)
@@ -82,7 +84,9 @@ class ExactStepper:
         t0 = max([0, *(-first for first in firsts.values())])
         series: dict[str, Reals] = {}
         for name, window in windows.items():
+            # samples first, as the rows of a log
             samples = np.moveaxis(window, -1, 0)
+            # rows before the oldest sample of this window, so that all windows meet at t0
             ahead = np.zeros((t0 + firsts[name], *samples.shape[1:]))
             series[name] = np.concatenate([ahead, samples])
         rows = max([t0 + 1, *map(len, series.values())])
@@ -104,6 +108,7 @@ class ExactStepper:
         if values is not None:
             read = self._reads[signal.name]
             is_window = signal.name in self._windows
+            # (steps, …, samples) as rows of each step: (steps, samples, …)
             samples = np.moveaxis(values, -1, 1) if is_window else values[:, np.newaxis]
             series[:, back + read.first : back + read.last + 1] = samples
         return series.reshape(-1, *shape)
@@ -126,6 +131,7 @@ def reference(program: Program) -> Program:
 
 
 def _within_range(builder: GraphBuilder, state: State) -> State:
+    # words cannot leave their range: what is only flagged in float is kept within it here
     flagged = isinstance(state.origin, Declared) and state.on_range == "flag"
     if not flagged or state.range is None:
         return state

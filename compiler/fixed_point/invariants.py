@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from compiler.fixed_point.constants import word_format
 from compiler.fixed_point.integers.program import Width
-from compiler.fixed_point.lowering.forms import Form
+from compiler.fixed_point.lowering.forms import PolynomialForm
 from compiler.fixed_point.lowering.lower_graph import Elements, Lowering, UnsupportedError, elements
 from compiler.ir.ops import Clamp, Constant, Window
 from compiler.ir.program import Graph, Node, NodeId, Program, State
@@ -105,7 +105,7 @@ def _proved(
                     matrix[row, symbols[monomial[0]]] = coefficient
             rest = tuple((m, c) for m, c in form.terms if not any(n in symbols for n in m))
             # settling the rest bounds it with all its roundings, as the real program will have them
-            node = lowering.node(Form(lowering, form.constant, rest))
+            node = lowering.node(PolynomialForm(lowering, form.constant, rest))
             drive[row] = max(abs(bound) for bound in lowering.builder.bounds(node))
             row += 1
     reach = _reach(matrix, drive, first)
@@ -151,22 +151,22 @@ class _Symbolic(Lowering):
         ]
         return elements(self, anything, node.type.shape)
 
-    def node(self, form: Form) -> int:
+    def node(self, form: PolynomialForm) -> int:
         self._refuse(form)
         return super().node(form)
 
-    def product(self, left: Form, right: Form) -> Form:
+    def product(self, left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
         self._refuse(left)
         self._refuse(right)
         return super().product(left, right)
 
-    def shortened(self, form: Form) -> Form:
+    def shortened(self, form: PolynomialForm) -> PolynomialForm:
         return form if self._has_symbols(form) else super().shortened(form)
 
-    def _has_symbols(self, form: Form) -> bool:
+    def _has_symbols(self, form: PolynomialForm) -> bool:
         return any(node in self._symbols for monomial, _ in form.terms for node in monomial)
 
-    def _refuse(self, form: Form) -> None:
+    def _refuse(self, form: PolynomialForm) -> None:
         if self._has_symbols(form):
             why = "has no `range:`, and none can be proved: its next value is not linear in it"
             raise UnsupportedError("a state", self.builder.span, why)

@@ -38,6 +38,8 @@ def slopes_of_result(
         Placed(
             builder.slice(tangent, directions, run.start, run.stop),
             result.first * width + run.column,
+            # one column further for each direction of the run, a row further for each element of
+            # the result
             (1, *steps),
         )
         for run in runs
@@ -70,6 +72,7 @@ def matrix_of_blocks(
 ) -> Matrix:
     """The matrix with these entries; all others are 0."""
     parts = [part for block in placed for part in _parts(builder, block)]
+    # until a block says otherwise an entry is 0, and so depends on nothing
     known: list[float | None] = [0.0] * (rows.size * columns.size)
     fixed = [True] * len(known)
     blocks: list[MatrixBlock] = []
@@ -97,7 +100,14 @@ def matrix_of_blocks(
             known[place] = None if differs else 0.0
             fixed[place] = not moving[part.node]
         blocks.append(block)
-    return Matrix(name, rows, columns, tuple(known), tuple(fixed), tuple(blocks))
+    return Matrix(
+        name=name,
+        rows=rows,
+        columns=columns,
+        known=tuple(known),
+        fixed=tuple(fixed),
+        blocks=tuple(blocks),
+    )
 
 
 def _parts(builder: GraphBuilder, placed: Placed) -> list[Placed]:

@@ -27,6 +27,7 @@ class Bounded:
     count: int
 
     def spread(self, unit: float) -> Array:
+        # n terms added in any order take n − 1 roundings, each within u of the sizes of the terms
         """How far the value computed by any such program is from the exact one at most."""
         return self.error + (self.count - 1) * unit * self.terms if self.count > 1 else self.error
 
@@ -53,6 +54,7 @@ class Taken:
         """The decision, with what is given without an error."""
         value = np.where(self.where, self.value, one.value).astype(one.value.dtype)
         error = np.where(self.where, 0.0, one.error)
+        # what is given counts as exact: its size is that of the value itself
         return Bounded(value, error, np.where(self.where, abs(self.value), one.terms), one.count)
 
 
@@ -70,8 +72,10 @@ def unit_roundoff(dtype: np.dtype[Any]) -> float:
 def moved(meaning: Evaluator, args: Sequence[Bounded]) -> Bounded:
     """The same numbers in other places, or with the other sign."""
     value = meaning([one.value for one in args], NOWHERE)
+    # a negation turns the sign of bounds too
     error = np.abs(meaning([one.error for one in args], NOWHERE))
     terms = np.abs(meaning([one.terms for one in args], NOWHERE))
+    # parts of a concatenation may be sums of different lengths: the longest holds for all
     return Bounded(value, error, terms, max(one.count for one in args))
 
 
@@ -79,6 +83,7 @@ def pushed(meaning: Evaluator, newest: Bounded, state: str, past: Bounded) -> Bo
     """The samples of a buffer and its newest one."""
     value, error, terms = (
         meaning([part], replace(NOWHERE, states={state: before}))
+        # bounds are moved along the buffer as values are
         for part, before in zip(newest.parts, past.parts, strict=True)
     )
     return Bounded(value, error, terms, max(newest.count, past.count))
@@ -89,6 +94,7 @@ def selected(args: Sequence[Bounded], spreads: Sequence[Array]) -> Bounded:
     value = np.where(condition.value, then.value, otherwise.value)
     decided = np.where(condition.value, spreads[1], spreads[2])
     apart = np.abs(then.value.astype(float) - otherwise.value.astype(float))
+    # if the condition may differ, the other value may be taken, with its own error
     either = np.maximum(spreads[1], spreads[2]) + apart
     return chosen(value, np.where(condition.error > 0, either, decided))
 

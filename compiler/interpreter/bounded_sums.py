@@ -25,14 +25,17 @@ class Total:
     def add(self, one: Bounded) -> None:
         """Adds a value of every member."""
         with np.errstate(all="ignore"):
+            # in float64 whatever the program: its own rounding is added by `off`
             self.value = self.value + one.value.astype(float).sum(axis=0)
             self.error = self.error + one.error.sum(axis=0)
             self.terms = self.terms + one.terms.sum(axis=0)
+        # each member brings as many terms as its value has
         self.count += one.count * len(one.value)
 
     def off(self) -> Array:
         """How far a sum that a program computes is from the exact one at most."""
         off = self.error + max(self.count - 1, 0) * unit_roundoff(self.dtype) * self.terms
+        # partial sums in another order may overflow: then nothing is known
         known = self.terms + off < 0.5 * float(np.finfo(self.dtype).max)
         return np.where(known, off, np.inf)
 
@@ -54,6 +57,7 @@ class AdjointTape:
         cls, members: int, shape: tuple[int, ...], steps: int | None, dtype: np.dtype[Any]
     ) -> AdjointTape:
         """Before the last step; `steps` is that of rollouts for buffers, else None."""
+        # samples before the run, and one for each step
         whole = shape if steps is None else (*shape[:-1], shape[-1] + steps)
         value, error, terms = np.zeros((3, members, *whole))
         return cls(dtype, None if steps is None else shape[-1], value, error, terms)
@@ -62,16 +66,19 @@ class AdjointTape:
         """The adjoint of what step `number` makes: a next value, or the newest sample."""
         if self.length is None:
             return self._part(...)
+        # after step `number` the buffer ends with this sample
         return self._part((..., number + self.length))
 
     def go_back(self, number: int, found: Bounded | None) -> None:
         """Takes what step `number` owes to the state before it."""
         if self.length is None:
             shape = self.value.shape
+            # no use of the state after it: its adjoint begins with 0
             parts = (np.zeros(shape),) * 3 if found is None else found.parts
             self.value, self.error, self.terms = (np.asarray(part, float) for part in parts)
             self.count = 1 if found is None else found.count
         elif found is not None:
+            # the samples that the buffer holds before the step; others add to the same ones
             samples = (..., slice(number, number + self.length))
             with np.errstate(all="ignore"):
                 self.value[samples] += found.value

@@ -94,6 +94,7 @@ class Interpreter:
         """The states before the first step of runs that begin at rows t0."""
         t = _rows(t0)
         values = self._start.run(LeafValues(log, t, {}))
+        # a member of the batch must be writable without changing another
         return {
             state.name: repeated_batch(values[state.start], len(t)).copy()
             for state in self.program.states
@@ -153,9 +154,11 @@ class Interpreter:
                 outputs[name][:, k] = value
             # all states at once, after the step (R4)
             current = values.next_states
+        # after 0 steps the states are those given, in the dtype that a step would return
         return Rollout(outputs, dict(self._cast(current)))
 
     def _prepared(self, graph: Graph, wanted: Iterable[NodeId]) -> _Plan:
+        # constants are evaluated while a plan is made; what overflows there is inf, no warning
         with np.errstate(all="ignore"):
             return _Plan(graph, wanted, self.weights, self.dtype)
 
@@ -196,6 +199,8 @@ class _Plan:
         self._known: list[Any] = [None] * len(graph)
         self._steps: list[tuple[NodeId, Evaluator]] = []
         self._extents: dict[str, Extent] = {}
+        # of each signal the samples around t that any node reads, checked once a run for all of
+        # them
         for index, node in graph:
             if not live[index]:
                 continue
@@ -205,6 +210,8 @@ class _Plan:
                 extent = Extent(node.op.first, node.op.last)
                 previous = self._extents.get(node.op.signal, extent)
                 self._extents[node.op.signal] = previous.union(extent)
+            # what reads samples or states differs from step to step; all else is evaluated here,
+            # once
             outside = isinstance(node.op, ReadSamples | ReadState | Window)
             if outside or any(self._known[arg] is None for arg in node.args):
                 self._steps.append((index, evaluate))

@@ -112,6 +112,7 @@ def evaluator(
             return lambda values, around: values[args[0]].reshape((-1, *shape))
         case ops.Slice(axis, start, stop):
             ahead = operands[0].position(axis) + 1
+            # the batch is one axis more, in front
             index = (*(slice(None),) * ahead, slice(start, stop))
             return lambda values, around: values[args[0]][index]
         case ops.Concat(axis):
@@ -144,6 +145,7 @@ def _read(name: str, first: int, last: int, type: Type, dtype: np.dtype[Any]) ->
     offsets = np.arange(first, last + 1)
 
     def window(values: list[Array], around: LeafValues) -> Array:
+        # rows of the batch by samples of the window; the window is the last axis of every type
         samples = around.log[name][around.t[:, np.newaxis] + offsets]
         return np.moveaxis(samples, 1, -1).astype(dtype, copy=False)
 
@@ -158,6 +160,7 @@ def _apply(function: str, args: tuple[int, ...], dtype: np.dtype[Any]) -> Evalua
             return row.numpy(*(np.ascontiguousarray(values[arg]) for arg in args))
 
         return by_numpy
+    # float32 is rounded as the C does, by the same kernels; float64 is the judge of what is meant
     from compiler.kernels.evaluate import evaluate  # float64 users do not pay for its tables
 
     kernel = row.kernel
@@ -182,6 +185,7 @@ def _placement(operand: Type, result: Type, summed: str | None = None) -> Callab
     order = (0, *(names.index(name) + 1 for name in wanted if name in names))
     if summed is not None:
         order = (names.index(summed) + 1, *order)
+    # in front of the result's axes: the batch, and before it the axis to be summed
     leading = (slice(None),) * (len(order) - sum(name in names for name in wanted))
     index = (*leading, *(slice(None) if name in names else np.newaxis for name in wanted))
     return lambda value: value.transpose(order)[index]

@@ -50,6 +50,7 @@ class _Given:
     training: Mapping[TrainingValue, Bounded]
 
 
+# operations that are no sums: each has a rounding of its own, if any
 _Extreme = ops.Minimum | ops.Maximum | ops.Clamp
 _Alone = _Extreme | ops.Multiply | ops.Divide | ops.Compare | ops.Select | ops.Apply
 
@@ -119,6 +120,7 @@ class BoundedGraph:
         if isinstance(op, ops.ReadState | ops.ReadTraining):
             return None
         types = tuple(self._graph[arg].type for arg in node.args)
+        # operands are given as a list of their own, not by their places in the graph
         in_order = replace(node, args=tuple(range(len(node.args))))
         return evaluator(in_order, types, self._weights, self._dtype)
 
@@ -148,6 +150,8 @@ class BoundedGraph:
                     return exact(value)
                 return self._sum(value, error, terms, left.count + right.count)
             case ops.Sum(axis):
+                # the sum of values, of their errors and of the sizes of their terms, each by the
+                # same rule
                 value, error, terms = (meaning([part], NOWHERE) for part in args[0].parts)
                 return self._sum(value, error, terms, args[0].count * self._length(node, axis))
             case ops.Contract(axis):
@@ -157,6 +161,7 @@ class BoundedGraph:
 
     def _alone(self, op: _Alone, meaning: Evaluator, args: Sequence[Bounded]) -> Bounded:
         """A value that is no sum: what its operands are off, and its own rounding."""
+        # how far each operand may be off, with the rounding of the sum that it is
         spreads = [one.spread(self.unit) for one in args]
         values = [one.value for one in args]
         match op:
@@ -174,8 +179,10 @@ class BoundedGraph:
                 left, right = (value.astype(float) for value in values)
                 # a value compared with itself asks whether it is a number
                 allowed = np.where(args[0] is args[1], 0.0, spreads[0] + spreads[1])
+                # exact operands compare alike in every program, also where they are equal
                 decided = (allowed == 0) | (np.abs(left - right) > allowed)
                 value = meaning(values, NOWHERE)
+                # a truth is 0 or 1: off by 1 where the comparison may go the other way
                 return Bounded(value, 1.0 - decided, value.astype(float), 1)
             case ops.Select():
                 return selected(args, spreads)
@@ -198,6 +205,7 @@ class BoundedGraph:
     def _sum(self, value: Array, error: Array, terms: Array, count: int) -> Bounded:
         """A sum; where its terms in another order may overflow, nothing is known."""
         value = value.astype(self._dtype, copy=False)
+        # written with a `not`, so that NaN counts as unknown too
         unknown = ~(terms + error < 0.5 * float(np.finfo(self._dtype).max))
         return Bounded(value, np.where(unknown, np.inf, error), terms, count)
 
@@ -209,13 +217,16 @@ class BoundedGraph:
         a, b = (np.abs(value).astype(float) for value in values)
         s, r = spreads
         size = (a + s) * (b + r)
+        # a result below the normal numbers rounds by an absolute amount, one of 0 does not round
         rounded = self.unit * size + self._smallest * (size > 0)
         return self._term(values[0] * values[1], a * r + s * (b + r) + rounded)
 
     def _quotient(self, values: Sequence[Array], spreads: Sequence[Array]) -> Bounded:
         value = values[0] / values[1]
         s, r = spreads
+        # the least size of the true divisor; where it can be 0, nothing bounds the quotient
         below = np.abs(values[1]) - r
+        # |n/d − N/D| ≤ (|n − N| + |n/d|·|d − D|) / |D|
         off = (s + np.abs(value) * r) / below
         error = off + self.unit * (np.abs(value) + off) + self._smallest
         error = np.where((values[0] == 0) & (s == 0), 0.0, error)
@@ -227,6 +238,7 @@ class BoundedGraph:
         s, r = (one.spread(self.unit) for one in (left, right))
         value = meaning([left.value, right.value], NOWHERE)
         terms = meaning([a + s, b + r], NOWHERE)
+        # |ab − AB| ≤ |a|·|b − B| + |a − A|·|B|, summed over the products
         off = meaning([a, r], NOWHERE) + meaning([s, b + r], NOWHERE)
         rounded = self.unit * terms + length * self._smallest * (terms > 0)
         return self._sum(value, off + rounded, terms, length)
@@ -238,8 +250,10 @@ class BoundedGraph:
 
     def _extreme(self, left: Bounded, right: Bounded, *, least: bool) -> Bounded:
         a, b = left.value, right.value
+        # as in the interpreter: a tie or NaN gives the first operand
         first = (a <= b if least else a >= b) | np.isnan(a)
         s, r = left.spread(self.unit), right.spread(self.unit)
+        # only where both may be the extreme one, the error of either counts
         apart = np.abs(a.astype(float) - b) > s + r
         error = np.where(apart, np.where(first, s, r), np.maximum(s, r))
         return chosen(np.where(first, a, b), error)
@@ -249,6 +263,7 @@ class BoundedGraph:
     ) -> Bounded:
         row = SCALAR_FUNCTIONS[function]
         off = _reach(row.numpy, values, spreads)
+        # exact: they round nothing that their argument did not
         if function in ("abs", "sign"):
             return self._term(value, off)
         size = np.abs(value) + off
@@ -274,8 +289,10 @@ def _reach(
     here = function(*centre)
     most = np.zeros(shape)
     for signs in product((-1.0, -0.5, 0.0, 0.5, 1.0), repeat=len(values)):
+        # without `if s` an unbounded argument gives 0·∞ = NaN at its centre
         moved = [c + s * r if s else c for c, s, r in zip(centre, signs, spreads, strict=True)]
         change = np.abs(function(*moved) - here)
+        # an end outside the domain bounds nothing
         most = np.maximum(most, np.where(np.isnan(change), np.inf, change))
     still = np.ones(shape, bool)
     for spread in spreads:

@@ -94,12 +94,15 @@ class GraphBuilder(NodeStore):
             exponent >>= 1
             if exponent:
                 square = self.multiply(square, square)
+        # x⁰ is 1 for every x, also 0 and NaN, as numpy has it
         if result is None:
             axes = self.type(base).axes
             return self.broadcast(self.constant(1.0), axes)
         return result
 
     def compare(self, relation: ops.Relation, left: NodeId, right: NodeId) -> NodeId:
+        # only the conflict matters: a truth has no unit, but what is compared must have the same
+        # one
         self._ruled_sum(relation.value, left, right)
         left, right, axes = self.aligned(left, right)
         return self.emit(ops.Compare(relation), (left, right), Type(axes, ONE, "bool"))
@@ -125,6 +128,7 @@ class GraphBuilder(NodeStore):
         if self.infinite_values.is_never_zero(factor):
             return product
         size = self.apply("abs", factor)
+        # The relations know no equality: |factor| <= 0 holds for ±0 and is false for NaN.
         is_zero = self.compare(ops.Relation.LESS_EQUAL, size, self.constant(0.0))
         zero = self.broadcast(self.constant(0.0), self.type(product).axes)
         return self.select(is_zero, zero, product)

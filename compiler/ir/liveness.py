@@ -14,6 +14,7 @@ def needed(graph: Graph, wanted: Iterable[NodeId]) -> list[bool]:
     marked = [False] * len(graph)
     for node in wanted:
         marked[node] = True
+    # operands stand before their users: one pass from the end is enough
     for index in range(len(graph) - 1, -1, -1):
         if marked[index]:
             for arg in graph[index].args:
@@ -79,6 +80,7 @@ def states_beside_the_log(
                     reading[index] = any(reading[arg] for arg in node.args)
         # a fixed point: a state that reads one of these reads the log one step later
         more = {name for name, node in following.items() if reading[node]} - found
+        # what an output needs has to run in the simulation
         if not more:
             return found - needed_over_time(step, following, outputs)[1] if found else found
         found |= more

@@ -35,7 +35,14 @@ def matrix_of(
         for place in block.places(builder.type(block.node).shape).ravel().tolist():
             fixed[place] = not moving[block.node]
     known = tuple(entries.known)
-    return Matrix(name, rows, columns, known, tuple(fixed), tuple(entries.blocks))
+    return Matrix(
+        name=name,
+        rows=rows,
+        columns=columns,
+        known=known,
+        fixed=tuple(fixed),
+        blocks=tuple(entries.blocks),
+    )
 
 
 def moving_nodes(graph: Graph) -> list[bool]:

@@ -39,6 +39,7 @@ def jacobian(
     whose samples are as if they did not move. With `feedthrough_only` x is empty, and D is what
     there is.
     """
+    # losses and ranges of equations are no rows: without them the graph is shorter
     program = guard_untaken(replace(program, losses=(), expected=()))
     step = program.step
     kept = () if feedthrough_only else program.states
@@ -75,7 +76,14 @@ def jacobian(
         matrix_of(name, rows, columns, rows_slopes, elements.parts, builder)
         for name, rows, columns, rows_slopes in named
     ]
-    return Jacobian(builder.graph(), tuple(matrices), states, inputs, outputs, tuned)
+    return Jacobian(
+        graph=builder.graph(),
+        matrices=tuple(matrices),
+        states=states,
+        inputs=inputs,
+        outputs=outputs,
+        parameters=tuned,
+    )
 
 
 def _is_asked_for(leaf: Leaf, parameters: bool, states: Collection[str]) -> bool:

@@ -78,12 +78,13 @@ class MatrixBlock:
     def places(self, shape: tuple[int, ...]) -> NDArray[np.int64]:
         """The entry of every element of the node."""
         grid = np.array(self.offset)
+        # one axis more for each of the node: in the end an array of entries in the node's shape
         for size, stride in zip(shape, self.strides, strict=True):
             grid = grid[..., np.newaxis] + stride * np.arange(size)
         return grid
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Matrix:
     """Slopes of the rows by the columns, entry (i, j) at i · columns + j."""
 
@@ -120,14 +121,16 @@ class Matrix:
     ) -> NDArray[Any]:
         """The matrices (members, rows, columns); `values` of nodes are (members, *shape)."""
         numbers = [0.0 if number is None else number for number in self.known]
+        # entries that no block computes are the same in all members
         entries = np.tile(np.array(numbers, dtype), (members, 1))
+        # in order: a later block replaces entries of an earlier one
         for block in self.blocks:
             computed = values[block.node]
             entries[:, block.places(computed.shape[1:])] = computed
         return entries.reshape(members, *self.shape)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Jacobian:
     """Matrices, and the graph that computes their entries from what a step reads."""
 

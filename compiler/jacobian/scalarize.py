@@ -25,7 +25,7 @@ Fixed = tuple[tuple[str, int], ...]
 Leaf = ops.ReadState | ops.ReadSignal | ops.ReadParameter
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LeafSlice:
     """Numbers of a leaf: element (i, j, …) of the part is its number offset + Σ stride · index."""
 
@@ -222,7 +222,14 @@ class _Made:
         free = [i for i, axis in enumerate(whole.axes) if axis.name not in at]
         offset = sum(at.get(a.name, 0) * s for a, s in zip(whole.axes, strides, strict=True))
         type = whole.with_axes(tuple(whole.axes[i] for i in free))
-        part = LeafSlice(leaf, whole, fixed, type, offset, tuple(strides[i] for i in free))
+        part = LeafSlice(
+            leaf=leaf,
+            whole=whole,
+            fixed=fixed,
+            type=type,
+            offset=offset,
+            strides=tuple(strides[i] for i in free),
+        )
         node = self.builder.emit(_stand_in(part), (), type)
         self.parts[node] = part
         return node

@@ -21,8 +21,8 @@ from compiler.kernels.trace.statements import (
     Branch,
     Call,
     Constant,
-    Kind,
     Routine,
+    ValueKind,
     operation_operands,
 )
 
@@ -41,7 +41,9 @@ def branch_cover(name: str, real: RealName) -> tuple[tuple[float, ...], ...]:
     points = np.array(list(product(candidates, repeat=len(traced.parameters))), candidates.dtype)
     outcomes = _outcomes(traced, points)
     chosen: list[int] = []
+    # greedy set cover: the next point is the one that sees most of the outcomes still unseen
     while outcomes.shape[0]:
+        # of equal ones the first, which is why plain numbers come first
         best = int(np.argmax(outcomes.sum(axis=0)))
         chosen.append(best)
         outcomes = outcomes[~outcomes[:, best]]
@@ -90,9 +92,9 @@ def _compared(block: Block) -> Iterator[float]:
     """The real numbers that stand in comparisons."""
     for statement in block.statements:
         match statement:
-            case Assign(target, Binary() as operation) if target.kind is Kind.TRUTH:
+            case Assign(target, Binary() as operation) if target.kind is ValueKind.TRUTH:
                 for operand in operation_operands(operation):
-                    if isinstance(operand, Constant) and operand.kind is Kind.REAL:
+                    if isinstance(operand, Constant) and operand.kind is ValueKind.REAL:
                         yield float(operand.value)
             case Call(_, called, _):
                 yield from _compared(called.body)

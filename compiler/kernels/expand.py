@@ -42,6 +42,7 @@ def expand_kernel(builder: GraphBuilder, name: str, args: tuple[NodeId, ...]) ->
     return _number(result)
 
 
+# Conditions stay formulas until something is selected: the core ops have no and, or, not.
 @dataclass(frozen=True, slots=True)
 class _Both:
     left: _Truth
@@ -105,6 +106,8 @@ class _Expansion:
                     # no control flow in a graph: both blocks are computed and one result is
                     # selected
                     holds = _truth(self._operand(condition, values))
+                    # locals are numbered over the whole routine: no block overwrites what the other
+                    # assigns
                     first = self.block(then, values)
                     second = self.block(otherwise, values)
                     chosen = tuple(
@@ -127,6 +130,7 @@ class _Expansion:
             case Local():
                 return values[operand.index]
             case Constant():
+                # None fits every unit: nothing inside a kernel takes part in the check of units
                 return self.builder.constant(operand.value, unit=None)
             case _:
                 assert_never(operand)

@@ -70,6 +70,7 @@ _OPERATORS: dict[str, tuple[int, _Operator]] = {
 
 def _term(context: LayerContext, function: Located[str], operands: list[NodeId]) -> NodeId:
     own = _OPERATORS.get(function.value)
+    # a function of the spec with that name comes first
     if own is not None and function.value not in context.lowering.scope:
         return own[1](context.builder, operands)
     return context.apply(function, operands)
@@ -87,6 +88,7 @@ def _arity(context: LayerContext, function: Located[str]) -> int:
     if name not in SIGNATURES:
         known = (*_OPERATORS, *SIGNATURES)
         context.refuse(names.unknown_name(name, function.span, known, "a function"))
+    # the fewest arguments that a function of the language can be called with
     return SIGNATURES[name].least
 
 

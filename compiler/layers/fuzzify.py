@@ -52,6 +52,7 @@ def fuzzify(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> N
         case "rectangular":
             return rectangular(sets)
         case "gaussian":
+            # half the mean distance to the neighbours; learned widths begin there
             widths = neighbour_widths(_numbers(context, settings))
             unit = builder.type(value).unit
             if settings.learn:
@@ -76,6 +77,7 @@ def _centers(context: LayerContext, settings: Fuzzify) -> NodeId:
     _refuse_grid(context, settings)
     stores, name = context.stores, context.name
     stores.read_uncalled.add(name)
+    # what the lowering before this one found, else what this one has found so far
     unit = stores.known_units.get(name) or stores.argument_units.get(name)
     return _along_the_sets(context, settings, unit)[1]
 
@@ -84,6 +86,7 @@ def _sets(context: LayerContext, settings: Fuzzify, value: NodeId) -> FuzzySets:
     """A value beside the centres, which are in its unit."""
     unit = context.builder.type(value).unit
     if unit is not None:
+        # the unit of the first call, which `NAME.centers` has wherever it stands
         context.stores.argument_units.setdefault(context.name, unit)
     return FuzzySets(context.builder, value, *_along_the_sets(context, settings, unit))
 
@@ -101,6 +104,7 @@ def _along_the_sets(
             wanted, found = f"{axis.size} centres", f"{len(centers)} centres"
             place = settings.centers.span
             context.refuse(shapes.wrong_axes(f"`{axis.name}`", wanted, found, place))
+    # their slope is 0 wherever there is one
     if settings.learn and settings.membership == "rectangular":
         problem = "rectangular sets have no slope that their centres could be learned from"
         context.refuse(names.unfit_setting("fuzzify", problem, settings.place.key))
@@ -131,9 +135,11 @@ def _grid(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> Nod
         if not isinstance(inner, Fuzzify) or inner.over:
             problem = f"`{reference.value}` is not a fuzzify layer with centers"
             context.refuse(names.unfit_setting("fuzzify", problem, reference.span))
+        # the grid reads the arrays of the other layer: under its name, not under the grid's
         own = replace(context, name=reference.value, span=entry.place.key)
         degrees = fuzzify(own, inner, (argument,))
         taken = [axis.name for axis in context.elements(result)] if result is not None else []
+        # two layers along one dimension would multiply element by element instead of making a grid
         if inner.dim is None or inner.dim.value in taken:
             problem = f"`{reference.value}` needs a `dim:` of its own in a grid"
             context.refuse(names.unfit_setting("fuzzify", problem, reference.span))

@@ -73,13 +73,16 @@ def _signal(context: LayerContext, settings: Normalize, inverse: bool) -> str:
     argument = context.call.arguments[0]
     if settings.of is not None:
         name, span = settings.of.value, settings.of.span
+    # its argument is in standard units and names no signal: that of the call before counts
     elif inverse and context.name in known:
         return known[context.name]
     else:
         name, span = "" if inverse else _signal_name(argument), argument.span
+    # `of:` reports a name that nothing declares; an argument may be any expression
     declared = (
         lowering.names.declared(name, span) if settings.of is not None else lowering.scope.get(name)
     )
+    # one layer has one mean: all its calls must be of the signal of the first
     before = known.setdefault(context.name, name)
     if declared is None or not isinstance(declared.entry, Signal | Connected) or before != name:
         problem = "`data` takes mean and std of one input or target"
@@ -108,6 +111,8 @@ def _measured(
     builder = context.builder
     entry = context.lowering.scope[signal].entry
     is_connected = isinstance(entry, Connected)
+    # statistics are of data, which nobody has of an input that an equation feeds: only those that
+    # came with the sub-model's weights
     if is_connected:
         entry = entry.feeds
     assert isinstance(entry, Signal)
@@ -118,6 +123,7 @@ def _measured(
         repair = "give the sub-model its `weights:`, where mean and std are"
         context.refuse(names.unfit_setting("normalize", problem, context.span, repair))
     found = builder.type(value).axes
+    # each element of the signal has numbers of its own, so the argument needs all its dims
     if not set(axes) <= set(found):
         what, place = f"the argument of `{context.name}`", context.call.arguments[0].span
         context.refuse(shapes.wrong_axes(what, describe_axes(axes), describe_axes(found), place))

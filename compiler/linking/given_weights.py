@@ -33,6 +33,7 @@ class GivenWeights:
                 continue
             if own in arrays:
                 return self._fitting(owner, own, arrays[own], shape)
+            # a sub-model further in that is frozen has its values in its own weights, not in these
             if not self._freezes(owners[index + 1 :], name):
                 self._missing.setdefault(owner, []).append(own)
                 return None
@@ -72,6 +73,7 @@ class GivenWeights:
         for part, use in self._use.items():
             own = [n.removeprefix(f"{part}.") for n in names if n.startswith(f"{part}.")]
             for pattern in use.freeze.patterns:
+                # `*` also suits a sub-model without parameters
                 if pattern.value != "*" and not any(fnmatchcase(n, pattern.value) for n in own):
                     report = no_parameter(pattern.value, pattern.span, own)
                     self._findings.report(report)

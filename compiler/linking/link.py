@@ -65,6 +65,7 @@ def link(
         raise ValueError(message)
     linking = _Linking(findings)
     whole = linking.part(spec, used, "", ())
+    # when all parts are there: a connection can feed any sub-model within a sub-model
     linking.connect(whole.sections)
     sections = {**whole.sections, "dims": linking.dims, "use": linking.use}
     linked = spec.model_copy(update=sections)
@@ -124,6 +125,7 @@ class _Linking:
             self.use[full], self.files[full] = use, file
             self._compare_sample_times(full, use, spec, file.spec)
             part = self.part(file.spec, file.used, f"{full}.", (dims, *around))
+            # every name of a sub-model is known here too, with the sub-model's name in front
             names |= {f"{name}.{member}": known for member, known in part.names.items()}
             if file.robot is not None:
                 self.robots[full] = RobotPart(file.robot, part.names)
@@ -143,6 +145,7 @@ class _Linking:
         for part in inner:
             for section, entries in part.sections.items():
                 sections[section] |= entries
+        # sections of the whole model alone: those of sub-models say how these were made
         if not prefix:
             sections["losses"] = {name: renaming.entry(e) for name, e in spec.losses.items()}
             if spec.data is not None:
@@ -155,6 +158,7 @@ class _Linking:
         """Makes an equation of every input that is connected."""
         inputs, equations = sections["inputs"], sections["equations"]
         first: dict[str, Connection] = {}
+        # a dot says that a name is of a sub-model; inputs of the whole model are fed by its user
         known = [name for name in inputs if "." in name]
         for name, connection, owner in self.connections:
             place = connection.place.key
@@ -191,6 +195,7 @@ class _Linking:
             outer = next((dims[name] for dims in around if name in dims), None)
             if outer is not None and _is_same(outer[1], dimension):
                 full = outer[0]
+                # the spec around may leave labels out that a sub-model gives
                 labels = self.dims[full].labels or dimension.labels
                 self.dims[full] = replace(self.dims[full], labels=labels)
             else:
@@ -200,6 +205,7 @@ class _Linking:
         return found
 
     def _compare_sample_times(self, part: str, use: Use, spec: Spec, inner: Spec) -> None:
+        # two sub-models without a sample time agree as well
         expected, found = (s.sample_time.value if s.sample_time else None for s in (spec, inner))
         if expected != found:
             place = use.file.span

@@ -53,6 +53,7 @@ class Renaming:
             case Initializer(file=Located()):
                 return value  # the path of a file is no name
             case Initializer():
+                # an entry of the spec hides the index of that name
                 own = frozenset(name for name in (*INDICES, LENGTH) if name not in self.names)
                 return self._entry(value, arguments | own)
             case Member():
@@ -60,6 +61,7 @@ class Renaming:
             case Call():
                 return self._call(value, arguments)
             case EquationLearner():
+                # an entry of the spec hides the term of that name
                 own = frozenset(name for name in EQUATION_TERMS if name not in self.names)
                 return self._entry(value, arguments | own)
             case Keyword(name="method"):
@@ -88,6 +90,7 @@ class Renaming:
 
     def _named(self, name: Name) -> Name:
         full = self.name(name.name)
+        # the whole model may have an entry called like a builtin that this sub-model calls
         is_language = bool(self.prefix) and full in OF_THE_LANGUAGE
         return LanguageName(full, name.span) if is_language else Name(full, name.span)
 

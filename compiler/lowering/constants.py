@@ -14,6 +14,7 @@ from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.shape_repair import shape_repair
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Expression, LanguageName, ListLiteral, Name
@@ -112,7 +113,8 @@ def shaped(context: Context, name: str, values: Array, axes: tuple[Axis, ...], s
     shape = tuple(axis.size for axis in axes)
     if values.shape not in ((), shape):
         problem = f"has the shape {list(values.shape)}, not {describe_axes(axes)}"
-        context.findings.report(names.unfit_constant(f"`{name}`", problem, span))
+        repair = shape_repair(context, name, values.shape, axes)
+        context.findings.report(names.unfit_constant(f"`{name}`", problem, span, repair))
         raise LoweringFailed
     if not np.all(np.isfinite(values)):
         context.findings.report(names.unfit_constant(f"`{name}`", "is not finite", span))

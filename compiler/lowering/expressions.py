@@ -41,6 +41,7 @@ from spec_schema.expressions.tree import (
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import ONE
 
+# Up to here squaring needs at most 10 products; larger exponents are left to `pow`.
 LARGEST_POWER = 64
 _SECOND = parse_unit("s")
 _RELATIONS = {
@@ -226,6 +227,7 @@ def _lower_window(
         case Past(length=length):
             # `x.past(3)` is x[t-2:t]: the newest sample is one of the three (R1)
             bounds = (1 - _positive(context, length.span, sampling.samples(length)), 0)
+        # the first of them is t+1: the sample at t is no future
         case Future(length=length):
             bounds = (1, _positive(context, length.span, sampling.samples(length)))
     if bounds[0] > bounds[1]:

@@ -44,6 +44,7 @@ def width_in(context: Context, width: Quantity, unit: Unit | None) -> float:
     limit_in(context, width, unit)  # reports what cannot be compared
     if width.unit is None or unit is None:
         return width.value
+    # scales alone: 10 K wide is 10 degC wide
     return width.value * (width.unit.scale / unit.scale)
 
 
@@ -68,6 +69,7 @@ def expected_values(context: Context) -> list[Expected]:
     found: list[Expected] = []
     for name, entry in context.spec.equations.items():
         declared = _range_of(entry)
+        # the same node at several times counts once
         nodes = list(dict.fromkeys(node for _, node in context.names.lowerings(name, STEP)))
         if declared is None or not nodes:
             continue

@@ -51,15 +51,11 @@ class Sampling:
         exact = seconds / sample_time
         nearest = round(exact)
         if abs(exact - nearest) > _TOLERANCE * max(1.0, abs(exact)):
-            below, above = math.floor(exact), math.ceil(exact)
+            # 0 s is no window and no delay
+            multiples = [each for each in (math.floor(exact), math.ceil(exact)) if each]
+            nearest_texts = [_seconds_text(each * sample_time) for each in multiples]
             self._findings.report(
-                errors.not_a_multiple(
-                    text,
-                    _seconds_text(sample_time),
-                    _seconds_text(below * sample_time),
-                    _seconds_text(above * sample_time),
-                    span,
-                )
+                errors.not_a_multiple(text, _seconds_text(sample_time), nearest_texts, span)
             )
             raise LoweringFailed
         return nearest

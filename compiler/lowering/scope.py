@@ -68,6 +68,7 @@ class Scope(Mapping[str, Declaration]):
             (Kind.EQUATION, spec.equations),
             (Kind.OUTPUT, spec.outputs),
         )
+        # in this order: of two entries with one name the later section is the one at fault
         for kind, section in sections:
             for name, entry in section.items():
                 first = self._declared.get(name)

@@ -149,8 +149,11 @@ def scales(problem: ControlProblem) -> tuple[Array, Array]:
 def rates(problem: ControlProblem) -> Array:
     """(nu): the most that each control moves between samples; ∞ where nothing limits it."""
     known = {control.name: control.rate for control in problem.control_limits}
-    # without a rate nothing limits the step
-    found = [np.full(m.size, known[m.name] or np.inf) for m in problem.controls.members]
+    found: list[Array] = []
+    for member in problem.controls.members:
+        rate = known[member.name]
+        # 0 is a limit too: none is where no rate is
+        found.append(np.full(member.size, np.inf if rate is None else rate))
     return np.concatenate(found)
 
 

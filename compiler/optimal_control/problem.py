@@ -162,6 +162,7 @@ class ControlProblem:
     def previous(self, control: str) -> tuple[int, ...] | None:
         """The places in x of the elements of u_{k−1}; None where x does not hold them."""
         name = f"{control}.history"
+        # only a control with a rate, or in a block, has a register
         if all(member.name != name for member in self.states.members):
             return None
         member = self.states.member(name)

@@ -21,7 +21,7 @@ Chosen = Literal["staged", "condensed"]
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class ProductEstimate:
     """Products of an iteration beside the derivatives, by structure."""
 
     staged: int
@@ -42,13 +42,13 @@ def chosen_structure(problem: ControlProblem) -> Chosen:
     return problem.structure
 
 
-def estimate(problem: ControlProblem) -> Estimate:
+def estimate(problem: ControlProblem) -> ProductEstimate:
     """What the structures cost for a problem; weights make no difference."""
     form = window_form(problem)
     n, nx, nu = problem.horizon, problem.states.size, problem.controls.size
     # products of a Riccati step: Aᵀ P A and its sides, the factor of nu, and the gains
     staged = n * (nx * (nx + nu) * (2 * nx + nu) + nu**3 // 3 + nu * nx * (nx + nu))
-    return Estimate(staged, _condensed(n, nu, form), form.states)
+    return ProductEstimate(staged, _condensed(n, nu, form), form.states)
 
 
 def numbers_of(problem: ControlProblem, structure: Chosen) -> int:

@@ -111,7 +111,7 @@ def close_loop(program: Program, signals: Iterable[str], warm_up: int = 0) -> Pr
     return replace(program, signals=listed, states=states, start=starts.graph())
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Loop:
     signal: Signal
     output: Output
@@ -218,7 +218,13 @@ def _loops(program: Program, names: Iterable[str], *, warm: bool) -> dict[str, _
             raise LoopError(LoopFault.AXES, name, span=found[0].span)
         predicts = found[0].predicts
         if predicts is not None and name in extents:
-            loops[name] = _Loop(signal, found[0], predicts.ahead, extents[name].first, warm)
+            loops[name] = _Loop(
+                signal=signal,
+                output=found[0],
+                ahead=predicts.ahead,
+                first=extents[name].first,
+                warm=warm,
+            )
     return loops
 
 

@@ -38,6 +38,7 @@ def to_step_form(program: Program, late: int = 0) -> Program:
         if isinstance(node.op, ReadSignal):
             with builder.at(node.span):
                 copy = ports[node.op.signal].read(builder, node.op, node)
+            # what the spec names keeps its name if it is still that value, not a longer window
             if node.label is not None and builder.type(copy) == node.type:
                 builder.name(copy, node.label)
         else:
@@ -47,6 +48,7 @@ def to_step_form(program: Program, late: int = 0) -> Program:
     if late:
         program = _started(program, late)
     starts = GraphBuilder(program.start)
+    # after all reads, as they share the window that the buffer is read by
     buffers = [port.state(builder, starts) for port in ports.values() if port.length]
     program = with_step(program, builder.graph(), copies)
     states = (*program.states, *buffers)
@@ -71,7 +73,7 @@ def _earlier(node: Node, late: int) -> Node:
     return replace(node, op=ReadLog(op.signal, op.first - late, op.last - late))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Port:
     signal: Signal
     newest: int
@@ -87,7 +89,13 @@ class _Port:
         # ahead is a preview, whose first sample is t
         newest = min(extent.last, 0)
         first, last = extent.first - late, extent.last - late
-        return _Port(signal, newest, max(last, newest), max(newest - first, 0), late)
+        return _Port(
+            signal=signal,
+            newest=newest,
+            last=max(last, newest),
+            length=max(newest - first, 0),
+            late=late,
+        )
 
     @property
     def _sample(self) -> Type:

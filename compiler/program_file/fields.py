@@ -102,6 +102,8 @@ class _Field:
 def _fields(made: type) -> tuple[_Field, ...]:
     """The fields in the order of the file, in which the doc and the place come last."""
     types = get_type_hints(made)
+    # sorting is stable: the other fields keep the order of their class
+    # what a person looks for stands first in each line
     fields = sorted(dataclasses.fields(made), key=lambda one: one.name in ("doc", "span"))
     return tuple(
         _Field(
@@ -137,6 +139,7 @@ def _form(type: Any) -> _Form:
             lambda record, key, _: _chosen(record.text(key), record.place, members),
             lambda member, _: member.value,
         )
+    # what is left is `T | None`
     present, nothing = get_args(type)
     assert nothing is NoneType, f"{type} has no form in program files"
     form = _form(present)
@@ -168,6 +171,7 @@ def _read_unit(record: PlainRecord, key: str, shared: Shared) -> Unit:
     data, place = record.raw(key), f"{record.place}.{key}"
     if not isinstance(data, str):
         return unit_from_data(data, place)
+    # files repeat a few units thousands of times, and parsing one is slow
     if data not in shared.units:
         shared.units[data] = unit_from_data(data, place)
     return shared.units[data]
@@ -232,6 +236,7 @@ def _read_origin(record: PlainRecord, key: str, shared: Shared) -> Origin:
     if record.has("history"):
         return History(record.text("history"))
     if record.has("tape"):
+        # a tape is written like a prediction: a signal and how far ahead
         found = _read_prediction(record, "tape", shared)
         return Tape(found.signal, found.ahead)
     return Declared()

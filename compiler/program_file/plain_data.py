@@ -8,6 +8,7 @@ from typing import Any, TypeVar, cast
 
 Read = TypeVar("Read")
 
+# up to here a double holds every whole number
 _LARGEST_INTEGER = 1 << 53
 _LONGEST_STRING = 1 << 20
 
@@ -83,6 +84,7 @@ def as_text(value: Any, place: str) -> str:
 
 
 def as_integer(value: Any, place: str) -> int:
+    # in Python a truth is an `int` too
     if not isinstance(value, int) or isinstance(value, bool) or abs(value) > _LARGEST_INTEGER:
         raise Malformed(f"{place} is no whole number")
     return value

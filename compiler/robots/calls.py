@@ -41,10 +41,12 @@ def lower_robot_call(
 ) -> NodeId:
     """The node of `NAME.member(…)` or `NAME.frame.member(…)` of a robot."""
     assert isinstance(call.function, Member)
-    return _RobotCall(context, name, part, call, environment).lowered(call.function)
+    return _RobotCall(
+        context=context, name=name, part=part, call=call, environment=environment
+    ).lowered(call.function)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _RobotCall:
     """A call, with the robot and the place that it stands at."""
 
@@ -63,16 +65,11 @@ class _RobotCall:
         if isinstance(member, FrameMember):
             place = self.part.robot.frames[function.base.removeprefix(f"{self.name}.")]
             found = member.compute(bodies, place, arguments)
-            return self._joined(found, (self._axis("xyz"),), self._unit(member.result))
-        unit = self._unit(member.result)
-        if member.along == "pairs of joints":
-            axes = (self._joint, self._axis("joint2"))
-            return self._joined(self._by_position(member.compute(bodies, arguments)), axes, unit)
-        result = self._joined(
-            self._by_position(member.compute(bodies, arguments)), (self._joint,), unit
-        )
+        else:
+            found = self._by_position(member.compute(bodies, arguments))
+        result = self._joined(found, self._own_axes(member), self._unit(member.result), nodes)
         if function.name == "forward_dynamics":
-            self._remember(result, bodies, arguments, nodes[-1])
+            self._remember(result, bodies, arguments, nodes)
         return result
 
     def _member(self, function: Member) -> RobotMember | FrameMember:
@@ -94,7 +91,8 @@ class _RobotCall:
         found: list[list[Number]] = []
         for quantity, expression, node in zip(member.arguments, given, nodes, strict=True):
             self._agree_on_unit(quantity, node)
-            found.append(self._in_bodies(self._elements(quantity, expression, node)))
+            self._refuse_axes(member, quantity, expression, node)
+            found.append(self._in_bodies(self._elements(node)))
         return found, nodes
 
     def _given(self, wanted: Sequence[Quantity]) -> list[Expression]:
@@ -117,22 +115,38 @@ class _RobotCall:
             raise LoweringFailed
         return [given[name] for name in wanted]
 
-    def _elements(self, quantity: Quantity, expression: Expression, node: NodeId) -> list[Number]:
+    def _own_axes(self, member: RobotMember | FrameMember) -> tuple[Axis, ...]:
+        """Those that a result has whatever the arguments are."""
+        if isinstance(member, FrameMember):
+            return (self._axis("xyz"),)
+        if member.along == "pairs of joints":
+            return self._joint, self._axis("joint2")
+        return (self._joint,)
+
+    def _refuse_axes(
+        self,
+        member: RobotMember | FrameMember,
+        quantity: Quantity,
+        expression: Expression,
+        node: NodeId,
+    ) -> None:
+        """Refuses an argument without the joints, or with another axis that the result has."""
+        axes = self._builder.type(node).axes
+        rest = [axis for axis in axes if axis != self._joint]
+        if axes == tuple(rest) != () or any(axis in rest for axis in self._own_axes(member)):
+            shown, wanted = _shown(self.call.function), f"`{self._joint.name}`"
+            report = robots.argument_of_robot(
+                shown, quantity, wanted, describe_axes(axes), expression.span
+            )
+            self.context.findings.report(report)
+            raise LoweringFailed
+
+    def _elements(self, node: NodeId) -> list[Number]:
         """The number of each joint, in the order of q; one number is that of all."""
         builder, joint = self._builder, self._joint
         axes = builder.type(node).axes
         op = builder.node(node).op
-        if joint not in axes:
-            if axes:
-                report = robots.argument_of_robot(
-                    _shown(self.call.function),
-                    quantity,
-                    f"`{joint.name}`",
-                    describe_axes(axes),
-                    expression.span,
-                )
-                self.context.findings.report(report)
-                raise LoweringFailed
+        if not axes:
             # a literal stays a number, so that sums with 0 and products with ±1 fold away
             value = op.values[0] if isinstance(op, Constant) else self._scalar(node)
             return [value] * joint.size
@@ -179,7 +193,7 @@ class _RobotCall:
         result: NodeId,
         bodies: RigidBodies,
         arguments: Sequence[Sequence[Number]],
-        torque: NodeId,
+        nodes: Sequence[NodeId],
     ) -> None:
         """Lets integrators solve with more on the diagonal of the mass matrix."""
         unit = self._unit("ddq")
@@ -189,9 +203,9 @@ class _RobotCall:
             each = [builder.element(diagonal, joint.name, i) for i in range(joint.size)]
             added = self._in_bodies([self._scalar(node) for node in each])
             found = self._by_position(forward_dynamics(bodies, arguments, added))
-            return self._joined(found, (joint,), unit)
+            return self._joined(found, (joint,), unit, (*nodes, diagonal))
 
-        self.context.dynamics[result] = DynamicsCall(torque, with_diagonal)
+        self.context.dynamics[result] = DynamicsCall(nodes[-1], with_diagonal)
 
     def _in_bodies(self, numbers: Sequence[Number]) -> list[Number]:
         """Numbers in the order of q in that of the bodies."""
@@ -204,17 +218,25 @@ class _RobotCall:
         order = [at[position] for position in range(len(positions))]
         if len(numbers) == len(order):
             return [numbers[index] for index in order]
+        # of pairs: rows and columns of the matrix are both in the order of bodies
         return [numbers[i * len(order) + j] for i in order for j in order]
 
     def _joined(
-        self, numbers: Sequence[Number], axes: tuple[Axis, ...], unit: Unit | None
+        self,
+        numbers: Sequence[Number],
+        axes: tuple[Axis, ...],
+        unit: Unit | None,
+        arguments: Sequence[NodeId],
     ) -> NodeId:
-        """One value of all numbers, along these axes and those that the arguments have besides."""
+        """One value of all numbers, along these axes and those that the arguments have besides.
+
+        It has these also where no number depends on an argument: axes are no matter of the robot.
+        """
         builder = self._builder
         nodes = [self._node(number) for number in numbers]
         rest: tuple[Axis, ...] = ()
-        for node in nodes:
-            more = builder.type(node).axes
+        for node in arguments:
+            more = (axis for axis in builder.type(node).axes if axis != self._joint)
             rest = in_order((*rest, *(axis for axis in more if axis not in rest)))
         # no dim of a spec has a blank: none of the arguments is meant
         flat = Axis(f"{self.name}.{len(nodes)} numbers", 1)

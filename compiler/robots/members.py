@@ -68,6 +68,8 @@ def forward_dynamics(
     return solved(bodies, matrix, right)
 
 
+_SMALLEST_INERTIA = 1e-300
+"""Kg m² or kg: of less the reciprocal is no number."""
 _SMALLEST_PIVOT = 1e-12
 """Of a diagonal element of M: below it a pivot is what rounding leaves of 0."""
 
@@ -85,7 +87,7 @@ def undetermined_joint(bodies: RigidBodies) -> int | None:
         own = diagonal[index]
         assert isinstance(own, float)
         # written so that NaN counts too
-        if not pivot > _SMALLEST_PIVOT * own:
+        if not pivot > max(_SMALLEST_PIVOT * own, _SMALLEST_INERTIA):
             return index
     return None
 

@@ -27,7 +27,9 @@ from compiler.ir.program import History, Tape
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import by_name, vector_of
 from compiler.state_estimation.augmented import augmented
+from compiler.state_estimation.deviations import deviations
 from compiler.state_estimation.estimate import Estimate, FilterStatus
+from compiler.state_estimation.input_rows import input_rows
 from compiler.state_estimation.problem import EstimationProblem
 
 Array = NDArray[Any]
@@ -55,18 +57,25 @@ class KalmanFilter:
         self._judge = DerivativeInterpreter(self._derivatives, program, self._weights, self.dtype)
         self._columns = self._places()
         # a variance grows with time: by std² a second
-        self.drift: Array = self._deviations(initial=False) ** 2 * problem.sample_time
+        self.drift: Array = (
+            deviations(problem, self.numbers, initial=False) ** 2 * problem.sample_time
+        )
         self.covariance: Array = np.zeros((self._size, self._size), self.dtype)
         self.vector: Array = np.zeros(self._size, self.dtype)
         self._known: set[str] = set()
         self.reset()
 
     def reset(self, x: Mapping[str, ArrayLike] | None = None) -> None:
-        """Begins anew, from states where they are given; others as `init` says without a log."""
+        """Begins anew, from states where they are given; others as `init` says without a log.
+
+        A number that is not finite is not given.
+        """
         problem = self.problem
         program = problem.program
         self.vector = np.zeros(self._size, self.dtype)
-        self.covariance = np.diag(self._deviations(initial=True) ** 2).astype(self.dtype)
+        self.covariance = np.diag(deviations(problem, self.numbers, initial=True) ** 2).astype(
+            self.dtype
+        )
         alone = [s for s in program.states if not reads_log(program.start, s.start)]
         # registers fill with the first sample that they are given, not with what `history` says
         alone = [state for state in alone if state.name not in problem.registers]
@@ -77,7 +86,14 @@ class KalmanFilter:
         for name, value in start.start({}, 0).items():
             self._set(name, value[0])
         for name, value in (x or {}).items():
-            self._give(name, np.asarray(value, float))
+            own, numbers = self._register(name, np.asarray(value, float))
+            member = self.numbers.member(own)
+            now = self.vector[member.first : member.first + member.size]
+            given = np.isfinite(numbers)
+            was_known = own in self._known
+            self._set(own, np.where(given, numbers, now.reshape(numbers.shape)))
+            if not (was_known or np.all(given)):
+                self._known.discard(own)
 
     def correct(
         self,
@@ -192,20 +208,6 @@ class KalmanFilter:
     def _is_complete(self) -> bool:
         return bool(np.all(self.is_known))
 
-    def _deviations(self, *, initial: bool) -> Array:
-        """Of ξ: at first, or in a second. A register that is fed back is known but its newest."""
-        found = np.zeros(self._size)
-        table = {**self.problem.deviations, **self.problem.parameters}
-        for member in self.numbers.members:
-            if member.name in table:
-                std = table[member.name].initial if initial else table[member.name].drift
-                values = np.full(Type(member.axes).shape, std)
-                if isinstance(self.problem.registers.get(member.name), Tape) and not initial:
-                    # what was fed back before was corrected before: noise is of the newest alone
-                    values[..., :-1] = 0.0
-                found[member.first : member.first + member.size] = values.ravel()
-        return found
-
     def _places(self) -> NDArray[np.int64]:
         """Where the numbers of ξ are among the variables of the derivatives."""
         known = self._derivatives.variables
@@ -230,33 +232,20 @@ class KalmanFilter:
     def _log(self, inputs: Mapping[str, ArrayLike], wanted: Collection[str]) -> dict[str, Array]:
         """One row of each port; fills registers that nothing is known of."""
         problem = self.problem
-        names = [member.name for member in problem.inputs.members]
-        unknown = sorted({*inputs} - {*names})
-        if unknown or not {*wanted} <= {*inputs}:
-            message = f"inputs wanted for {sorted(wanted)}, given for {sorted(inputs)}"
-            raise ValueError(message)
-        log: dict[str, Array] = {}
-        for member in problem.inputs.members:
-            type = Type(member.axes)
-            shape = type.shape
-            array = np.asarray(inputs.get(member.name, np.zeros(shape)), float)
-            if array.shape != shape:
-                raise ValueError(f"`{member.name}` has shape {array.shape}, not {shape}")
-            log[member.name] = array[None] if type.window is None else np.moveaxis(array, -1, 0)
+        log = input_rows(problem, inputs, wanted)
         for name, origin in problem.registers.items():
             if name in self._known or not isinstance(origin, History):
                 continue
             # a register of an input fills with its first sample at every place (R13)
             if origin.source in inputs and np.all(np.isfinite(log[origin.source][0])):
-                self._give(
-                    name, np.repeat(log[origin.source][0][..., None], self._length(name), -1)
-                )
+                self._set(name, np.repeat(log[origin.source][0][..., None], self._length(name), -1))
         return log
 
     def _length(self, register: str) -> int:
         return self.problem.states.member(register).axes[-1].size
 
-    def _give(self, name: str, value: Array) -> None:
+    def _register(self, name: str, value: Array) -> tuple[str, Array]:
+        """The state that a name stands for, and its value: a fed-back signal's is its register."""
         tapes = {
             origin.signal: register
             for register, origin in self.problem.registers.items()
@@ -267,13 +256,13 @@ class KalmanFilter:
             value = np.repeat(value[..., None], self._length(name), -1)
         if all(member.name != name for member in self.numbers.members):
             raise ValueError(f"no state or fed-back signal `{name}`")
-        self._set(name, value)
+        shape = Type(self.numbers.member(name).axes).shape
+        if value.shape != shape:
+            raise ValueError(f"`{name}` has shape {value.shape}, not {shape}")
+        return name, value
 
     def _set(self, name: str, value: Array) -> None:
         member = self.numbers.member(name)
-        shape = Type(member.axes).shape
-        if value.shape != shape:
-            raise ValueError(f"`{name}` has shape {value.shape}, not {shape}")
         self.vector[member.first : member.first + member.size] = value.ravel()
         self._known.add(name)
 

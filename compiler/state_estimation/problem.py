@@ -79,6 +79,14 @@ class EstimationProblem:
         return self.program.sample_time
 
     @property
+    def variances(self) -> tuple[tuple[str, float], ...]:
+        """What a filter computes with: whose variance, and how much, but for those of 0."""
+        found = [(measurement.name, measurement.std**2) for measurement in self.measured]
+        for name, numbers in (*self.deviations.items(), *self.parameters.items()):
+            found += [(name, numbers.initial**2), (name, numbers.drift**2 * self.sample_time)]
+        return tuple((name, variance) for name, variance in found if variance != 0)
+
+    @property
     def registers(self) -> dict[str, History | Tape]:
         """The states that are shift registers, by what they hold."""
         found = {state.name: state.origin for state in self.program.states}

@@ -17,7 +17,7 @@ void drive(double *x, double before, double asked, int late, double push, double
         for (int stage = 0; stage < 4; stage++) {
             for (int i = 0; i < STATES; i++)
                 at[i] = x[i] + (stage > 0 ? stages[stage] * h * slope[i] : 0.0);
-            u[0] = (target - at[ANGLE]) / lag; /* the model keeps it within its 0.4 rad/s */
+            u[0] = (target - at[ANGLE]) / lag; /* the model keeps it within `steering.v_max` */
             u[1] = push;
             vehicle_dynamics_mb(at, u, slope, p);
             if (step == substeps)

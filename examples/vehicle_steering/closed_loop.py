@@ -1,6 +1,6 @@
 """Lets a controller steer a car along a road, and records every sample."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Protocol
 
@@ -81,17 +81,23 @@ class Pedals:
         return v * (ahead - v) + self.GAIN * error + self.RATE * self._sum
 
 
-def run(car: Car, controller: Controller, road: Road, seed: int) -> Run:
+def run(
+    car: Car,
+    controller: Controller,
+    road: Road,
+    seed: int,
+    planner_of: Callable[[Road, float], Planner] = Planner,
+) -> Run:
     """From the beginning of the road to its end, or until the car is lost."""
     random, pedals = np.random.default_rng(seed), Pedals()
     motion = car.start(road.x[0], road.y[0], road.heading[0], float(road.speed[0]))
     place = locate(road, motion, 0.0)
-    planner = Planner(road, car.wheelbase - car.to_front)
+    planner = planner_of(road, car.wheelbase - car.to_front)
     rows: list[tuple[float, ...]] = []
     while place.way < road.way[-1] - END and abs(place.offset) < LOST:
         sensors = _measured(motion, random)
         place = locate(road, motion, place.way)
-        path = planner.plan(place, sensors["speed"])
+        path = planner.plan(place, sensors)
         turned = place.turned + motion.heading - motion.course
         seen = Seen(
             sensors["speed"], sensors["acceleration"], sensors["yaw_rate"], place, turned, path

@@ -29,6 +29,8 @@ class Judged:
 
     runs: dict[tuple[str, str], Run]
     """By controller and variation."""
+    by: dict[str, str]
+    """What computed the angles of each controller: its exported C, or Python."""
     solves: list[Solve]
     """Of the predictive controller, in all variations."""
     traces: dict[str, Trace]
@@ -51,7 +53,7 @@ def judge(folder: Path, car_of: Callable[..., Car] = MultiBody, roads: Roads = T
         driven = [pool.submit(_driven, folder, car_of, roads, *case) for case in cases]
         traces = {name: trace.result() for name, trace in planned.items()}
         done = [case.result() for case in driven]
-    *runs, finer = [found for found, _ in done]
+    *runs, finer = [each.run for each in done]
     by_case = {(name, v.name): r for (name, v, _), r in zip(cases[:-1], runs, strict=True)}
     coarse = by_case["controller", nominal.name]
     rows = min(len(coarse.offset), len(finer.offset))
@@ -62,7 +64,8 @@ def judge(folder: Path, car_of: Callable[..., Car] = MultiBody, roads: Roads = T
     }
     return Judged(
         runs=by_case,
-        solves=[solve for _, solves in done for solve in solves],
+        by={name: each.by for (name, _, _), each in zip(cases, done, strict=True)},
+        solves=[solve for each in done for solve in each.solves],
         traces={**recorded, **traces},
         lead=fit_lead(_training(folder), car.wheelbase),
         finer_steps=float(np.max(np.abs(coarse.offset[:rows] - finer.offset[:rows]))),
@@ -86,6 +89,15 @@ def controller(folder: Path, name: str, car: Car) -> Controller:
             return Exported(spec, planned_speeds=name == "controller")
 
 
+@dataclass(frozen=True)
+class _Driven:
+    """A run on the road, what computed its angles, and what was solved for them."""
+
+    run: Run
+    by: str
+    solves: list[Solve]
+
+
 def _driven(
     folder: Path,
     car_of: Callable[..., Car],
@@ -93,12 +105,15 @@ def _driven(
     name: str,
     variation: Variation,
     substeps: int,
-) -> tuple[Run, list[Solve]]:
-    """A run on the road, and what was solved for it."""
+) -> _Driven:
     car = car_of(variation, substeps)
     steering = controller(folder, name, car)
     found = run(car, steering, draw(roads), SEED)
-    return found, steering.solves if isinstance(steering, Predictive) else []
+    return _Driven(
+        run=found,
+        by=steering.by if isinstance(steering, Exported | Predictive) else "python",
+        solves=steering.solves if isinstance(steering, Predictive) else [],
+    )
 
 
 def _planned(folder: Path, car_of: Callable[..., Car], name: str) -> Trace:

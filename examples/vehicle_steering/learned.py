@@ -20,6 +20,9 @@ class Exported:
     def __init__(self, spec: Path, *, planned_speeds: bool) -> None:
         weights = spec.parent / "runs" / spec.name.split(".")[0] / "latest"
         self._stepper = msnn.stepper(msnn.load(str(spec)), str(weights))
+        self.by = self._stepper.engine
+        if self.by != "c":  # it would steer alike, but it is the C that is judged here
+            raise SystemExit(f"the C of {spec.name} was not compiled: is gcc or clang installed?")
         self._planned_speeds = planned_speeds
 
     def start(self, seen: Seen) -> None:

@@ -4,7 +4,8 @@ import ctypes
 import hashlib
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,6 +21,7 @@ Array = npt.NDArray[np.float64]
 HERE = Path(__file__).resolve().parent
 BODY = ("m", "m_s", "m_uf", "m_ur", "I_Phi_s", "I_y_s", "I_z", "I_uf", "I_ur")
 GRIP = ("tire.p_dx1", "tire.p_dy1")
+RATES = ("steering.v_min", "steering.v_max")
 SLOW = "abs(x[3]) < 0.1"  # the branches for a car that stands, which no run here reaches
 
 
@@ -63,23 +65,21 @@ class MultiBody:
 
     def __init__(self, variation: Variation, substeps: int = SUBSTEPS) -> None:
         package = _package()
-        self._parameters = package.parameters
         self._start, self._substeps = package.start, substeps
-        self._library, translation = package.library, package.translation
-        self._p = np.array([_value(self._parameters, a) for a in translation.attributes])
-        for index, name in enumerate(translation.attributes):
-            self._p[index] *= variation.mass if name in BODY else 1.0
-            self._p[index] *= variation.friction if name in GRIP else 1.0
-        self._mass, self._late = variation.mass, round(variation.delay / SAMPLE_TIME * substeps)
+        self._library, read = package.library, package.translation.attributes
+        self._steering, self._asked = Steering(), 0.0
+        values = {name: _value(package.parameters, name) for name in read}
+        changed = _changed(values, variation, self._steering)
+        self._parameters = _with(package.parameters, changed)
+        self._p = np.array([_value(self._parameters, name) for name in read])
+        self._late = round(variation.delay / SAMPLE_TIME * substeps)
         self.to_front = float(self._parameters.a)
         self.wheelbase = float(self._parameters.a + self._parameters.b)
-        self._steering, self._asked = Steering(), 0.0
         self.state, self._slope = np.zeros(29), np.zeros(29)
 
     def start(self, x: float, y: float, heading: float, speed: float) -> Motion:
         initial = self._start([x, y, 0.0, speed, heading, 0.0, 0.0], self._parameters)
         self.state = np.array(initial, dtype=np.float64)
-        self.state[[16, 21]] *= self._mass  # tyres are pressed in by the weight
         self._asked = 0.0
         return self._motion()
 
@@ -169,6 +169,30 @@ def _compiled(translation: Translation) -> ctypes.CDLL:
             subprocess.run([*command, "-o", str(unfinished), "-lm"], check=True)
             unfinished.replace(library)
     return ctypes.CDLL(str(library))
+
+
+def _changed(
+    values: Mapping[str, float], variation: Variation, steering: Steering
+) -> dict[str, float]:
+    """The parameters that differ from the package's; ValueError for one that no equation reads."""
+    factors = {**dict.fromkeys(BODY, variation.mass), **dict.fromkeys(GRIP, variation.friction)}
+    if unknown := [name for name in (*factors, *RATES) if name not in values]:
+        known = ", ".join(sorted(values))
+        raise ValueError(f"the car's equations read no {', '.join(unknown)}; they read {known}")
+    rates = zip(RATES, (-steering.rate, steering.rate), strict=True)
+    return {**{name: factor * values[name] for name, factor in factors.items()}, **dict(rates)}
+
+
+def _with(parameters: Any, changed: Mapping[str, float]) -> Any:
+    """A copy of the package's parameters with other values."""
+    copy = deepcopy(parameters)
+    for path, value in changed.items():
+        *above, name = path.split(".")
+        entry = copy
+        for part in above:
+            entry = getattr(entry, part)
+        setattr(entry, name, value)
+    return copy
 
 
 def _value(parameters: Any, path: str) -> float:

@@ -1,6 +1,7 @@
 """Steers by the predictive controller that the vehicle's spec is exported to."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,10 +23,11 @@ class Solve:
 class Predictive:
     """The C of the vehicle's `mpc` section, called from Python: it plans angles at every sample."""
 
-    def __init__(self, spec: Path) -> None:
+    def __init__(self, spec: Path, settings: Sequence[str] = ()) -> None:
         weights = spec.parent / "runs" / "vehicle" / "latest"
-        self._controller = msnn.mpc(msnn.load(str(spec)), str(weights), solver="c")
+        self._controller = msnn.mpc(msnn.load(str(spec), settings), str(weights), solver="c")
         self._horizon = self._controller.problem.horizon
+        self.by = self._controller.solver
         self.solves: list[Solve] = []
 
     def start(self, seen: Seen) -> None:

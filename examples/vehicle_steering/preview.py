@@ -12,6 +12,7 @@ path by the rate of the side slip, which in a steady bend is (distance to the re
 back once more.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,12 +64,13 @@ class Planner:
 
     def __init__(self, road: Road, to_rear: float) -> None:
         self._road, self._to_rear = road, to_rear
-        self._second_slope = 0.0  # m/s², of the offset, where the next plan begins
+        self._second_slope = 0.0  # m/s², of the offset, as the last plan has it a sample later
 
-    def plan(self, place: Place, speed: float) -> Preview:
+    def plan(self, place: Place, sensors: Mapping[str, float]) -> Preview:
         """The path from a place, with the measured speed; the next one is asked a sample later."""
         road = self._road
-        n, dn, ddn = _offsets(place.offset, speed * np.sin(place.turned), self._second_slope)
+        slope = sensors["speed"] * np.sin(place.turned)
+        n, dn, ddn = _offsets(place.offset, slope, self.second_slope(place, sensors))
         self._second_slope = float(ddn[1])
         way = np.interp(road.at(place.way, road.time) + _AHEAD, road.time, road.way)
         v, k, dk = road.at(way, road.speed), road.at(way, road.curvature), road.at(way, road.slope)
@@ -80,6 +82,10 @@ class Planner:
         curvature = (forth * left_slope - left * forth_slope) / (forth**2 + left**2) ** 1.5
         slip = (self._to_rear - REAR_SLIP * v**2) * k
         return Preview(curvature - np.gradient(slip, SAMPLE_TIME) / v, v)
+
+    def second_slope(self, place: Place, sensors: Mapping[str, float]) -> float:
+        """That of the offset, where a plan begins [m/s²]."""
+        return self._second_slope
 
 
 def _offsets(n: float, dn: float, ddn: float) -> tuple[Array, Array, Array]:

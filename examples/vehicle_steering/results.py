@@ -1,6 +1,7 @@
 """Reduces what was measured to numbers, and writes them as a file and as the tables of README."""
 
 import json
+import textwrap
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ def numbers(judged: Judged, exported: dict[str, Any]) -> dict[str, Any]:
             variation.name: {name: _driven(judged, name, variation.name) for name in CONTROLLERS}
             for variation in VARIATIONS
         },
+        "steered_by": judged.by,
         "solves": _solves(judged),
         "kinematic_lead": judged.lead,
         "finer_steps": judged.finer_steps,
@@ -45,11 +47,14 @@ def write(found: dict[str, Any], folder: Path) -> None:
     rounded = json.loads(json.dumps(found), parse_float=lambda text: float(f"{float(text):.4g}"))
     text = json.dumps(rounded, indent=1) + "\n"
     (folder / "results.json").write_text(text, encoding="utf-8")
-    readme = folder / "README.md"
-    page = readme.read_text(encoding="utf-8")
-    before, rest = page.split(BEGIN)
-    after = rest.split(END)[1]
-    readme.write_text(f"{before}{BEGIN}\n\n{tables(rounded)}\n\n{END}{after}", encoding="utf-8")
+    show(tables(rounded), folder / "README.md", BEGIN)
+
+
+def show(text: str, page: Path, begin: str) -> None:
+    """Writes a text between a mark of a page and the next end."""
+    before, rest = page.read_text(encoding="utf-8").split(begin)
+    _, after = rest.split(END, maxsplit=1)
+    page.write_text(f"{before}{begin}\n\n{text}\n\n{END}{after}", encoding="utf-8")
 
 
 def tables(found: dict[str, Any]) -> str:
@@ -95,13 +100,14 @@ def _cell(row: dict[str, Any]) -> str:
 def _solved(solves: dict[str, Any]) -> str:
     statuses = ", ".join(f"{count:,} {status}" for status, count in solves["statuses"].items())
     median, late, longest = solves["ms"]
-    return (
+    said = (
         f"Statuses of the {solves['count']:,} problems that the predictive controller solves in "
         f"closed loop: {statuses}. It takes {solves['iterations']:.1f} iterations on average, "
         f"{solves['most_iterations']} at most. Called from Python it takes {median:.1f} ms of "
         f"the processor's time in the median, {late:.1f} ms at most in 99 of 100 samples, "
         f"{longest:.0f} ms in the longest."
     )
+    return textwrap.fill(said, 100)
 
 
 def _export(exported: dict[str, Any]) -> str:

@@ -2,7 +2,8 @@
 
 Every model moves the same rigid bodies by the same integrator, the one of the spec; they differ in
 the friction that they subtract. Each rollout starts from measured, noisy positions and speeds. The
-errors are kept in `runs/errors.json`.
+errors are kept in `runs/errors.json`, how many
+numbers were learned in `runs/numbers.json`.
 
     python evaluate.py [--weights runs/z1_friction/latest/weights.safetensors]
 """
@@ -183,6 +184,9 @@ def main() -> None:
         title = results.FRICTIONS[name]
         print(f"{title:36} {np.mean(each):9.2e}   " + " ".join(f"{error:.1e}" for error in each))
     results.keep("errors", kept)
+    count = sum(values.size for values in load_file(weights).values())
+    print(f"the learned friction has {count} numbers")
+    results.keep("numbers", count)
 
 
 if __name__ == "__main__":

@@ -46,13 +46,19 @@ def _errors(found: dict[str, list[float]]) -> str:
     for name, title in FRICTIONS.items():
         each = ", ".join(f"{error:.1e}" for error in found[name])
         lines.append(f"| {title} | {mean[name]:.2g} | {each} |")
+    shares = [f"{a / b:.2g}" for a, b in zip(found["learned"], found["true"], strict=True)]
     better, above = mean["least squares"] / mean["learned"], mean["learned"] / mean["true"]
     lines += [
         "",
         f"The learned friction's error is 1/{better:.0f} of what viscous and Coulomb friction have",
-        f"by least squares, and {above:.2f} times the floor.",
+        f"by least squares, and {above:.2f} times the floor. Joint by joint it is",
+        f"{_listed(shares)} times the floor of the joint.",
     ]
     return "\n".join(lines)
+
+
+def _listed(words: list[str]) -> str:
+    return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def _series(found: dict[str, dict[str, dict[str, float]]]) -> str:
@@ -75,22 +81,24 @@ def _cell(found: dict[str, float]) -> str:
     return f"{found['mse']:.2g} ({r2:.5f})" if r2 > 0.99 else f"{found['mse']:.2g} ({r2:.2f})"
 
 
-def _tracking(found: dict[str, float]) -> str:
-    lines = ["| friction added to the torques | tracking error, mrad |", "|---|---|"]
-    titles = {"none": "none", "learned": "learned", "true": "true"}
-    lines += [f"| {title} | {found[name]:.3g} |" for name, title in titles.items()]
+def _tracking(found: dict[str, dict[str, float]]) -> str:
+    lines = ["| friction added to the torques | exact states, mrad | noisy sensors, mrad |"]
+    lines.append("|---|---|---|")
+    for name, error in found.items():
+        lines.append(f"| {name} | {error['exact']:.3g} | {error['noisy']:.3g} |")
     return "\n".join(lines)
 
 
 def main() -> None:
-    names = ("errors", "series", "tracking")
-    files = {name: (KEPT / f"{name}.json").read_text(encoding="utf-8") for name in names}
-    found = {
-        name: json.loads(text, parse_float=lambda number: float(f"{float(number):.7g}"))
-        for name, text in files.items()
-    }
-    text = json.dumps(found, indent=1) + "\n"
-    (HERE / "results.json").write_text(text, encoding="utf-8")
+    file = HERE / "results.json"
+    names = ["errors", "series", "tracking", "numbers"]
+    found = {"seconds": json.loads(file.read_text(encoding="utf-8"))["seconds"]}
+    if (KEPT / "seconds.json").exists():  # of all commands together: `demo.py` alone measures them
+        names.append("seconds")
+    for name in names:
+        text = (KEPT / f"{name}.json").read_text(encoding="utf-8")
+        found[name] = json.loads(text, parse_float=lambda number: float(f"{float(number):.7g}"))
+    file.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     readme = HERE / "README.md"
     page = readme.read_text(encoding="utf-8")
     before, rest = page.split(BEGIN)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from msnn.agreement.faults import Fault
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
     """How far one target is from the judge, relative to each signal's largest magnitude."""
 

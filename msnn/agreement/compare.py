@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from msnn.agreement.agreement import Agreement
-from msnn.agreement.branches import branches
 from msnn.agreement.deviation import bits_of_each, deviations, worst_deviation
 from msnn.agreement.faults import FarStep, Fault, beyond_proof, other_bits
-from msnn.agreement.judgement import Arrays, Beginning, Judgement, labelled, labelled_first
+from msnn.agreement.judging.judgement import Arrays, Beginning, Judgement, labelled, labelled_first
+from msnn.agreement.judging.record import AgreementRecord
 from msnn.agreement.loaded import Loaded
-from msnn.agreement.record import AgreementRecord
-from msnn.agreement.rounding import (
+from msnn.agreement.rounding.branches import branches
+from msnn.agreement.rounding.rounding_cost import (
     STEP_LIMIT,
     first_states,
     single_steps,
@@ -76,7 +76,7 @@ def _free_run(loaded: Loaded, judged: Judgement, most_steps: int) -> Arrays:
     return loaded.run(judged.beginning, inputs, steps)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Single:
     """What comparing the states before the first step, and single steps, gives."""
 
@@ -97,7 +97,7 @@ def _start_and_steps(
 ) -> _Single:
     """The states before the first step, and single steps from those of the judge."""
     if loaded.step is None or loaded.start is None:
-        return _Single(NOTHING, {}, {})
+        return _Single(measured=NOTHING, costs={}, undecided={})
     # each step from the judge's state: errors do not add up
     found = labelled(*loaded.step(wanted.inputs, wanted.states, wanted.steps))
     found |= labelled_first(loaded.start(beginning))
@@ -109,7 +109,7 @@ def _start_and_steps(
     if subject.is_exact:
         # what promises bits is compared with the judge of its own arithmetic
         measured = Deviations(deviations(found, judged), costs, bits_of_each(found, rounded))
-        return _Single(measured, costs, {})
+        return _Single(measured=measured, costs=costs, undecided={})
     dtype = "float32" if subject.dtype == "float32" else "float64"
     open_steps = branches(subject, dtype, record, wanted, found)
     settled = open_steps.settled(found, judged)
@@ -129,7 +129,13 @@ def _start_and_steps(
             undecided |= {name: int(every.sum())} if every.any() else {}
             untried += [name] if every.all() and name not in untried else []
     measured = Deviations(deviated, errors, {})
-    return _Single(measured, costs, undecided, tuple(untried), open_steps.faults)
+    return _Single(
+        measured=measured,
+        costs=costs,
+        undecided=undecided,
+        untried=tuple(untried),
+        faults=open_steps.faults,
+    )
 
 
 def _far(subject: Subject, measured: Deviations) -> tuple[Fault, ...]:

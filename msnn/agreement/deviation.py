@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msnn.agreement.judgement import Arrays
+from msnn.agreement.judging.judgement import Arrays
 
 
 def worst_deviation(found: Arrays, wanted: Arrays) -> float:

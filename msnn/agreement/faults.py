@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msnn.agreement.judgement import Proof
+from msnn.agreement.judging.judgement import Proof
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +130,7 @@ def beyond_proof(proof: Proof | None) -> tuple[Fault, ...]:
     found: list[Fault] = []
     for name, bound in proof.bounds.items():
         errors = np.abs(proof.values[name] - proof.exact[name])
+        # the worst element of each step; an output without elements is off by nothing
         errors = errors.reshape(len(errors), -1).max(axis=1, initial=0.0)
         worst = int(np.argmax(errors))  # NaN counts as the largest
         if not errors[worst] <= bound:

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from compiler.jacobian.matrices import Jacobian
-from msnn.agreement.judgement import Arrays, Beginning
+from msnn.agreement.judging.judgement import Arrays, Beginning
 
 Start: TypeAlias = Callable[[Beginning], Arrays]
 """The states before the first step, (1, *shape) each."""

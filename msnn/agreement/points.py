@@ -12,7 +12,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from backends.ports.step_interface import Port, step_interface
 from compiler.ir.program import History, Program, Tape
-from msnn.agreement.judgement import Arrays, Judgement
+from msnn.agreement.judging.judgement import Arrays, Judgement
 
 MOST_STEPS = 200
 """Along the record."""

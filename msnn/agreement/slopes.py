@@ -17,7 +17,7 @@ from compiler.ir.program import NodeId
 from compiler.jacobian.interpret import JacobianInterpreter
 from compiler.jacobian.matrices import Jacobian, Matrix, Vector
 from msnn.agreement.deviation import bits_of_each
-from msnn.agreement.judgement import Arrays, FloatType, Judgement
+from msnn.agreement.judging.judgement import Arrays, FloatType, Judgement
 from msnn.agreement.loaded import ExportedSlopes
 from msnn.agreement.points import TINY, Points, log_of, points
 from msnn.agreement.subject import NOTHING, Deviations, Subject
@@ -119,6 +119,7 @@ def _flat(vector: Vector, values: Arrays, count: int) -> NDArray[np.float64]:
     parts = [np.zeros((count, 0))]
     for member in vector.members:
         value = values[member.name].astype(np.float64)
+        # what does not depend on the point is a batch of one
         parts.append(np.broadcast_to(value.reshape(-1, member.size), (count, member.size)))
     return np.concatenate(parts, axis=1)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from compiler.ir.program import Program
-from msnn.agreement.judgement import Judge, NumberType, Promise
+from msnn.agreement.judging.judgement import Judge, NumberType, Promise
 from msnn.data.dataset import FloatArray
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from msnn.importing.written import Written
+    from msnn.importing.written import WrittenImport
 
 
-def import_nnodely(file: str | Path, out: str | Path | None = None) -> Written:
+def import_nnodely(file: str | Path, out: str | Path | None = None) -> WrittenImport:
     """Writes the spec and the weights of a model that nnodely 1.x saved as JSON.
 
         written = msnn.import_nnodely("plant.json")

@@ -102,7 +102,7 @@ def validate_on(
     """As `validate`, on data that were read; None where no entry needs any but its own files."""
     from msnn.api.results.measurements import ShownReport
     from msnn.data.reading.file_sets import load_file_sets
-    from msnn.exports.exported_rollouts import chosen_engine
+    from msnn.exports.running.exported_rollouts import chosen_engine
     from msnn.model.weights.known_covariance import known_covariance
     from msnn.simulation.engines.progress import nobody
     from msnn.validation import validate as validation
@@ -189,8 +189,8 @@ def simulate(
     `warnings`, `to_frame()` and `plot()`. Raises SpecError.
     """
     from msnn.api.results.measurements import ShownSimulations
-    from msnn.exports.exported_rollouts import chosen_engine
     from msnn.exports.prepare import loop_fault
+    from msnn.exports.running.exported_rollouts import chosen_engine
     from msnn.simulation.engines.progress import nobody
     from msnn.simulation.simulate import simulate as run
     from msnn.simulation.simulate import simulation_program

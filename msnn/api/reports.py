@@ -142,8 +142,8 @@ def _measured(
     """The data, free runs over them, what is measured; none of what cannot be had."""
     from msnn.api.measurements import needs_data, validate_on
     from msnn.errors.results import reports as errors
-    from msnn.exports.exported_rollouts import chosen_engine
     from msnn.exports.prepare import loop_fault
+    from msnn.exports.running.exported_rollouts import chosen_engine
     from msnn.simulation.engines.progress import nobody
     from msnn.simulation.simulate import simulate, simulation_program
 

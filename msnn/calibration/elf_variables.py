@@ -59,10 +59,12 @@ def elf_variables(path: Path, types: Iterable[str]) -> Elf:
     with path.open("rb") as stream:
         try:
             elf = elf_file(stream)
+            # addresses in an object are offsets that a linker has yet to move
             if elf["e_type"] == "ET_REL":
                 raise _unreadable(path, "it is an object that was not linked yet")
             if not elf.has_dwarf_info(strict=True):
                 raise _unreadable(path, "it has no debug information")
+            # what several units describe counts once
             found = dict.fromkeys(_all_instances(elf.get_dwarf_info(), frozenset(types)))
             return Elf(not elf.little_endian, tuple(found))
         except failures.ELFError as error:
@@ -103,6 +105,7 @@ def _address(dwarf: Any, unit: Any, location: Any) -> int | None:
         order = "little" if dwarf.config.little_endian else "big"
         return int.from_bytes(expression[1:], order)
     if expression[:1] == bytes([_INDEX]):
+        # ULEB128: seven bits a byte, the lowest first
         number = sum((byte & 0x7F) << 7 * place for place, byte in enumerate(expression[1:]))
         return int(dwarf.get_addr(unit, number))
     return None
@@ -111,6 +114,7 @@ def _address(dwarf: Any, unit: Any, location: Any) -> int | None:
 def _instances(
     kind: Any, name: str, address: int, types: frozenset[str], depth: int = 0
 ) -> Iterator[Instance]:
+    # a typedef may stand for another one: each on the way can be a wanted one
     while kind.tag in _ALIASES and "DW_AT_type" in kind.attributes:
         if kind.tag == "DW_TAG_typedef" and _name(kind) in types:
             yield Instance(name, _name(kind), address, dict(_members(_plain(kind))))
@@ -144,6 +148,7 @@ def _size(kind: Any) -> int:
     for die in kind.iter_children():
         if die.tag == "DW_TAG_subrange_type":
             has_count = "DW_AT_count" in die.attributes
+            # the upper bound is the last index; a flexible array has none, and size 0
             bound = _value(die, "DW_AT_upper_bound", -1) + 1
             size *= _value(die, "DW_AT_count") if has_count else bound
     return size

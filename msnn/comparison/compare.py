@@ -22,11 +22,11 @@ from msnn.comparison.ranking import (
     ranked,
 )
 from msnn.comparison.readings import Readings
-from msnn.comparison.trial import Outcome, Setup, Trial, run_trial
+from msnn.comparison.trial import Setup, Trial, TrialOutcome, run_trial
 from msnn.comparison.trial_lists import TrialLists
 from msnn.comparison.variants import GridAxis, Variant, variants
-from msnn.comparison.waiting import Waiting
-from msnn.comparison.workers import outcomes
+from msnn.comparison.workers.local_workers import outcomes
+from msnn.comparison.workers.waiting import Waiting
 from msnn.data.reading.frames import Frames
 from msnn.errors.sweeps import grid_of_a_search, nothing_proposed, set_and_swept, swept_twice
 from msnn.model.kept_run import CHECKPOINT, run_of
@@ -37,6 +37,7 @@ from msnn.training.ranks.torchrun import refuse_several_processes
 from msnn.training.records.run_log import LOG, RunLine, append, read
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.reading.reader import read_spec
+from spec_schema.reading.setting_values import one_path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +92,7 @@ class Listener(Protocol):
 
     def began(self, trials: int) -> None: ...
 
-    def ended(self, trial: Trial, outcome: Outcome) -> None: ...
+    def ended(self, trial: Trial, outcome: TrialOutcome) -> None: ...
 
 
 class Unheard:
@@ -100,7 +101,7 @@ class Unheard:
     def began(self, trials: int) -> None:
         del trials
 
-    def ended(self, trial: Trial, outcome: Outcome) -> None:
+    def ended(self, trial: Trial, outcome: TrialOutcome) -> None:
         del trial, outcome
 
 
@@ -158,7 +159,7 @@ def compare(
     ran: dict[str, Trial] = {}
     heard.began(count)
     if options.ray is not None:
-        from msnn.comparison.ray_workers import ray_outcomes
+        from msnn.comparison.workers.ray_workers import ray_outcomes
 
         running = ray_outcomes(waiting, setup, known, options.ray)
     else:
@@ -233,7 +234,7 @@ def _refuse_twice(grid: Sequence[GridAxis], options: ComparisonOptions) -> None:
     for number, path in enumerate(swept):
         if any(_replaces(later, path) for later in swept[number + 1 :]):
             raise SpecError((swept_twice(path),))
-    for path in (setting.partition("=")[0].strip() for setting in options.settings):
+    for path in (one_path(setting.partition("=")[0]) for setting in options.settings):
         by = next((axis for axis in swept if _replaces(axis, path)), None)
         if by is not None:
             raise SpecError((set_and_swept(path, by),))

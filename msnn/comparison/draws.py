@@ -14,6 +14,7 @@ import numpy as np
 from msnn.comparison.variants import Drawn, listed_values
 from msnn.errors import sweeps as errors
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.reading.setting_values import one_path
 
 Law: TypeAlias = Literal["uniform", "log", "integer"]
 _CALL = re.compile(r"\s*(uniform|log|integer|choice)\s*\((.*)\)\s*([^()]*)", re.DOTALL)
@@ -39,6 +40,7 @@ class Bounds:
             case "log":
                 number = self.low * (self.high / self.low) ** share
             case "integer":
+                # both bounds are drawn, as often as the numbers between
                 number = math.floor(self.low + share * (self.high - self.low + 1))
         return self.text(number)
 
@@ -105,6 +107,7 @@ class Draws:
         ]
         rows = [
             tuple(values[min(row, len(values) - 1)] for values in choices)
+            # a shorter list repeats its last choice
             for row in range(max(map(len, choices), default=1))
         ]
         return Drawn(tuple(axis.path for axis in self.axes), rows, self.seed)
@@ -138,14 +141,14 @@ def _axis(path: str, law: str, text: str) -> DrawAxis:
     if name == "choice":
         if unit:
             raise SpecError((errors.malformed_draw(text),))
-        return DrawAxis(path.strip(), Listed(values))
+        return DrawAxis(one_path(path), Listed(values))
     try:
         low, high = map(float, values)
     except ValueError:
         raise SpecError((errors.malformed_draw(text),)) from None
     found = Bounds(_LAWS[name], low, high, unit)
     _require_bounds(found, text)
-    return DrawAxis(path.strip(), found)
+    return DrawAxis(one_path(path), found)
 
 
 def _require_bounds(found: Bounds, text: str) -> None:
@@ -157,6 +160,7 @@ def _require_bounds(found: Bounds, text: str) -> None:
         why = f"{low:g} is not below {high:g}"
     elif found.law == "log" and low <= 0:
         why = f"{low:g} has no logarithm"
+    # what `value` computes with: finite bounds can be infinitely far apart
     elif not math.isfinite(high / low if found.law == "log" else high - low + 1):
         why = "the bounds are too far apart"
     elif found.law == "integer" and not (low.is_integer() and high.is_integer()):
@@ -166,6 +170,7 @@ def _require_bounds(found: Bounds, text: str) -> None:
 
 
 def _share(seed: int, draw: int, path: str) -> float:
+    # not `hash`, which differs from process to process
     key = (seed, draw, zlib.crc32(path.encode()))
     return float(np.random.default_rng(key).random())
 

@@ -25,14 +25,16 @@ def planned(model: Model) -> tuple[Measured, ...]:
 class _Simulated:
     horizon: str
     closed: tuple[str, ...]
+    details: tuple[str, ...]
 
 
 def _planned(plan: CheckPlan) -> Measured:
     names: tuple[str, ...] = ("loss",) if plan.metric is None else METRICS
+    how = _Simulated(str(plan.rollout.horizon), plan.rollout.closed, plan.details)
     return Measured(
         of=plan.of,
         unit=unit_text(plan.unit),
-        rollout=rollout_text(_Simulated(str(plan.rollout.horizon), tuple(plan.rollout.closed))),
+        rollout=rollout_text(how),
         scored=0,
         asked="loss" if plan.metric is None else plan.metric,
         metrics=dict.fromkeys(names, math.nan),

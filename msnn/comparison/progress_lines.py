@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TextIO
 
-from msnn.comparison.trial import Outcome, Trial
+from msnn.comparison.trial import Trial, TrialOutcome
 
 
 class TrialLines:
@@ -24,7 +24,7 @@ class TrialLines:
     def began(self, trials: int) -> None:
         self._all, self._began = trials, time.monotonic()
 
-    def ended(self, trial: Trial, outcome: Outcome) -> None:
+    def ended(self, trial: Trial, outcome: TrialOutcome) -> None:
         self._ended += 1
         line = outcome.line
         which = trial.variant.label
@@ -41,7 +41,7 @@ class TrialLines:
         for said in new:
             self._print(said)
 
-    def _left(self, outcome: Outcome) -> str:
+    def _left(self, outcome: TrialOutcome) -> str:
         self._trained += outcome.is_new
         left = self._all - self._ended
         if not left or not self._trained:
@@ -54,7 +54,7 @@ class TrialLines:
         self._stream.flush()
 
 
-def _how(outcome: Outcome) -> str:
+def _how(outcome: TrialOutcome) -> str:
     line = outcome.line
     if line.state != "finished":
         return line.state
@@ -62,5 +62,5 @@ def _how(outcome: Outcome) -> str:
     return f"{line.reason}, monitor {line.monitor:.5g}, {line.seconds:.2f} s{taken}"
 
 
-def _reasons(outcome: Outcome) -> tuple[str, ...]:
+def _reasons(outcome: TrialOutcome) -> tuple[str, ...]:
     return () if outcome.line.state == "finished" else (outcome.line.reason,)

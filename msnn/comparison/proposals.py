@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -19,7 +21,7 @@ from msnn.comparison.readings import Readings
 from msnn.comparison.trial import Setup, Trial
 from msnn.comparison.trial_lists import TrialLists
 from msnn.comparison.variants import Drawn, Variant, variants
-from msnn.errors.sweeps import unusable_study
+from msnn.errors.sweeps import lost_study, study_in_memory, unusable_study
 from msnn.packages import OPTUNA
 from msnn.training.records.run_log import RunLine
 from msnn.training.run_line import begun
@@ -27,6 +29,8 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 _TEXTS = "values"
 """Under which a trial of the study keeps what it was trained with, as YAML."""
+_IN_MEMORY = re.compile(r"(sqlite(\+\w+)?://(/|/?(?=\?)|$))?(:memory:)?(\?.*)?")
+"""What SQLite takes for no file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +66,7 @@ def search_of(
         storage=storage,
         spec=one.spec,
         settings=one.settings[: -len(draws.axes)],
+        # the drawn values are the last settings of a variant
         draws=draws,
         wanted=wanted,
         is_higher_better=Criterion(None, metric).is_higher_better,
@@ -91,9 +96,12 @@ class Proposals:
         self._optuna = import_module("optuna")
         self._optuna.logging.set_verbosity(self._optuna.logging.ERROR)
         self._study = self._opened()
-        trials = self._study.get_trials(deepcopy=False)
+        with self._kept():
+            trials = self._study.get_trials(deepcopy=False)
         # a seed of its own each time: else what is proposed after a resume repeats the beginning
         seed = np.random.SeedSequence((self.search.draws.seed, len(trials))).generate_state(1)[0]
+        # proposals that are still trained count as bad ones, or several workers would look in one
+        # place
         self._study.sampler = self._optuna.samplers.TPESampler(seed=int(seed), constant_liar=True)
         for trial in trials:
             texts, is_over = trial.user_attrs.get(_TEXTS), trial.state.is_finished()
@@ -104,6 +112,7 @@ class Proposals:
             self._asked += 1
             variant = self._variant(texts)
             self._before.append(variant)
+            # proposed and never told, as its command ended: it is trained again
             if not is_over:
                 self._open.setdefault(variant, []).append(trial.number)
 
@@ -115,9 +124,12 @@ class Proposals:
             return self.lists.of(found)
         while self._asked < self.search.draws.count:
             self._asked += 1
-            asked = self._study.ask({axis.path: self._law(axis) for axis in self._axes})
+            laws = {axis.path: self._law(axis) for axis in self._axes}
+            with self._kept():
+                asked = self._study.ask(laws)
             texts = [_text(axis, asked.params[axis.path]) for axis in self._axes]
-            asked.set_user_attr(_TEXTS, texts)
+            with self._kept():
+                asked.set_user_attr(_TEXTS, texts)
             variant = self._variant(texts)
             is_new = variant not in self._open and variant not in self._ended
             self._open.setdefault(variant, []).append(asked.number)
@@ -147,7 +159,19 @@ class Proposals:
         """Gives the study the value of a proposal, or none; one that another command gave stays."""
         state = self._optuna.trial.TrialState
         over = state.FAIL if score is None else state.COMPLETE
-        self._study.tell(number, score, state=over, skip_if_finished=True)
+        with self._kept():
+            self._study.tell(number, score, state=over, skip_if_finished=True)
+
+    @contextmanager
+    def _kept(self) -> Generator[None]:
+        """Raises SpecError where the storage fails: its disk is full, its server went away.
+
+        Around calls of Optuna alone: no mistake of ours is to pass for one of a storage.
+        """
+        try:
+            yield
+        except Exception as error:  # each database has errors of its own
+            raise SpecError((lost_study(self.search.storage, _reason(error)),)) from error
 
     def _variant(self, texts: Sequence[str]) -> Variant:
         search = self.search
@@ -174,6 +198,8 @@ class Proposals:
         decides = (given, search.wanted, *search.decided_by)
         digest = hashlib.sha256(repr(decides).encode()).hexdigest()[:16]
         storage = search.storage
+        if _IN_MEMORY.fullmatch(storage.strip()):
+            raise SpecError((study_in_memory(storage),))
         try:
             if "://" not in storage:
                 Path(storage).parent.mkdir(parents=True, exist_ok=True)
@@ -185,8 +211,11 @@ class Proposals:
                 load_if_exists=True,
             )
         except Exception as error:  # each database has errors of its own
-            why = (str(error).strip().splitlines() or [type(error).__name__])[0]
-            raise SpecError((unusable_study(search.storage, why),)) from error
+            raise SpecError((unusable_study(search.storage, _reason(error)),)) from error
+
+
+def _reason(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]
 
 
 def _text(axis: DrawAxis, value: object) -> str:

@@ -219,6 +219,7 @@ def _marked(ordered: Sequence[Ranked]) -> tuple[Ranked, ...]:
     some_are_whole = any(entry.is_whole for entry in ordered)
     for place, entry in enumerate(ordered):  # the most accurate first, the cheaper of equals
         there = entry.is_whole if some_are_whole else not math.isnan(entry.score)
+        # by falling accuracy: on the front is what costs less than all before it
         on_front = there and entry.expense < least
         least = min(least, entry.expense) if there else least
         marked.append(replace(entry, is_on_front=on_front, is_best=there and place == 0))
@@ -237,6 +238,7 @@ def cheapest_as_good(entries: Sequence[Ranked], criterion: Criterion) -> Ranked 
     near = [
         entry
         for entry in entries
+        # where the best is whole, a model that lost trainings does not replace it
         if entry.is_whole >= best.is_whole
         and entry.scores
         and (

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from msnn.comparison.cost import c_cost
+from msnn.comparison.planned import planned
 from msnn.comparison.readings import Readings
 from msnn.comparison.variants import Variant
 from msnn.data.dataset import Dataset
@@ -60,7 +61,7 @@ class Setup:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class TrialOutcome:
     """How a trial ended."""
 
     line: RunLine
@@ -80,19 +81,19 @@ class ReadyTrial:
 
 def run_trial(
     trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
-) -> Outcome:
+) -> TrialOutcome:
     """Trains, measures and costs a variant, or takes what is `known` of it by key.
 
     Mistakes of the spec or the data, what is not installed, and a training that diverges are
     outcomes. Raises TrainingInterruptedError.
     """
     found = ready_trial(trial, setup, known, readings)
-    return found if isinstance(found, Outcome) else train_ready(found, setup)
+    return found if isinstance(found, TrialOutcome) else train_ready(found, setup)
 
 
 def ready_trial(
     trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
-) -> ReadyTrial | Outcome:
+) -> ReadyTrial | TrialOutcome:
     """What is to be trained; the outcome of what is known, or cannot be trained."""
     line = _unknown(trial)
     try:
@@ -103,21 +104,21 @@ def ready_trial(
         line = replace(line, drawn_by=trial.variant.drawn_by)
         ready = ReadyTrial(trial, line, model, data)
         if line.key in known and _is_kept(known[line.key], model, setup):
-            return Outcome(_completed(known[line.key], ready, setup), is_new=False)
+            return TrialOutcome(_completed(known[line.key], ready, setup), is_new=False)
     except (SpecError, MissingExtraError) as error:
         return refused(line, error)
     return ready
 
 
-def train_ready(ready: ReadyTrial, setup: Setup) -> Outcome:
+def train_ready(ready: ReadyTrial, setup: Setup) -> TrialOutcome:
     """Trains, measures and costs it. Raises TrainingInterruptedError."""
     try:
         with sources_of(ready.model):
-            return Outcome(_trained(ready, setup), is_new=True)
+            return TrialOutcome(_trained(ready, setup), is_new=True)
     except (SpecError, MissingExtraError) as error:
         return refused(ready.line, error)
     except TrainingDivergedError as error:
-        return Outcome(diverged(ready.line, error), is_new=True)
+        return TrialOutcome(diverged(ready.line, error), is_new=True)
 
 
 def trial_folder(model: Model, line: RunLine) -> Path:
@@ -125,25 +126,30 @@ def trial_folder(model: Model, line: RunLine) -> Path:
     return Path(model.name) / _FOLDER / line.key[:_KEY_SHOWN]
 
 
-def killed(trial: Trial, times: str) -> Outcome:
+def killed(trial: Trial, times: str) -> TrialOutcome:
     """What becomes of a trial whose process was killed again and again."""
     return refused(_unknown(trial), SpecError((killed_again(trial.variant.label, times),)))
 
 
-def refused(line: RunLine, error: SpecError | MissingExtraError) -> Outcome:
+def refused(line: RunLine, error: SpecError | MissingExtraError) -> TrialOutcome:
     """A training that cannot be, and why."""
     found = error.diagnostics if isinstance(error, SpecError) else [error.diagnostic]
     sources = error.sources if isinstance(error, SpecError) else ()
     reason = render(found, "full", sources)
-    return Outcome(replace(line, state="refused", reason=reason), is_new=True)
+    return TrialOutcome(replace(line, state="refused", reason=reason), is_new=True)
 
 
 def _is_kept(line: RunLine, model: Model, setup: Setup) -> bool:
-    """Whether the weights of a training that the log has are still there, if they are wanted.
+    """Whether a training that the log has was measured as now, and has its weights, if wanted.
 
     A file that is empty, cut short or of other arrays is no file of weights.
     """
-    if line.state != "finished" or setup.runs is None:
+    if line.state != "finished":
+        return True
+    # a log of before told fewer ways to measure apart
+    if {each.way for each in line.held_out} != {each.way for each in planned(model)}:
+        return False
+    if setup.runs is None:
         return True
     if line.folder is None:
         return False

@@ -12,7 +12,7 @@ from msnn.errors.results import comparison as errors
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.reading.python_values import value_text
-from spec_schema.reading.setting_values import one_form, shown_value
+from spec_schema.reading.setting_values import one_form, one_path, shown_value
 from spec_schema.yaml_tree.nodes import Listing
 from spec_schema.yaml_tree.reader import read_tree
 
@@ -62,13 +62,16 @@ def grid_axis(text: str) -> GridAxis:
     found = listed_values(values) if path.strip() and equals and "\n" not in path else None
     if found is None:
         raise SpecError((errors.malformed_grid(text),))
-    return GridAxis(path.strip(), found)
+    return GridAxis(one_path(path), found)
 
 
 def grid_axes(grid: Grid) -> list[GridAxis]:
     """The axes of texts, or of a mapping of path to values. Raises SpecError."""
     if isinstance(grid, Mapping):
-        return [GridAxis(path, tuple(map(value_text, values))) for path, values in grid.items()]
+        return [
+            GridAxis(one_path(path), tuple(map(value_text, values)))
+            for path, values in grid.items()
+        ]
     return [grid_axis(each) for each in grid]
 
 

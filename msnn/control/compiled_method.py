@@ -10,9 +10,9 @@ from backends.predictive_control.solution import multipliers_of, plan_of
 from backends.predictive_control.structure.rows import rows_of
 from compiler.optimal_control.horizon import Array, Given
 from compiler.optimal_control.problem import ControlProblem
-from msnn.control.barrier_limits import BarrierLimits
 from msnn.control.control_range import ControlRange
-from msnn.control.horizon_functions import HorizonFunctions
+from msnn.control.interior_point.barrier_limits import BarrierLimits
+from msnn.control.interior_point.horizon_functions import HorizonFunctions
 from msnn.control.method import Found, Solver
 from msnn.control.solution import Status
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from compiler.optimal_control.horizon import Array
-from msnn.control.horizon_functions import HorizonFunctions
-from msnn.control.horizon_values import RowLimits
+from msnn.control.interior_point.horizon_functions import HorizonFunctions
+from msnn.control.interior_point.horizon_values import RowLimits
 
 
 class ControlRange:

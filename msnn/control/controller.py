@@ -15,7 +15,7 @@ from compiler.optimal_control.horizon import Array, Given
 from compiler.optimal_control.kkt import Judge, Residuals
 from compiler.optimal_control.problem import ControlProblem
 from msnn.control.control_range import ControlRange
-from msnn.control.horizon_functions import HorizonFunctions
+from msnn.control.interior_point.horizon_functions import HorizonFunctions
 from msnn.control.memory import Memory
 from msnn.control.method import Found, Method
 from msnn.control.solution import Solution, Status
@@ -84,6 +84,7 @@ class Controller:
             self._memory.restore(before)
             return self._kept(Status.INPUT_NOT_FINITE)
         limits = self._functions.limits(given)
+        # limits are computed from what is given, and may be NaN where that is finite
         if np.any(np.isnan(limits.low)) or np.any(np.isnan(limits.high)):
             return self._kept(Status.INPUT_NOT_FINITE)
         allowed = ControlRange(self._functions, limits, given.state)
@@ -147,6 +148,7 @@ class Controller:
         """The last control, within its own limits where these are known."""
         control = self._resting()
         if allowed is not None:
+            # the range is in units of the scales
             control = allowed.first(control / self._functions.scale_u) * self._functions.scale_u
         held = by_sample(self.problem.controls, control)
         n = self.problem.horizon

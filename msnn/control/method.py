@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 
 from compiler.optimal_control.horizon import Array, Given, Multipliers, Plan
 from msnn.control.control_range import ControlRange
-from msnn.control.horizon_values import Values
+from msnn.control.interior_point.horizon_values import Values
 from msnn.control.solution import Status
 
 Solver = Literal["c", "python"]

@@ -13,7 +13,7 @@ from compiler.optimal_control.trained import trained
 from compiler.state_estimation.kalman_filter import KalmanFilter
 from msnn.control.controller import Controller
 from msnn.control.estimation.moving_horizon import MovingHorizon
-from msnn.control.horizon_functions import HorizonFunctions
+from msnn.control.interior_point.horizon_functions import HorizonFunctions
 from msnn.control.method import Method, Solver
 from msnn.control.reference_method import ReferenceMethod
 from msnn.data.dataset import FloatArray

@@ -8,11 +8,11 @@ import numpy as np
 
 from compiler.optimal_control.horizon import Array, Given
 from compiler.optimal_control.problem import ControlProblem
-from msnn.control.barrier_limits import BarrierLimits
 from msnn.control.control_range import ControlRange
-from msnn.control.horizon_functions import HorizonFunctions
-from msnn.control.interior_point import InteriorPoint, Outcome
-from msnn.control.iterate import Iterate
+from msnn.control.interior_point.barrier_limits import BarrierLimits
+from msnn.control.interior_point.horizon_functions import HorizonFunctions
+from msnn.control.interior_point.interior_point import InteriorPoint, Outcome
+from msnn.control.interior_point.iterate import Iterate
 from msnn.control.method import Found, Solver
 from msnn.control.solution import Status
 

@@ -1,4 +1,4 @@
-"""E0854-E0857, E0860-E0864: sweeps: draws, what is swept twice, studies, clusters."""
+"""E0854-E0864: sweeps: draws, what is swept twice, studies, clusters."""
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 
@@ -65,6 +65,23 @@ def grid_of_a_search(path: str) -> Diagnostic:
     message = f"`--grid {path}=…` trains every choice, and `--optuna` the promising ones"
     repair = f"leave the choice to the search, `--draw '{path}=choice(…)'`, or sweep without it"
     return error("E0855", None, message, help=repair)
+
+
+def study_in_memory(storage: str) -> Diagnostic:
+    """E0859: a storage that is gone when the command ends."""
+    message = f"Optuna would keep its study of `{storage}` in memory, where it ends with the sweep"
+    repair = "give a file, `--optuna runs/study.db`, or a database, `--optuna postgresql://…`"
+    return error("E0859", None, message, help=repair)
+
+
+def lost_study(storage: str, why: str) -> Diagnostic:
+    """E0858: a storage that fails while a search is under way."""
+    message = f"Optuna's study in `{storage}` cannot be used any more: {why}"
+    repair = (
+        "see to the file or the database, and run the same command again: it trains nothing again "
+        "that the log has"
+    )
+    return error("E0858", None, message, help=repair)
 
 
 def unusable_study(storage: str, why: str) -> Diagnostic:

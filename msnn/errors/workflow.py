@@ -81,6 +81,8 @@ def unknown_set(name: str, span: Span | None, sets: Iterable[str]) -> Diagnostic
     message = f"`data:` makes no set `{name}`"
     notes = (f"sets: {', '.join(sets)}",)
     repair = did_you_mean(meant)
+    if name == "train" and meant is None:
+        repair = "training reads the set `train`: call a source so, or make it with `split:`"
     return error("E0953", span, message, "no such set", notes=notes, help=repair, replacement=meant)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.predictive_control.constants import reachable
-from backends.predictive_control.inputs import InputField, input_fields
+from backends.predictive_control.inputs import SeriesField, input_fields
 from backends.predictive_control.library import ControllerLibrary
 from backends.predictive_control.selftest.starts import drawn_starts
 from backends.predictive_control.solution import multipliers_of, plan_of
@@ -26,7 +26,7 @@ from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.trained import trained
 from msnn.agreement.agreement import Agreement
 from msnn.agreement.faults import Fault, NotOptimal, SelfTestFails
-from msnn.agreement.judgement import FloatType
+from msnn.agreement.judging.judgement import FloatType
 from msnn.exports.target import Weights
 
 _ALLOWED = {"float64": 2.0, "float32": 10.0}
@@ -102,7 +102,7 @@ def drawn_samples(
 
 
 def _series(
-    member: Member, field: InputField, problem: ControlProblem, random: np.random.Generator
+    member: Member, field: SeriesField, problem: ControlProblem, random: np.random.Generator
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Samples along the horizon, the last one held, and those that the controller is given."""
     shape = Type(member.axes).shape

@@ -7,14 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backends.predictive_control.estimation.golden_filter import golden_steps
 from backends.predictive_control.estimation.library import FilterLibrary
 from compiler.state_estimation.problem import EstimationProblem
 from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import FarStep, Fault, SelfTestFails
-from msnn.agreement.judgement import FloatType
+from msnn.agreement.judging.judgement import FloatType
+from msnn.exports.estimate_share import EstimateShare
 from msnn.exports.target import Weights
 
 _SEEDS = (0, 1, 2, 3)
@@ -30,9 +29,7 @@ def compare_filter(
     magnitude of each; steps follow each other, so that `free_run` is the same.
     """
     library = FilterLibrary.of_folder(folder, folder / "controller.so")
-    worst, allowed, count = 0.0, 0.0, 0
-    share = 0.0
-    wrong_status = False
+    share, wrong_status = EstimateShare(), False
     for seed in _SEEDS:
         golden = golden_steps(problem, weights, dtype, seed)
         library.reset(golden.start)
@@ -40,35 +37,18 @@ def compare_filter(
             found = library.correct_numbers(step.measured, step.given)
             wrong_status |= found.status != step.corrected
             wrong_status |= library.predict_numbers(step.given) != step.predicted
-            count += 1
+            share.count()
             for values, expected, near, largest in (
                 (found.x, step.x, golden.near, golden.largest),
                 (found.std, step.std, golden.near_std, golden.largest_std),
             ):
-                off = np.abs(values.astype(float) - np.array(expected))
-                shares = _part(off, np.array(near))
-                most = int(np.argmax(shares)) if shares.size else 0
-                if shares.size and not shares[most] <= share:
-                    size = max(largest[most], np.finfo(float).tiny)
-                    share = float(shares[most])
-                    worst, allowed = float(off[most]) / size, near[most] / size
-    faults: tuple[Fault, ...] = ()
-    if wrong_status or not share <= 1:
-        faults = (FarStep("the estimate", worst, allowed),)
-    if bits := library.selftest():
-        faults = (*faults, SelfTestFails("the self-test of the filter", bits))
-    return Agreement(
+                share.compare(values, np.array(expected), np.array(near), np.array(largest))
+    return share.agreement(
         target=target,
         dtype=dtype,
-        steps=count,
-        one_step=worst,
-        free_run=worst,
-        jacobian=None,
-        bits=None,
-        faults=faults,
-        undecided={},
-        untried=(),
-        rounding={},
+        has_failed=wrong_status,
+        selftest=library.selftest(),
+        tested="filter",
     )
 
 
@@ -90,9 +70,3 @@ def joined(found: Sequence[Agreement]) -> Agreement:
 
 def _sum(one: int | None, other: int | None) -> int | None:
     return other if one is None else one + (other or 0)
-
-
-def _part(off: NDArray[np.float64], near: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of what is allowed; 0 where nothing is off."""
-    with np.errstate(all="ignore"):
-        return np.where(off == 0, 0.0, off / near)

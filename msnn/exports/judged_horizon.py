@@ -22,10 +22,10 @@ from backends.predictive_control.estimation.library import FilterLibrary
 from compiler.state_estimation.estimate import FilterStatus
 from compiler.state_estimation.problem import EstimationProblem
 from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import FarStep, Fault, SelfTestFails
-from msnn.agreement.judgement import FloatType
+from msnn.agreement.judging.judgement import FloatType
 from msnn.control.estimation.moving_horizon import MovingHorizon
 from msnn.control.reference_method import ReferenceMethod
+from msnn.exports.estimate_share import EstimateShare
 from msnn.exports.target import Weights
 
 _SEEDS = (0, 1)
@@ -46,14 +46,12 @@ def compare_horizon(
     scales = np.concatenate(
         [np.full(m.size, judge.control.state_scales[m.name]) for m in judge.numbers.members]
     )
-    worst, allowed, share = 0.0, 0.0, 0.0
-    count, compared = 0, 0
-    has_failed = False
+    share, compared, has_failed = EstimateShare(), 0, False
     for seed in _SEEDS:
         golden = golden_steps(problem, weights, dtype, seed)
         library.reset(golden.start)
         judge.reset(_named(judge, golden.start))
-        largest = np.maximum(np.array(golden.largest), np.finfo(float).tiny)
+        largest = np.array(golden.largest)
         stages = judge.control.horizon + 1
         most_std = np.max(golden.largest_std, initial=0.0)
         for step in golden.steps:
@@ -62,7 +60,7 @@ def compare_horizon(
             found = library.correct_numbers(step.measured, step.given)
             has_failed |= found.status >= FilterStatus.DIVERGED > expected.status
             has_failed |= found.status == FilterStatus.CAPPED and not np.isfinite(found.residual)
-            count += 1
+            share.count()
             near = np.array(golden.near)
             pairs = [(found.std, np.array(step.std), np.array(golden.near_std))]
             if max(found.status, expected.status) <= FilterStatus.CAPPED:
@@ -72,32 +70,17 @@ def compare_horizon(
                 compared += 1
             elif found.status == expected.status:
                 pairs.append((found.x, judge.vector, near))
-            for values, right, bound in pairs:
-                off = np.abs(values.astype(float) - right)
-                shares = off / np.maximum(bound, np.finfo(float).tiny)
-                most = int(np.argmax(shares))
-                if not shares[most] <= share:
-                    share = float(shares[most])
-                    worst, allowed = float(off[most] / largest[most]), bound[most] / largest[most]
+            for values, expected_values, bound in pairs:
+                share.compare(values, expected_values, bound, largest)
             judge.predict(given)
             library.predict_numbers(step.given)
-    faults: tuple[Fault, ...] = ()
-    if has_failed or not share <= 1:
-        faults = (FarStep("the estimate", worst, allowed),)
-    if bits := library.selftest():
-        faults = (*faults, SelfTestFails("the self-test of the estimator", bits))
-    return Agreement(
+    return share.agreement(
         target=target,
         dtype=dtype,
-        steps=count,
-        one_step=worst,
-        free_run=worst,
-        jacobian=None,
-        bits=None,
-        faults=faults,
-        undecided={},
+        has_failed=has_failed,
+        selftest=library.selftest(),
+        tested="estimator",
         untried=() if compared else ("the window, of which none was solved",),
-        rounding={},
     )
 
 

@@ -1,4 +1,4 @@
-"""Compares units of a controller and a filter with the C that they are made of, bit by bit."""
+"""Compares units of a controller and an estimator with the C that they are made of, bit by bit."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.fmu.controller_unit import controller_unit
-from backends.fmu.filter_unit import filter_unit
-from backends.fmu.online_unit import OnlineUnit
-from backends.fmu.variable import Variable, VariableKind
+from backends.fmu.description.variable import Variable, VariableKind
+from backends.fmu.online.controller_unit import controller_unit
+from backends.fmu.online.filter_unit import filter_unit
+from backends.fmu.online.online_unit import OnlineUnit
 from backends.predictive_control.estimation.golden_filter import golden_steps
 from backends.predictive_control.estimation.library import FilterLibrary
 from backends.predictive_control.library import ControllerLibrary
@@ -22,9 +22,9 @@ from compiler.optimal_control.trained import trained
 from compiler.state_estimation.problem import EstimationProblem
 from msnn.agreement.agreement import Agreement
 from msnn.agreement.faults import other_bits
-from msnn.agreement.judgement import FloatType
-from msnn.exports.fmu_instance import FmuInstance, fmu_instance
+from msnn.agreement.judging.judgement import FloatType
 from msnn.exports.judged_controller import drawn_samples
+from msnn.exports.running.fmu_instance import FmuInstance, fmu_instance
 from msnn.exports.target import Weights
 
 Array = NDArray[np.floating]
@@ -69,12 +69,12 @@ def compare_controller_units(
     return _agreement(runs, count, dtype, target)
 
 
-def compare_filter_units(
+def compare_estimator_units(
     problem: EstimationProblem, weights: Weights, folder: Path, dtype: FloatType, target: str
 ) -> Agreement:
-    """Filters drawn samples, in a folder with the built `controller.so` and the units."""
+    """Estimates along drawn samples, in a folder with the built `controller.so` and the units."""
     library = FilterLibrary.of_folder(folder, folder / "controller.so")
-    (path,) = folder.glob("*_ekf.json")
+    (path,) = [*folder.glob("*_ekf.json"), *folder.glob("*_mhe.json")]
     about = json.loads(path.read_text(encoding="utf-8"))
     unit = filter_unit(problem, weights, about)
     golden = golden_steps(problem, weights, dtype)
@@ -97,10 +97,12 @@ def compare_filter_units(
             numbers = {**before, **now, **_split(step.measured, measured, sizes)}
             known = {name: v for name, v in numbers.items() if name in unit_names(unit)}
             outputs = [v.name for v in unit.variables.of(VariableKind.OUTPUT)]
-            values = np.concatenate([found.x, found.std, found.innovation])
+            solved = [] if found.iterations is None else [np.array([found.residual])]
+            values = np.concatenate([found.x, found.std, found.innovation, *solved])
+            counts = (found.status, *([] if found.iterations is None else [found.iterations]))
             expected = _split(values, outputs, sizes)
             for run in runs:
-                run.compare(known, expected, (found.status,))
+                run.compare(known, expected, counts)
             library.predict_numbers(step.given)
             before = given
     return _agreement(runs, len(golden.steps), dtype, target)

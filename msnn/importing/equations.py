@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from msnn.importing.terms.names import Names
+from msnn.importing.terms.names import TakenNames
 from msnn.importing.terms.terms import ATOM, Call, Infix, Term, after_operands, text_of
 
 _LONGEST = 120
@@ -16,11 +16,11 @@ _LONGEST_NAME = 8
 """Characters of an operand that a name would hardly make shorter."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Equations:
     """The texts of terms, and the equations that they share."""
 
-    names: Names
+    names: TakenNames
     hints: Mapping[int, str]
     """What terms are called, by their identity."""
     texts: dict[str, str] = field(default_factory=dict[str, str])

@@ -24,7 +24,7 @@ from msnn.importing.saved_file.grammar import File, Function
 from msnn.importing.saved_file.json_text import JsonText
 from msnn.importing.terms import arrays
 from msnn.importing.terms.arrays import Elements
-from msnn.importing.terms.names import Names
+from msnn.importing.terms.names import TakenNames
 from msnn.importing.terms.terms import (
     Call,
     Named,
@@ -35,7 +35,7 @@ from msnn.importing.terms.terms import (
     number,
     text_of_whole,
 )
-from msnn.importing.terms.values import ShapeError, Value, Values, one_piece
+from msnn.importing.terms.values import ShapeError, Value, ValueOperations, one_piece
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import Span
 
@@ -55,15 +55,15 @@ class Formula:
     text: str
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Functions:
     """The functions of the file, and those of the spec."""
 
     file: File
     text: JsonText
-    names: Names
+    names: TakenNames
     parameters: Parameters
-    values: Values
+    values: ValueOperations
     declared: dict[str, Formula] = field(default_factory=dict[str, Formula])
     _formulas: dict[tuple[Any, ...], str | None] = field(
         default_factory=dict[tuple[Any, ...], "str | None"]
@@ -165,10 +165,12 @@ class Functions:
         batched: bool,
     ) -> Value:
         shapes = tuple((value.window, value.dim) for value in streams)
+        # nnodely calls with a batch: a function that mixes its rows is none of one sample
         if batched and (key, shapes, *own) not in self._separate:
             refuse_mixed_rows(function, shapes, [self.parameters.elements(name) for name in own])
             self._separate.add((key, shapes, *own))
         try:
+            # whole windows give formulas that people read; element by element is what always works
             made = self._by_wholes(function, key, streams, own, batched=batched)
         except NeedsElementsError:
             made = None
@@ -224,16 +226,18 @@ class Functions:
         known = (key, tuple(whole.shape for whole in wholes))
         if known in self._formulas:
             return self._formulas[known]
-        local = Names()
+        local = TakenNames()
         args = [local.free(name) for name in argument_names(function)]
         if len(args) != len(wholes):
             line = f"it takes {len(args)} arguments and gets {len(wholes)}"
             raise FunctionError(function.lineno, line)
+        # followed once with names for its arguments: what comes out is a function of the spec
         symbols = [Whole(Term(Named(a)), w.shape) for a, w in zip(args, wholes, strict=True)]
         made = follow(function, symbols)
         name = None
         if isinstance(made, Whole) and 1 < _size(made.term) <= _LONGEST:
             formula = Formula(tuple(args), text_of_whole(made.term))
+            # two sources may say the same: one function is enough
             same = (one for one, other in self.declared.items() if other == formula)
             name = next(same, None) or self.names.free(function.name)
             self.declared[name] = formula
@@ -274,6 +278,8 @@ class Functions:
         start, end = self.text.places.get(path, (0, 0))
         raw = self.text.source.text[start:end]
         pieces = raw.split("\\n")
+        # where backslashes are escaped, `\\n` may be two letters of the text: the whole text is the
+        # place
         if not 0 < line <= len(pieces) or "\\\\" in raw:
             return self.text.place(*path)
         begin = start + sum(len(piece) + 2 for piece in pieces[: line - 1]) + (line == 1)

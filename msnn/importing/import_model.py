@@ -27,12 +27,12 @@ from msnn.importing.relations import Relations
 from msnn.importing.saved_file.grammar import File, names_in, read_file
 from msnn.importing.saved_file.json_text import JsonText, read_json
 from msnn.importing.saved_file.shared_arrays import shared_across, shared_arrays
-from msnn.importing.signals import LoopError, Signals
+from msnn.importing.signals import Loops, OtherLoopError, Signals
 from msnn.importing.spec_sections import Sections, spec_values
 from msnn.importing.terms.dims import Dims
-from msnn.importing.terms.names import Names
+from msnn.importing.terms.names import TakenNames
 from msnn.importing.terms.terms import Cutter, Term
-from msnn.importing.terms.values import ShapeError, Values
+from msnn.importing.terms.values import ShapeError, ValueOperations
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.reading.endless_files import refuse_endless
 
@@ -40,7 +40,7 @@ _MOST_PASSES = 8
 """Each finds a closed loop of more samples; a file has few of them."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ImportedModel:
     """A spec as plain values, its weights by parameter, and what its reader should know."""
 
@@ -56,11 +56,11 @@ def import_text(text: str, file_name: str, name: str) -> ImportedModel:
     """The model of a JSON text. Raises SpecError with what is wrong or cannot be said."""
     read = read_json(text, file_name)
     file = read_file(read)
-    widths: dict[str, int] = {}
-    for _ in range(_MOST_PASSES + len(file.Inputs)):
+    known = Loops()
+    for _ in range(_MOST_PASSES + 2 * len(file.Inputs)):
         try:
-            return _Import(file, read, name, widths).model()
-        except LoopError:
+            return _Import(file, read, name, known).model()
+        except OtherLoopError:
             continue
     raise SpecError([not_json(file_name, "its closed loops do not settle", "", None)])
 
@@ -78,33 +78,53 @@ def read_text(path: Path) -> str:
 
 
 class _Import:
-    def __init__(self, file: File, text: JsonText, name: str, widths: dict[str, int]) -> None:
+    def __init__(self, file: File, text: JsonText, name: str, known: Loops) -> None:
         self._file, self._text, self._name = file, text, name
         self._findings = Findings()
-        self._names = Names()
+        self._names = TakenNames()
         for kind, olds in (("input", file.Inputs), ("output", file.Outputs)):
             for old in olds:
                 self._names.of(kind, old)
         dims = Dims(self._names.free)
         self._parameters = Parameters(
-            text,
-            file.Parameters,
-            file.Constants,
-            float(file.Info.SampleTime),
-            self._names,
-            dims,
-            shared_across(file),
+            text=text,
+            parameters=file.Parameters,
+            constants=file.Constants,
+            sample_time=float(file.Info.SampleTime),
+            names=self._names,
+            dims=dims,
+            across=shared_across(file),
         )
-        values = Values(dims, Cutter(self._parameters.samples, self._parameters.stacked))
-        self._functions = Functions(file, text, self._names, self._parameters, values)
-        self._layers = Layers(self._names, dims, self._parameters, values, shared_arrays(file))
+        values = ValueOperations(dims, Cutter(self._parameters.samples, self._parameters.stacked))
+        self._functions = Functions(
+            file=file, text=text, names=self._names, parameters=self._parameters, values=values
+        )
+        self._layers = Layers(
+            names=self._names,
+            dims=dims,
+            parameters=self._parameters,
+            values=values,
+            shared=shared_arrays(file),
+        )
         self._relations = Relations(
-            file, text, values, self._parameters, self._layers, self._functions, self._findings
+            file=file,
+            text=text,
+            values=values,
+            parameters=self._parameters,
+            layers=self._layers,
+            functions=self._functions,
+            findings=self._findings,
         )
         self._relations.recognised = dict(recognise(file))
         self._relations.held = _held(file)
         self._signals = Signals(
-            file, text, self._names, values, self._findings, self._relations.of, widths
+            file=file,
+            text=text,
+            names=self._names,
+            values=values,
+            findings=self._findings,
+            value_of=self._relations.of,
+            known=known,
         )
         self._relations.signals = self._signals
         self._values = values
@@ -149,7 +169,7 @@ class _Import:
             layers=self._layers,
             functions=self._functions,
             signals=self._signals,
-            equations=Equations(self._names, hints),
+            equations=Equations(names=self._names, hints=hints),
             outputs=outputs,
             held={
                 self._relations.values_name(old): term
@@ -164,7 +184,13 @@ class _Import:
             for kind, olds in (("input", self._file.Inputs), ("output", self._file.Outputs))
         }
         weights = self._parameters.weights
-        return ImportedModel(spec, weights, names, self._findings.in_order, self._text)
+        return ImportedModel(
+            spec=spec,
+            weights=weights,
+            names=names,
+            warnings=self._findings.in_order,
+            text=self._text,
+        )
 
     def _whole(self, source: str, path: tuple[str, ...]) -> Term:
         if source not in self._file.Relations:

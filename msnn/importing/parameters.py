@@ -15,7 +15,7 @@ from msnn.importing.saved_file.grammar import Array
 from msnn.importing.saved_file.json_text import JsonText
 from msnn.importing.terms.arrays import Elements
 from msnn.importing.terms.dims import Dims
-from msnn.importing.terms.names import Names
+from msnn.importing.terms.names import TakenNames
 from msnn.importing.terms.terms import LARGEST, Named, Term, number, number_text, shortest
 from msnn.importing.terms.terms import Call as CallHead
 from msnn.importing.terms.values import Value
@@ -44,7 +44,7 @@ class Numbers:
         return values.reshape([n for n in values.shape if n > 1])
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Parameters:
     """The arrays of the file, and what the spec declares of them."""
 
@@ -52,7 +52,7 @@ class Parameters:
     parameters: dict[str, Array]
     constants: dict[str, Array]
     sample_time: float
-    names: Names
+    names: TakenNames
     dims: Dims
     across: frozenset[str] = frozenset()
     """Matrices that the spec has the other way round, as the layers that share them want it."""
@@ -80,9 +80,8 @@ class Parameters:
         sizes = tuple(array.dim) if isinstance(array.dim, list) else (array.dim,)
         timed = array.sw is not None or array.tw is not None
         if timed:
-            samples = (
-                array.sw if array.sw is not None else round((array.tw or 0) / self.sample_time)
-            )
+            samples = array.sw if array.sw is not None else self._rounded(array.tw or 0)
+            # nnodely has time first, the language last
             sizes = (samples, *sizes)
         values = number_array(given)
         if values is None or values.shape not in {sizes, ()} or (values.shape == () and timed):
@@ -90,6 +89,11 @@ class Parameters:
             reason = f"its values are not {wanted} finite numbers"
             raise SpecError([unfit_shapes(f"{section}.{name}", reason, place)], [self.text.source])
         return Numbers(name, values, timed)
+
+    def _rounded(self, seconds: float) -> int:
+        """A duration in samples; none where it is beyond all numbers, which fits no values."""
+        steps = seconds / self.sample_time
+        return round(steps) if abs(steps) < 1e15 else 0
 
     def operand(self, name: str) -> Value | None:
         """A parameter or constant as an operand; None where its shape is that of a matrix."""
@@ -168,6 +172,7 @@ class Parameters:
             kinds[-1] = "tap"
         axes: list[str] = []
         for kind, length in zip(kinds, turned.shape, strict=True):
+            # two axes of one length need two dimensions: an axis is known by its name
             while (axis := self.dims.of(length, kind)) in axes:
                 kind = f"{kind}_"
             axes.append(axis)
@@ -186,6 +191,7 @@ class Parameters:
         return Term(Named(new, (dim,)), (), None, len(names))
 
     def _learned(self, new: str, axes: list[str], values: NDArray[np.float64]) -> None:
+        # the numbers are in the weights, whatever the spec shows
         shown = entry_of(values) if values.size <= _SHOWN else 0
         self.declared[new] = {"init": shown} | ({"dims": _dims(axes)} if axes else {})
         self.weights[new] = values

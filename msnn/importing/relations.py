@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,13 +13,20 @@ from msnn.errors.targets.importing import (
     unknown_name,
     unknown_relation,
 )
-from msnn.importing.followed_python.torch_names import SAME, negative
 from msnn.importing.functions import Functions, NotRecognisedError
 from msnn.importing.layers.fuzzy_sets import fuzzified
 from msnn.importing.layers.layers import Layers, Weighted
 from msnn.importing.layers.tables import interpolated
 from msnn.importing.parameters import Parameters
 from msnn.importing.recognition.recognised import Recognised
+from msnn.importing.relation_kinds import (
+    OF_ONE,
+    OF_TWO,
+    UnknownKindError,
+    counted,
+    dropout_share,
+    one_name,
+)
 from msnn.importing.saved_file.grammar import File, names_in
 from msnn.importing.saved_file.json_text import JsonText, path_text
 from msnn.importing.signals import Signals
@@ -29,46 +36,18 @@ from msnn.importing.terms.terms import (
     Held,
     Term,
     call,
-    minus,
-    plus,
-    power,
-    quotient,
-    same,
-    times,
 )
-from msnn.importing.terms.values import ShapeError, Value, Values, filled
+from msnn.importing.terms.values import ShapeError, Value, ValueOperations, filled
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 
-_TWO: Mapping[str, Callable[[Term, Term], Term]] = {
-    "Add": plus,
-    "Sub": minus,
-    "Mul": times,
-    "Div": quotient,
-    "Pow": power,
-}
-_ONE: Mapping[str, Callable[[Term], Term]] = {
-    "Neg": negative,
-    "Sign": SAME["sign"],
-    "Sin": SAME["sin"],
-    "Cos": SAME["cos"],
-    "Tan": SAME["tan"],
-    "Tanh": SAME["tanh"],
-    "Cosh": SAME["cosh"],
-    "Sech": lambda x: call("sech", x),
-    "Relu": SAME["relu"],
-    "ELU": SAME["elu"],
-    "Sigmoid": SAME["sigmoid"],
-    "Identity": same,
-}
 
-
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Relations:
     """The values of relations."""
 
     file: File
     text: JsonText
-    values: Values
+    values: ValueOperations
     parameters: Parameters
     layers: Layers
     functions: Functions
@@ -180,20 +159,20 @@ class Relations:
             return self._windowed(kind, operands, rest)
         if kind == "ParamFun":
             streams = [o if self.parameters.is_matrix(o) else self.operand(o) for o in operands]
-            return self.functions.called(_one_name(rest), streams, name)
+            return self.functions.called(one_name(rest), streams, name)
         values = [self.operand(operand) for operand in operands]
-        if kind in _TWO:
-            return self.values.elementwise(_TWO[kind], *_count(values, 2))
-        if kind in _ONE:
-            return self.values.elementwise(_ONE[kind], *_count(values, 1))
+        if kind in OF_TWO:
+            return self.values.elementwise(OF_TWO[kind], *counted(values, 2))
+        if kind in OF_ONE:
+            return self.values.elementwise(OF_ONE[kind], *counted(values, 1))
         if kind in {"Concatenate", "TimeConcatenate"}:
-            left, right = _count(values, 2)
+            left, right = counted(values, 2)
             beside = kind == "Concatenate"
             return self.values.beside(left, right) if beside else self.values.after(left, right)
         if kind == "Differentiate":
-            of, by = _count(values, 2)
+            of, by = counted(values, 2)
             return self._gradient(of, by)
-        [value] = _count(values, 1)
+        [value] = counted(values, 1)
         return self._of_one(name, kind, value, rest)
 
     def _of_one(self, name: str, kind: str, value: Value, rest: list[Any]) -> Value:
@@ -219,7 +198,7 @@ class Relations:
                 return self.values.samples(value, index, index + 1)
             case (("Fir" | "Linear"), [str() as weight, (str() | None) as bias, *share]):
                 return self._weighted(
-                    name, kind, value, Weighted(kind, weight, bias, _share(share))
+                    name, kind, value, Weighted(kind, weight, bias, dropout_share(share))
                 )
             case "Fuzzify", [str() as function] if function in self.file.Functions:
                 return fuzzified(self.functions, self.layers, function, value, self.findings)
@@ -264,7 +243,7 @@ class Relations:
             value = self.values.samples(whole, low, high)
             taken = [self.values.samples(whole, at, at + 1) for at in start]
         for sample in taken:
-            value = self.values.elementwise(_TWO["Sub"], value, sample)
+            value = self.values.elementwise(OF_TWO["Sub"], value, sample)
         return value
 
     def _gradient(self, of: Value, by: Value) -> Value:
@@ -273,29 +252,3 @@ class Relations:
         return Value(
             by.window, by.dim, (Term(head, (self.values.whole(of), whole), whole.window, by.dim),)
         )
-
-
-class UnknownKindError(Exception):
-    """A relation that is none of those that are read."""
-
-
-def _count(values: list[Value], wanted: int) -> list[Value]:
-    if len(values) != wanted:
-        raise ShapeError(f"{len(values)} operands, where {wanted} are needed")
-    return values
-
-
-def _one_name(rest: list[Any]) -> str:
-    if len(rest) == 1 and isinstance(rest[0], str):
-        return rest[0]
-    raise UnknownKindError("a `ParamFun` of this form is not known")
-
-
-def _share(rest: list[Any]) -> float:
-    match rest:
-        case []:
-            return 0.0
-        case [int() | float() as share] if not isinstance(share, bool) and 0 <= share < 1:
-            return float(share)
-        case _:
-            raise UnknownKindError("a dropout that is no share")

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from msnn.errors.targets.importing import fed_back_late, rounded_window, starts_at_zero
 from msnn.importing.saved_file.grammar import File, Input
 from msnn.importing.saved_file.json_text import JsonText
-from msnn.importing.terms.names import Names
+from msnn.importing.terms.names import TakenNames
 from msnn.importing.terms.terms import Signal, Term
-from msnn.importing.terms.values import ShapeError, Value, Values, refuse_many
+from msnn.importing.terms.values import ShapeError, Value, ValueOperations, refuse_many
 from spec_schema.diagnostics.diagnostic import Findings
 
 _HIDDEN = re.compile(r".*_(sw|tw|int|der)\d+")
@@ -29,22 +29,31 @@ class Window:
         return self.back + self.ahead
 
 
-class LoopError(Exception):
-    """A closed loop of more samples than was thought; the model is followed again."""
+@dataclass(frozen=True, slots=True)
+class Loops:
+    """What following a model has found out about its closed inputs."""
+
+    widths: dict[str, int] = field(default_factory=dict[str, int])
+    """Samples of what closes a loop, where it is more than one."""
+    ahead: set[str] = field(default_factory=set[str])
+    """Inputs whose samples after the current one the model reads."""
 
 
-@dataclass(slots=True)
+class OtherLoopError(Exception):
+    """A closed loop is another one than was thought; the model is followed again."""
+
+
+@dataclass(slots=True, kw_only=True)
 class Signals:
     """The inputs, states and fed-back equations of a spec."""
 
     file: File
     text: JsonText
-    names: Names
-    values: Values
+    names: TakenNames
+    values: ValueOperations
     findings: Findings
     value_of: Callable[[str], Value]
-    loop_windows: dict[str, int]
-    """Samples of what closes a loop, where it is more than one."""
+    known: Loops
     inputs: dict[str, int] = field(default_factory=dict[str, int])
     states: dict[str, tuple[Term, int]] = field(default_factory=dict[str, "tuple[Term, int]"])
     equations: dict[str, Term] = field(default_factory=dict[str, Term])
@@ -78,6 +87,7 @@ class Signals:
     def samples(self, name: str, seconds: float) -> int:
         """A duration in samples, rounded as nnodely does."""
         step = self.file.Info.SampleTime
+        # before it is rounded: a window of the file may be any number
         if abs(seconds / step) > 1e6:
             raise ShapeError(f"a window of `{name}` has more than 1,000,000 samples")
         count = round(seconds / step)
@@ -99,10 +109,12 @@ class Signals:
             return self._logged(name, first, end)
         if name not in self.loops:
             self.loops.append(name)
-        width = self.loop_windows.get(name, 1)
-        if width == 1 and self._is_logged(name, given) and kept.ahead >= 0:
+        width = self.known.widths.get(name, 1)
+        is_one = width == 1 and name not in self.known.ahead
+        if is_one and self._is_logged(name, given) and kept.ahead >= 0:
             if end > 0:
-                raise ShapeError(f"the model reads the future of `{name}`, which is fed back")
+                self.known.ahead.add(name)
+                raise OtherLoopError
             if kept.ahead > 0 and name not in self.predicted:
                 place = self.text.place("Inputs", name)
                 self.findings.report(fed_back_late(self._new(name), kept.ahead, place))
@@ -112,22 +124,21 @@ class Signals:
             place = self.text.place("Inputs", name)
             self.findings.report(starts_at_zero(self._new(name), place))
         refuse_many(end - first if width > 1 else 1)
+        if width == 1:
+            return self._state(name, kept.length, slots)
         pieces = [self._slot(name, kept.length, width, k) for k in range(*slots)]
-        return (
-            Value(len(pieces), given.dim, tuple(pieces))
-            if width > 1
-            else self._state(name, kept.length, slots)
-        )
+        return Value(len(pieces), given.dim, tuple(pieces))
 
     def close(self, name: str, value: Value) -> None:
         """Says what the next value of a closed input is."""
         given = self.file.Inputs[name]
-        width = self.loop_windows.get(name, 1)
+        width = self.known.widths.get(name, 1)
         if value.window != width:
             if value.window > self.window(name).length:
                 raise ShapeError(f"what closes `{name}` has more samples than it")
-            self.loop_windows[name] = value.window
-            raise LoopError
+            self.known.widths[name] = value.window
+            # the window is known now; what was followed with the shorter one is not right
+            raise OtherLoopError
         if value.dim not in {1, given.dim}:
             raise ShapeError(f"what closes `{name}` has {value.dim} elements, not {given.dim}")
         if name in self.predicted:
@@ -156,6 +167,8 @@ class Signals:
 
     def _slot(self, name: str, length: int, width: int, slot: int) -> Term:
         """One sample of a buffer whose last samples are all replaced in each step."""
+        # the newest sample is slot length − 1; the last `width` slots are states of their own,
+        # older ones are their past
         newest = slot - (length - width)
         size = self.file.Inputs[name].dim
         head = Signal(self._kept(name, width, max(newest, 0)), min(newest, 0), min(newest, 0))
@@ -168,6 +181,7 @@ class Signals:
         old = length - width
         first, end = slots
         late = None
+        # slots from `old` on are of this step; those before are what the same values were earlier
         if end > old:
             late = self.values.samples(newest, max(first, old) - old, end - old)
         if first >= old and late is not None:
@@ -208,7 +222,9 @@ class Signals:
 
     def _kept(self, name: str, width: int, k: int) -> str:
         new = self._new(name)
-        return new if width == 1 else self.names.of("sample", f"{new}_{k}")
+        # a target may have the name of the input itself
+        is_named = width == 1 and name not in self.known.ahead
+        return new if is_named else self.names.of("sample", f"{new}_{k}")
 
     def _new(self, name: str) -> str:
         return self.names.of("input", name)

@@ -12,7 +12,7 @@ from msnn.importing.layers.layers import Layers
 from msnn.importing.parameters import Parameters
 from msnn.importing.saved_file.grammar import File
 from msnn.importing.signals import Signals
-from msnn.importing.terms.names import Names
+from msnn.importing.terms.names import TakenNames
 from msnn.importing.terms.terms import Term, number_text
 
 
@@ -22,7 +22,7 @@ class Sections:
 
     name: str
     file: File
-    names: Names
+    names: TakenNames
     parameters: Parameters
     layers: Layers
     functions: Functions

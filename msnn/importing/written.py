@@ -28,7 +28,7 @@ _HEAD = """\
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class WrittenImport:
     """The files of an import, and what its reader should know."""
 
     spec: Path
@@ -37,7 +37,7 @@ class Written:
     model: ImportedModel
 
 
-def write_import(file: Path, out: Path | None) -> Written:
+def write_import(file: Path, out: Path | None) -> WrittenImport:
     """The spec and the weights of a saved model, as files."""
     read = read_text(file)
     if out is not None and out.is_dir():
@@ -62,7 +62,7 @@ def write_import(file: Path, out: Path | None) -> Written:
         # weights without their spec are of no use
         weights_file.unlink(missing_ok=True)
         raise
-    return Written(spec_file, weights_file, model.warnings, model)
+    return WrittenImport(spec_file, weights_file, model.warnings, model)
 
 
 def compiled(model: ImportedModel, file: str, path: Path, weights: str) -> tuple[str, Program]:

@@ -25,7 +25,7 @@ _LONGEST = 60.0
 """Seconds after which a check is given up."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class OpenText:
     """A text in an editor: as it is, and what the last check of it found."""
 
@@ -69,7 +69,7 @@ class Checks:
         opened, pause = self.texts.get(address), PAUSE
         if opened is None:
             pause = 0.0
-            opened = self.texts[address] = OpenText(path, SourceText(path, text))
+            opened = self.texts[address] = OpenText(path=path, source=SourceText(path, text))
         # A byte order mark is not a character of the text.
         opened.source = SourceText(path, text.removeprefix("\ufeff"))
         opened.version = version

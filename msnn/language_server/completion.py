@@ -17,7 +17,7 @@ from msnn.language_server.schema_place import SchemaPlace, place_of
 from msnn.language_server.view import View
 from spec_schema.editors.key_docs import key_doc
 from spec_schema.expressions.language import BUILTINS, LOSS_FUNCTIONS, NUMBERS, STATE_FUNCTIONS
-from spec_schema.fields.entry import Variant
+from spec_schema.fields.entry import OneOf
 from spec_schema.fields.formulas import (
     ArrayField,
     ConditionField,
@@ -52,7 +52,7 @@ _LOGGED = (Kind.INPUT, Kind.TARGET, Kind.STATE)
 _CALLED = (Kind.LAYER, Kind.FUNCTION)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Item:
     """A proposal: what is shown, what is written in place of the word before the place."""
 
@@ -155,7 +155,13 @@ def _keys(place: SchemaPlace, view: View, position: Position) -> Iterator[Item]:
         below = place.below(key)
         opens = not below.leaf or below.is_mapping
         insert = key if has_colon else f"{key}:" if opens else f"{key}: "
-        yield Item(key, "key", insert, place.entry.noun, key_doc(place.entry, key))
+        yield Item(
+            label=key,
+            kind="key",
+            insert=insert,
+            detail=place.entry.noun,
+            about=key_doc(place.entry, key),
+        )
 
 
 def _named_keys(gathering: Gathering | None, view: View) -> Iterator[Known]:
@@ -170,19 +176,22 @@ def _named_keys(gathering: Gathering | None, view: View) -> Iterator[Known]:
 
 def _words(place: SchemaPlace) -> list[Item]:
     entry = place.entry
-    if entry is not None and issubclass(entry, Variant):
+    if entry is not None and issubclass(entry, OneOf):
         known = entry.known_keys()
-        return [Item(key, "word", key, entry.noun, key_doc(entry, key)) for key in known]
-    return [Item(word, "word", word) for word in place.words]
+        return [
+            Item(label=key, kind="word", insert=key, detail=entry.noun, about=key_doc(entry, key))
+            for key in known
+        ]
+    return [Item(label=word, kind="word", insert=word) for word in place.words]
 
 
 def _units() -> Iterator[Item]:
     for symbol, row in UNIT_ROWS.items():
-        yield Item(symbol, "unit", symbol)
+        yield Item(label=symbol, kind="unit", insert=symbol)
         if row.prefixes:
             for prefix in PREFIXES:
                 if prefix not in ("da", "d", "h", "f", "p", "u"):
-                    yield Item(f"{prefix}{symbol}", "unit", f"{prefix}{symbol}")
+                    yield Item(label=f"{prefix}{symbol}", kind="unit", insert=f"{prefix}{symbol}")
 
 
 def _in_expression(place: SchemaPlace, cursor: Cursor, view: View) -> Iterator[Item]:
@@ -195,17 +204,29 @@ def _in_expression(place: SchemaPlace, cursor: Cursor, view: View) -> Iterator[I
     if place.key == "expr" and cursor.path[:1] == ("functions",) and len(cursor.path) > 1:
         function = view.names.get(cursor.path[1])
         for argument in function.arguments if function is not None else ():
-            yield Item(argument, "name", argument, "an argument")
+            yield Item(label=argument, kind="name", insert=argument, detail="an argument")
     yield from _names(view)
     if cursor.path[:1] == ("losses",):
         for name, signature in LOSS_FUNCTIONS.items():
-            yield Item(name, "function", name, signature.wanted, function_text(name, signature))
+            yield Item(
+                label=name,
+                kind="function",
+                insert=name,
+                detail=signature.wanted,
+                about=function_text(name, signature),
+            )
     for name, signature in SIGNATURES.items():
-        yield Item(name, "function", name, signature.wanted, function_text(name, signature))
+        yield Item(
+            label=name,
+            kind="function",
+            insert=name,
+            detail=signature.wanted,
+            about=function_text(name, signature),
+        )
     for name in ("dt", *NUMBERS):
-        yield Item(name, "word", name)
+        yield Item(label=name, kind="word", insert=name)
     for name in STATE_FUNCTIONS:
-        yield Item(name, "function", name, "of a state")
+        yield Item(label=name, kind="function", insert=name, detail="of a state")
 
 
 def _members(base: str, view: View) -> Iterator[Item]:
@@ -214,9 +235,21 @@ def _members(base: str, view: View) -> Iterator[Item]:
     known = view.names.get(base)
     if known is not None and known.kind not in (*_CALLED, Kind.SUBMODEL, Kind.DIMENSION):
         if known.kind in _LOGGED:
-            yield Item(f"{base}.meas", "name", f"{base}.meas", "the log of it")
-        yield Item(f"{base}.past", "function", f"{base}.past", "samples that end at t")
-        yield Item(f"{base}.future", "function", f"{base}.future", "samples after t")
+            yield Item(
+                label=f"{base}.meas", kind="name", insert=f"{base}.meas", detail="the log of it"
+            )
+        yield Item(
+            label=f"{base}.past",
+            kind="function",
+            insert=f"{base}.past",
+            detail="samples that end at t",
+        )
+        yield Item(
+            label=f"{base}.future",
+            kind="function",
+            insert=f"{base}.future",
+            detail="samples after t",
+        )
 
 
 def _keywords(before: str, view: View) -> Iterator[Item]:
@@ -230,7 +263,9 @@ def _keywords(before: str, view: View) -> Iterator[Item]:
             function = _CALL.search(before[max(0, at - _LONGEST_NAME) : at])
             signature = BUILTINS.get(function[1]) if function is not None else None
             for keyword in signature.keywords if signature is not None else ():
-                yield Item(f"{keyword}=", "word", f"{keyword}=", "a keyword")
+                yield Item(
+                    label=f"{keyword}=", kind="word", insert=f"{keyword}=", detail="a keyword"
+                )
             return
 
 
@@ -242,4 +277,4 @@ def _names(view: View, kinds: tuple[Kind, ...] = ()) -> Iterator[Item]:
 
 def _of_name(known: Known, insert: str) -> Item:
     kind: ItemKind = "function" if known.kind in _CALLED else "name"
-    return Item(known.name, kind, insert, known.kind.value, known)
+    return Item(label=known.name, kind=kind, insert=insert, detail=known.kind.value, about=known)

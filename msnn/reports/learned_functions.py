@@ -251,6 +251,7 @@ def _evaluated(
         log = {candidate.renamed[0]: x}
         if level is not None:
             log[candidate.renamed[1]] = np.full(_POINTS, level)
+        # every point is a row of its own, evaluated beside all others
         values = interpreter.step(log, np.arange(_POINTS), {}, losses=False).outputs["drawn"]
         y = np.broadcast_to(values, (_POINTS, *values.shape[1:])).reshape(_POINTS, -1)
         for number in range(y.shape[1]):

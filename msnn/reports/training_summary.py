@@ -8,7 +8,7 @@ from typing import Any
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.tables import Table
-from msnn.training.records.learned.parameters_record import parameters_record
+from msnn.training.records.learned.parameters_record import has_unidentified, parameters_record
 from msnn.training.records.learned.standard_errors import StandardErrors
 from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
 from spec_schema.diagnostics.diagnostic import Diagnostic
@@ -95,7 +95,7 @@ def parameters_cells(record: Mapping[str, Any]) -> Table:
             _values(found["initial"]),
             _values(found["values"]),
             _errors(found["standard_errors"]),
-            _remark(found),
+            _remark(record, found),
         )
         for found in record["parameters"]
     ]
@@ -174,9 +174,9 @@ def _errors(errors: Sequence[float | None] | None) -> str:
     return ", ".join("–" if e is None else f"{e:.2g}" for e in errors)
 
 
-def _remark(found: Mapping[str, Any]) -> str:
+def _remark(record: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     if not found["learn"]:
         return "fixed"
     if found["at_bound"]:
         return "at its bound"
-    return "not identifiable" if None in (found["standard_errors"] or ()) else ""
+    return "not identifiable" if has_unidentified(record, found) else ""

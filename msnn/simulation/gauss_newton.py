@@ -62,7 +62,7 @@ class Descended:
     values: FloatArray
     """(problems, numbers)."""
     settled: BoolArray
-    """Problems whose next step would change nothing."""
+    """Problems whose next step would change nothing; none whose squares are not finite."""
     undecided: BoolArray
     """(problems, numbers): what a direction that changes no residual is made of."""
 
@@ -80,13 +80,16 @@ def descended(
     settled = np.zeros(len(begin), np.bool_)
     now, members = products(everything, values), everything
     length = np.ones(len(begin))
-    for _ in range(MOST_STEPS + 1):
+    for taken in range(MOST_STEPS + 1):
         step, fall, nothing = _steps(now)
+        # from the last step that a problem took part in: those that ended keep theirs
         undecided[members] = nothing
-        done = fall <= _LEAST_FALL * now.squares + _ROUNDING * now.size
+        finite = np.isfinite(now.squares)
+        # of infinite squares any fall would be a small part
+        done = finite & (fall <= _LEAST_FALL * now.squares + _ROUNDING * now.size)
         settled[members] = done
-        left = np.flatnonzero(~done & np.isfinite(now.squares))
-        if not len(left):
+        left = np.flatnonzero(~done & finite)
+        if not len(left) or taken == MOST_STEPS:
             break
         members, now, step, length = members[left], now.take(left), step[left], length[left]
         trial = values[members] + length[:, None] * step
@@ -94,23 +97,30 @@ def descended(
         better = after.squares <= (1.0 + _UNSEEN) * now.squares  # false for NaN
         values[members[better]] = trial[better]
         now = _chosen(better, after, now)
+        # a shorter step is tried from the same values; after one that helps the next may be longer
+        # again
         length = np.where(better, np.minimum(2.0 * length, 1.0), 0.5 * length)
     return Descended(values, settled, undecided)
 
 
 def _steps(now: RunProducts) -> tuple[FloatArray, FloatArray, BoolArray]:
     """The whole step of each problem, by how much its model falls, and what is undecided."""
+    # the decomposition of one problem that is not finite would fail for all
     curvature = np.where(np.isfinite(now.curvature), now.curvature, 0.0)
     slope = np.where(np.isfinite(now.slope), now.slope, 0.0)
     diagonal = np.diagonal(curvature, axis1=1, axis2=2)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = curvature * scale[:, :, None] * scale[:, None, :]
+    # eigenvalues say which directions decide: those without curvature get no step, as in the
+    # pseudoinverse
     found, directions = np.linalg.eigh(scaled)
     decides = found > _NOTHING
     along = np.einsum("rni,rn->ri", directions, slope * scale)
     shares = np.where(decides, along / np.where(decides, found, 1.0), 0.0)
     step = -scale * np.einsum("rni,ri->rn", directions, shares)
+    # squares of each number's part in the directions that nothing decides
     lost = np.where(decides[:, None, :], 0.0, directions * directions).sum(axis=2)
+    # a whole step s = −A⁺g takes gᵀA⁺g off the model, F + 2gᵀs + sᵀAs
     return step, np.sum(shares * np.where(decides, along, 0.0), axis=1), lost > _PART * _PART
 
 

@@ -53,11 +53,13 @@ def linearize(
     `hessian` has multipliers of outputs, by name, and of next states, `next(x)`; those that it
     lacks are 0. ValueError where anything is missing, unknown or of another shape.
     """
+    # in step form all that a step depends on is a port or a state
     step = to_step_form(prune_outputs(program, [output.name for output in program.outputs]))
     slopes = jacobian(step, parameters=True)
     ports = step_interface(step).inputs
     given = _arrays("input", inputs, {port.signal.name: port.type.shape for port in ports})
     known = _arrays("state", states, {s.name: tuple(a.size for a in s.axes) for s in step.states})
+    # the first row around which the log has room for every port
     row = max([0, *(-port.first for port in ports)])
     log = {port.signal.name: _series(port, given[port.signal.name], row) for port in ports}
     batch = {name: value[np.newaxis] for name, value in known.items()}

@@ -66,6 +66,7 @@ def moments(
         return
     states = interpreter.start(series, t0)
     for number in range(int(steps[0])):
+        # by falling length: members that have this step stand first
         running = int(np.searchsorted(-steps, -number, side="left"))
         if running < len(next(iter(states.values()), t0)):
             states = {name: value[:running] for name, value in states.items()}
@@ -137,6 +138,7 @@ def _sum(
     factors: FloatArray | None,
 ) -> LossSum:
     if factors is not None:
+        # a factor of 0 leaves an element out, whatever stands there
         scored = scored & (factors > 0)
     with np.errstate(over="ignore"):  # a sum that overflows is infinite, and said to diverge
         costs = cost(measure, prediction[scored], None if target is None else target[scored])
@@ -156,6 +158,7 @@ def cost(measure: Measure, prediction: FloatArray, target: FloatArray | None) ->
             return np.abs(error)
         case Measure.HUBER:
             size = np.abs(error)
+            # the parabola and the straight line meet at an error of 1
             return np.where(size <= 1, 0.5 * error * error, size - 0.5)
         case Measure.MEAN:
             return prediction

@@ -195,6 +195,7 @@ def set_rollouts(
     # a stride of the horizon visits each row once; `rest` lets a shorter last one take what is left
     step = plan.horizon if once and isinstance(plan.horizon, int) else stride or 1
     runs = rollouts(episodes, far, plan.horizon, step, rest=once)
+    # whole records and the rest of an episode need room for one evaluation
     needed = far.rows(plan.horizon if isinstance(plan.horizon, int) and not once else 1)
     if runs.skipped and len(runs):
         total, files = len(episodes), files_skipped(data, episodes, runs)

@@ -20,7 +20,7 @@ from compiler.differentiation.estimated_starts import (
     start_signal,
     with_moved_starts,
 )
-from compiler.differentiation.residuals import Residuals
+from compiler.differentiation.residuals import LossResiduals
 from compiler.differentiation.sensitivities import sensitivities
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Output, Program
@@ -67,6 +67,7 @@ class StartFit:
         self._program = program
         self._over = over
         self._states = estimated_states(program)
+        # start + offset with an offset of 0: slopes in the offset are those in the start
         self._moved = compared_squares(with_moved_starts(program))
         self._sizes = [Type(state.axes).size for state in self._states]
         offsets = [offset_parameter(state) for state in self._states]
@@ -96,6 +97,7 @@ class StartFit:
         `rows` limits what decides to some rows of each loss.
         """
         if self._over is not None:
+            # what comes after does not decide: it need not be run
             runs = replace(runs, steps=np.minimum(runs.steps, self._over))
         shares = {
             loss.name: loss.weight * loss.share if loss_weights is None else loss_weights[loss.name]
@@ -108,6 +110,7 @@ class StartFit:
         def products(members: IntArray, values: FloatArray) -> RunProducts:
             some = runs.take(members)
             for name, part in self._parts(values):
+                # starts are series that the program reads in the row where a run begins
                 log[f"{name}.start"][some.t0] = part
             return self._products(judge, log, some, shares, rows)
 
@@ -173,6 +176,7 @@ class _Sums:
         error = values[f"{RESIDUAL}{loss}"].reshape(runs, -1)
         slopes = values[f"{SLOPES}{loss}"].reshape(runs, self.slope.shape[1], -1)
         self.squares[members] += np.sum(error * error, axis=1)
+        # each run stands in a moment once, so that no sum is lost by indexing
         self.slope[members] += np.einsum("rne,re->rn", slopes, error)
         self.curvature[members] += slopes @ slopes.transpose(0, 2, 1)
         self.size[members] += values[f"{_SIZE}{loss}"]
@@ -183,7 +187,7 @@ RESIDUAL, SLOPES, _SIZE, COUNT = "residual of ", "slopes of ", "size of ", "coun
 """Before the name of a loss: outputs of the program that is run."""
 
 
-def with_slopes(moved: Program, names: Sequence[str]) -> tuple[Program, tuple[Residuals, ...]]:
+def with_slopes(moved: Program, names: Sequence[str]) -> tuple[Program, tuple[LossResiduals, ...]]:
     """The program whose outputs are residuals, their slopes in parameters, sizes and counts."""
     found = sensitivities(moved, names)
     outputs: list[Output] = []
@@ -206,6 +210,7 @@ def _weighted(sums: Mapping[str, _Sums], shares: Mapping[str, float]) -> RunProd
     found: list[RunProducts] = []
     for name, one in sums.items():
         scored = one.count > 0
+        # the inner `where` keeps 0 / 0 from being computed at all
         share = np.where(scored, shares[name] / np.where(scored, one.count, 1.0), 0.0)
         found.append(
             RunProducts(

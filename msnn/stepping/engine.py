@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol, TypeAlias
 
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[Any]
+
+StepsBy: TypeAlias = Literal["c", "interpreter"]
+"""The compiled C of the export, or the interpreter in the arithmetic of that C."""
 
 
 class StepEngine(Protocol):
@@ -15,6 +18,11 @@ class StepEngine(Protocol):
 
     inputs: Any
     outputs: Any
+
+    @property
+    def name(self) -> StepsBy:
+        """Who computes."""
+        ...
 
     @property
     def step(self) -> Callable[[], int]:

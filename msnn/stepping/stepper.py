@@ -35,6 +35,8 @@ class Stepper:
     ) -> None:
         self._engine, self._interface = engine, interface
         self.name = name
+        self.engine = engine.name
+        """`c` or `interpreter`: who steps."""
         self.sample_time = sample_time
         """Seconds between two steps; None where the spec does not say."""
         self._call = engine.step
@@ -157,6 +159,7 @@ class Stepper:
         ]
         states = self._waiting_states()
         ambiguous = states & {field.name for field, _ in self._interface.windows}
+        # a signal and a state of one name: what is given under it is taken as samples
         instead = "" if ambiguous or not states else f", or the states {_listed(states)}"
         return f"`reset` wants {', '.join(parts)}{instead}: the first states come from these"
 

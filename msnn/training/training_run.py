@@ -12,15 +12,14 @@ from msnn.errors.learning import run_ends, second_order
 from msnn.errors.learning import stages as stage_errors
 from msnn.errors.learning import training as errors
 from msnn.errors.learning import weights as weight_errors
-from msnn.training.divergence import explain_divergence
 from msnn.training.engines.engine import Engine, NonFiniteLossError
 from msnn.training.engines.open_engine import open_engine
-from msnn.training.parameter_warnings import parameter_warnings
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import StageResult
 from msnn.training.reached import Reached
 from msnn.training.records.checkpoint import Checkpoint
+from msnn.training.records.learned.parameter_warnings import parameter_warnings
 from msnn.training.records.learned.parameters_record import parameters_record
 from msnn.training.records.learned.standard_errors import standard_errors, without_errors
 from msnn.training.records.learned.zero_slices import zero_slices
@@ -35,6 +34,7 @@ from msnn.training.same_on_all import (
     check_same_engine,
     check_same_weights,
 )
+from msnn.training.stages.divergence import explain_divergence
 from msnn.training.stages.late_jumps import LateJumps
 from msnn.training.stages.multi_start import StageAttempts
 from msnn.training.stages.stage_run import Interrupted, StageRun
@@ -68,6 +68,7 @@ class TrainingRun:
         """From where the run stands to its end."""
         for plan, data in self.stages[len(now.ended) :]:
             result = self._stage(plan, data, now, stop_asked)
+            # epoch 0 counts (decision 0022): nothing was better than the weights before it
             if not result.best_epoch:
                 self.progress.warned(
                     run_ends.nothing_learned(plan.name, result.best_value, plan.span)
@@ -80,6 +81,7 @@ class TrainingRun:
             self.reached.checkpoint = now
             if self.safe.is_stale:
                 self.safe.save(now, now.begin)
+        # of several ranks all go on to the errors, though one alone has the folder
         if self.folder is None and self.options.ranks is None:
             return self._result(now.begin, now)
         self._finish(now)
@@ -96,6 +98,7 @@ class TrainingRun:
         said = parameter_warnings(self.program, now.begin, spread, self.options.black_boxes)
         zero = zero_slices(self.program, now.begin)
         self.progress.run_ended("finished", said, zero)
+        # a fold keeps its checkpoint until all folds are over
         if self.options.folder is None:
             self.folder.checkpoint.unlink(missing_ok=True)
         return replace(self._result(now.begin, now), standard_errors=spread)

@@ -56,12 +56,12 @@ def _moved(errors: Errors, apart: float) -> Errors:
         return np.maximum(np.sqrt(squares) + apart * sqrt(count), 0.0) ** 2
 
     return Errors(
-        one.shape,
-        np.maximum(one.absolute + apart * count, 0.0),
-        norm(one.squares),
-        np.maximum(one.largest + apart, 0.0),
-        Spread(one.error.count, one.error.mean, norm(one.error.squares)),
-        one.target,
+        shape=one.shape,
+        absolute=np.maximum(one.absolute + apart * count, 0.0),
+        squares=norm(one.squares),
+        largest=np.maximum(one.largest + apart, 0.0),
+        error=Spread(one.error.count, one.error.mean, norm(one.error.squares)),
+        target=one.target,
     )
 
 

@@ -56,6 +56,8 @@ class Measurement:
     """Of the output; that of rmse, mae, max_abs and both curves."""
     horizon: str
     closed: tuple[str, ...]
+    details: tuple[str, ...]
+    """What else its entry says of how it is measured: `skip 20`, `against z[t]`."""
     data: str
     rows: str
     scored: int

@@ -88,6 +88,7 @@ class Measuring:
             unit=check.plan.output_unit,
             horizon=str(rollout.horizon),
             closed=rollout.closed,
+            details=check.plan.details,
             data=check.name,
             rows=rows_text(check.data, rows),
             scored=metrics["rmse"].count,

@@ -41,7 +41,7 @@ Outcome = Measurement | LossValue
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundOutcomes:
     """What was found of some entries, and whether a limit of one lies within rounding of it."""
 
     outcomes: list[Outcome]
@@ -81,7 +81,7 @@ class Simulator:
         program = _measured_program(first.plan.rollout.program, names)
         parts = rollout_parts(first.runs, max(_STEPS, first.data.rows))
 
-        def found(engine: RolloutEngine) -> Found:
+        def found(engine: RolloutEngine) -> FoundOutcomes:
             each = _measured_by(checks, parts)
             results: dict[Measuring, Measurement] = {}
             for part in parts:
@@ -93,7 +93,7 @@ class Simulator:
                     if part is parts[-1]:
                         results[measuring] = measuring.measurement(judges=self._judges)
             doubtful = any(m.is_in_doubt(c.plan) for m, c in zip(each, checks, strict=True))
-            return Found([results[measuring] for measuring in each], doubtful)
+            return FoundOutcomes([results[measuring] for measuring in each], doubtful)
 
         return self._judged(program, first, found)
 
@@ -107,17 +107,17 @@ class Simulator:
         )
         rows = counted_rows(first.plan.rollout, first.data, first.name)
 
-        def found(engine: RolloutEngine) -> Found:
+        def found(engine: RolloutEngine) -> FoundOutcomes:
             sums = engine.losses(first.runs, first.plan.rollout.skip, rows, self._advance)
             values = [_loss_value(program, check.plan.of, sums) for check in checks]
             pairs = zip(checks, values, strict=True)
             doubtful = any(loss_in_doubt(check.plan, one.value) for check, one in pairs)
-            return Found([*values], doubtful)
+            return FoundOutcomes([*values], doubtful)
 
         return self._judged(program, first, found)
 
     def _judged(
-        self, program: Program, check: ReadyCheck, found: Callable[[RolloutEngine], Found]
+        self, program: Program, check: ReadyCheck, found: Callable[[RolloutEngine], FoundOutcomes]
     ) -> list[Outcome]:
         """What the engine finds; in doubt about a limit, what the interpreter does."""
         opened = self._opened(program, check)

@@ -45,6 +45,23 @@ class CheckPlan:
     minimum: float | None
     maximum: float | None
     span: Span | None
+    against: str = ""
+    """The target in place of what the output predicts, as `z[t+1]`; empty where it is that."""
+
+    @property
+    def details(self) -> tuple[str, ...]:
+        """What the entry says beside horizon and closed signals of how it is measured."""
+        plan = self.rollout
+        skip = plan.skip if plan.starts is None else plan.starts.skip
+        stride = plan.stride if isinstance(plan.horizon, int) else plan.horizon
+        told = (
+            (self.against, f"against {self.against}"),
+            (stride != plan.horizon, f"stride {stride}"),
+            (plan.warm_up, f"warm_up {plan.warm_up}"),
+            (skip > plan.warm_up, f"skip {skip}"),
+            (plan.skip_rows, f"skip_rows {plan.skip_rows}"),
+        )
+        return tuple(words for is_said, words in told if is_said)
 
 
 def plan_checks(
@@ -155,7 +172,12 @@ def _planned(
         minimum=minimum,
         maximum=maximum,
         span=check.place.value,
+        against="" if check.target is None or target is None else _sample(target),
     )
+
+
+def _sample(target: Prediction) -> str:
+    return f"{target.signal}[t{target.ahead:+d}]" if target.ahead else f"{target.signal}[t]"
 
 
 def _unit(program: Program, output: Output) -> Unit | None:

@@ -15,7 +15,7 @@ from msnn.validation.plan import CheckPlan, default_set
 from spec_schema.diagnostics.diagnostic import Findings
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ReadyCheck:
     """What is measured, over which rollouts of which data."""
 
@@ -61,7 +61,7 @@ def ready_check(
     if plan.metric is None:
         counted = counted_rows(plan.rollout, measured, name)
         check_row_factors(plan.rollout.program, measured, runs, counted, findings)
-    return ReadyCheck(plan, name, runs, measured, measured.series)
+    return ReadyCheck(plan=plan, name=name, runs=runs, data=measured, series=measured.series)
 
 
 def with_found_starts(

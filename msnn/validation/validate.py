@@ -41,6 +41,8 @@ class MetricRow:
     """The metric of each element of a vector output; shape () for a scalar."""
     horizon: str
     closed: tuple[str, ...]
+    details: tuple[str, ...]
+    """What else its entry says of how it is measured: `skip 20`, `against z[t]`."""
     data: str
     rows: str
     """Which rows were scored: `rows 5…1023 of 1024`, or their number in several records."""
@@ -172,6 +174,7 @@ def _row(check: ReadyCheck, found: Outcome) -> MetricRow:
         elements=elements,
         horizon=str(plan.rollout.horizon),
         closed=plan.rollout.closed,
+        details=plan.details,
         data=check.name,
         rows=rows,
         scored=scored,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from statistics import median
 
 from msnn.verification.builds.board_build import BoardBuild
 from msnn.verification.builds.boards import BOARDS, Board
@@ -44,9 +45,11 @@ def _on_board(board: Board, level: str, model: ExportedC) -> ProofStep:
         if bound is not None and painted > bound:
             found.append(f"the stack was {painted} bytes deep, the call graph allows {bound}")
         flash, data, bss = build.added(write_harness("size_main.c", model, folder))
+        counts = _instructions(build.counts(), model)
         figures = Figures(
             flags=level,
-            instructions=_instructions(build.counts(), model),
+            instructions=(min(counts), sum(counts) / len(counts), max(counts)),
+            median=median(counts),
             flash=flash,
             data=data,
             bss=bss,
@@ -61,8 +64,7 @@ def _on_board(board: Board, level: str, model: ExportedC) -> ProofStep:
     return check
 
 
-def _instructions(counts: list[int], model: ExportedC) -> tuple[int, float, int]:
-    """Of a step: least, mean and most."""
+def _instructions(counts: list[int], model: ExportedC) -> list[int]:
+    """Of each step."""
     idle, *rest = counts
-    own = [count - idle + _RETURN for count in rest[: len(model.expected)]]
-    return min(own), sum(own) / len(own), max(own)
+    return [count - idle + _RETURN for count in rest[: len(model.expected)]]

@@ -68,7 +68,14 @@ class ExportedC(CFolder):
     def constant_time(self) -> bool:
         """Whether it takes the same instructions for all numbers, so that it has no branches."""
         hides = f"{self.prefix}_truth(bool condition)"
+        # the helper is in the text of such exports alone
         return any(hides in path.read_text(encoding="utf-8") for path in self.model_sources)
+
+    @property
+    def compares_states(self) -> bool:
+        """Whether its golden vectors have what single steps leave in the state."""
+        vectors = self.folder / "test" / f"{self.prefix}_vectors.h"
+        return f"{self.prefix}_state_differs(" in vectors.read_text(encoding="utf-8")
 
     @property
     def number(self) -> str:
@@ -101,6 +108,7 @@ def read_exported_c(folder: Path) -> ExportedC:
         try:
             about = json.loads(path.read_text(encoding="utf-8"))
             return _read(folder, about)
+        # files of other tools may lie beside ours; whatever shape they have, the next one is tried
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             continue
     raise SpecError([not_exported_c(str(folder))])

@@ -27,6 +27,8 @@ class Figures:
     """The function, where it is not the step."""
     instructions: tuple[int, float, int]
     """Least, mean and most of a call."""
+    median: float
+    """Of the instructions of a call."""
     flash: int
     data: int
     bss: int
@@ -65,6 +67,7 @@ class ProofStep:
         """Its result; a tool that is missing, fails or hangs is part of it, never an exception."""
         missing = tuple(tool for tool in self.needs if not tool.is_there)
         if missing:
+            # a verdict of its own: "ok" would claim what nobody looked at
             names = ", ".join(tool.command for tool in missing)
             detail = f"{names} not installed"
             return Result(
@@ -77,6 +80,7 @@ class ProofStep:
         folder.mkdir(parents=True)
         try:
             return self.run(folder)
+        # before its base class: a tool that hangs says nothing about the code, one that fails does
         except ToolTimedOutError as error:
             return Result(
                 check=self.name, target=self.target, verdict="not done", detail=str(error)
@@ -116,6 +120,7 @@ class ToolFailedError(Exception):
 
     def __init__(self, what: str, output: str) -> None:
         super().__init__(what)
+        # a compiler that stumbles once goes on for thousands of lines; the first ones say it
         self.lines = [line for line in output.splitlines() if line.strip()][:40]
 
 
@@ -130,9 +135,11 @@ def run_tool(command: Sequence[str | Path], folder: Path, seconds: float = _SECO
         done = subprocess.run(
             words,
             cwd=folder,
+            # a tool that asks a question ends instead of waiting for an answer
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
+            # sanitizers print bytes of the memory that they complain about, which need not be text
             errors="replace",
             check=False,
             timeout=seconds,

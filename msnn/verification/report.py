@@ -15,6 +15,7 @@ _CHECKS = ("check", "target", "", "detail")
 _FIGURES = (
     "target",
     "instructions min",
+    "median",
     "mean",
     "max",
     "flash",
@@ -93,6 +94,7 @@ def _figure_cells(figures: Figures) -> tuple[str, ...]:
     least, mean, most = figures.instructions
     return (
         str(least),
+        f"{figures.median:.1f}",
         f"{mean:.1f}",
         str(most),
         str(figures.flash),

@@ -34,7 +34,7 @@ Target = Literal["host", "m0", "m4", "m7", "rv32"]
 TARGETS: tuple[Target, ...] = ("host", "m4", "m7", "m0", "rv32")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class WantedSteps:
     """What shall be checked."""
 
@@ -97,7 +97,9 @@ def verify(folder: Path, wanted: WantedSteps) -> Verification:
 
 
 def _all_results(checks: Sequence[ProofStep], place: Path) -> tuple[Result, ...]:
+    # threads do: the work is in compilers and emulators, which are processes of their own
     with ThreadPoolExecutor(max_workers=cpu_count() or 1) as pool:
+        # a folder for each check: builds of one file name would write over each other
         folders = (place / str(number) for number in range(len(checks)))
         return tuple(pool.map(ProofStep.result, checks, folders))
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, TypedDict, Unpack
 
 from spec_schema.diagnostics.printable import printable, printable_span
 from spec_schema.diagnostics.render_full import in_full
@@ -56,16 +56,22 @@ class Diagnostic:
         )
 
 
+class Facts(TypedDict, total=False):
+    """What a message may say beside its sentence, as `Diagnostic` has it."""
+
+    secondary: Secondary
+    notes: tuple[str, ...]
+    help: str | None
+
+
 def error(
     code: str,
     span: Span | None,
     message: str,
     label: str = "",
     *,
-    secondary: Secondary = (),
-    notes: tuple[str, ...] = (),
-    help: str | None = None,
     replacement: str | None = None,
+    **facts: Unpack[Facts],
 ) -> Diagnostic:
     """Builds the diagnostic of a fault, which ends its stage."""
     return Diagnostic(
@@ -74,57 +80,25 @@ def error(
         message=message,
         span=span,
         label=label,
-        secondary=secondary,
-        notes=notes,
-        help=help,
         replacement=replacement,
+        **facts,
     )
 
 
 def warning(
-    code: str,
-    span: Span | None,
-    message: str,
-    label: str = "",
-    *,
-    secondary: Secondary = (),
-    notes: tuple[str, ...] = (),
-    help: str | None = None,
+    code: str, span: Span | None, message: str, label: str = "", **facts: Unpack[Facts]
 ) -> Diagnostic:
     """Builds the diagnostic of a doubt, with which its stage goes on."""
     return Diagnostic(
-        code=code,
-        severity="warning",
-        message=message,
-        span=span,
-        label=label,
-        secondary=secondary,
-        notes=notes,
-        help=help,
+        code=code, severity="warning", message=message, span=span, label=label, **facts
     )
 
 
 def remark(
-    code: str,
-    span: Span | None,
-    message: str,
-    label: str = "",
-    *,
-    secondary: Secondary = (),
-    notes: tuple[str, ...] = (),
-    help: str | None = None,
+    code: str, span: Span | None, message: str, label: str = "", **facts: Unpack[Facts]
 ) -> Diagnostic:
     """Builds the diagnostic of what is worth a thought and may well be meant: a note."""
-    return Diagnostic(
-        code=code,
-        severity="note",
-        message=message,
-        span=span,
-        label=label,
-        secondary=secondary,
-        notes=notes,
-        help=help,
-    )
+    return Diagnostic(code=code, severity="note", message=message, span=span, label=label, **facts)
 
 
 class SpecError(Exception):

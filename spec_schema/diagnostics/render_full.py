@@ -56,6 +56,7 @@ def _full_text(diagnostic: Told, texts: Mapping[str, SourceText], color: bool) -
     """The diagnostic as rustc shapes it; `texts` are the sources by their names."""
     main = diagnostic.span
     marks = [] if main is None else _marks(diagnostic, main)
+    # wide enough for the largest line number, so that the bars stand in one column
     width = max((len(str(mark.span.line)) for mark in marks), default=0)
     page = _Page(texts, width, color)
     severity = diagnostic.severity
@@ -76,6 +77,7 @@ def _marks(diagnostic: Told, main: Span) -> list[_Mark]:
     """All underlines: those in the main file first, each file's in the order of its lines."""
     marks = [_Mark(main, diagnostic.label, "^", _COLORS[diagnostic.severity])]
     marks.extend(_Mark(span, label, "-", _FRAME) for span, label in diagnostic.secondary)
+    # False sorts before True: the main file comes first
     return sorted(marks, key=lambda mark: (mark.span.file != main.file, mark.span))
 
 
@@ -102,6 +104,7 @@ class _Page:
                 continue
             line = text.line(span.line)
             if span.line != shown:
+                # two marks on a line share its excerpt, cut around the main one
                 part = _shown_part(line, main if main.line == span.line else span)
                 if shown == 0:
                     yield self.paint(f"{self.margin}|", _FRAME)
@@ -110,15 +113,18 @@ class _Page:
                 number = str(span.line).rjust(len(self.margin) - 1)
                 yield f"{self.paint(f'{number} |', _FRAME)} {_written(line, part)}".rstrip()
                 shown = span.line
+            # a mark beyond the part of a long line that is shown has nothing to underline
             if span.column - 1 <= part.stop:
                 yield self.underline(mark, line, part)
 
     def underline(self, mark: _Mark, line: str, part: slice) -> str:
         """As wide as the place; a place of several lines is underlined to the end of its first."""
         span = mark.span
+        # a mark that begins before the part is underlined from the beginning of the part on
         first = max(span.column - 1, part.start)
         last = span.end_column - 1 if span.end_line == span.line else len(line)
         before = _columns(line[part.start : first]) + (len(_CUT) if part.start else 0)
+        # an empty place still has a mark, one column wide
         drawn = mark.drawn * max(1, _columns(line[first : min(last, part.stop)]))
         said = f"{drawn} {mark.label}".rstrip()
         bar = self.paint(f"{self.margin}|", _FRAME)
@@ -129,6 +135,7 @@ def _shown_part(line: str, span: Span) -> slice:
     """All of a line, or of a very long one what stands around the place."""
     if len(line) <= _LONGEST_LINE:
         return slice(0, len(line))
+    # a quarter of the line before the place, the rest behind it
     start = max(0, span.column - 1 - _LONGEST_LINE // 4)
     return slice(start, min(len(line), start + _LONGEST_LINE))
 

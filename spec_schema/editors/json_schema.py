@@ -7,7 +7,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from spec_schema.editors.key_docs import key_doc
-from spec_schema.fields.entry import Entry, Variant
+from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.entry_kinds import about, kinds_of, kinds_within
 from spec_schema.fields.leaf import Gathering, JsonSchema, LeafField
 from spec_schema.sections.spec import Spec
@@ -40,7 +40,7 @@ def json_schema_text() -> str:
 def _definition(entry: type[Entry]) -> dict[str, Any]:
     """The mapping, and beside it the scalar or list that may stand in its place."""
     required = [key for key, _, needed in _fields(entry) if needed]
-    types = ["object"] if required or issubclass(entry, Variant) else ["object", "null"]
+    types = ["object"] if required or issubclass(entry, OneOf) else ["object", "null"]
     mapping: dict[str, Any] = {
         "type": types,
         "description": about(entry),
@@ -51,7 +51,7 @@ def _definition(entry: type[Entry]) -> dict[str, Any]:
     }
     if required:
         mapping["required"] = required
-    if issubclass(entry, Variant):
+    if issubclass(entry, OneOf):
         mapping["minProperties"] = 1
     return _united(mapping, _alone(entry))
 
@@ -88,7 +88,7 @@ def _alone(entry: type[Entry]) -> JsonSchema:
     if entry.shorthand is not None:
         schemas = {key: schema for key, schema, _ in _fields(entry)}
         return _inlined(schemas[entry.shorthand], entry)
-    if not issubclass(entry, Variant):
+    if not issubclass(entry, OneOf):
         return {"type": []}
     values = {key: schema for key, schema, _ in _fields(entry)}
     if "value" in values:

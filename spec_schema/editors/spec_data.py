@@ -21,7 +21,7 @@ from spec_schema.expressions.tree import (
     Samples,
     Window,
 )
-from spec_schema.fields.entry import Entry, Variant
+from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.formulas import Prediction
 from spec_schema.fields.located import Located
 from spec_schema.sections.data.columns import ColumnName
@@ -55,7 +55,7 @@ def entry_data(entry: Entry) -> dict[str, Any]:
             absent = True
         if name != "place" and not absent:
             values[field.alias or name] = _plain(value)
-    if isinstance(entry, Variant) and list(values) == ["value"]:
+    if isinstance(entry, OneOf) and list(values) == ["value"]:
         return values["value"]
     return values
 

@@ -100,8 +100,11 @@ def boolean_word(word: str, span: Span) -> Diagnostic:
 def python_word(word: str, span: Span) -> Diagnostic:
     """E0331: another word of Python."""
     message = f"`{word}` cannot be used in an expression"
-    repair = "a choice is written with `where`"
+    repair = _CHOICE if word in {"if", "else"} else None
     return error("E0331", span, message, "a word of Python", help=repair)
+
+
+_CHOICE = "a choice is `where(condition, then, otherwise)`, such as `where(x > 0, 1, 0)`"
 
 
 def calls_no_name(span: Span) -> Diagnostic:
@@ -110,11 +113,13 @@ def calls_no_name(span: Span) -> Diagnostic:
     return error("E0332", span, message, "not a name", help="a product needs `*`")
 
 
-def malformed_time(span: Span) -> Diagnostic:
+def malformed_time(span: Span, meant: str | None = None) -> Diagnostic:
     """E0333: something else than t, t+k, t-k in a window."""
     message = "time is `t`, `t+k` or `t-k`, with k in samples or a duration"
     repair = "write for example `x[t-1]`, or `x[t-4:t]` for a window"
-    return error("E0333", span, message, "not a time", help=repair)
+    if meant is not None:
+        repair = f"write `{meant}`: the present sample is `t`"
+    return error("E0333", span, message, "not a time", help=repair, replacement=meant)
 
 
 def open_window(span: Span) -> Diagnostic:
@@ -138,8 +143,16 @@ def malformed_number(text: str, span: Span) -> Diagnostic:
 def foreign_operator(operator: str, span: Span) -> Diagnostic:
     """E0337: an operator of Python that the language does not have."""
     message = f"the operator `{operator}` is not in the language"
-    repair = "for a magnitude write `abs(…)`" if operator == "|" else None
+    repair = _OPERATORS.get(operator)
     return error("E0337", span, message, "operators are + - * / @ **", help=repair)
+
+
+_OPERATORS = {
+    "|": "for a magnitude write `abs(…)`",
+    "&&": "there is no logic on numbers; nest `where`",
+    "||": "there is no logic on numbers; nest `where`",
+    "&": "there is no logic on numbers; nest `where`",
+}
 
 
 def empty_expression(span: Span) -> Diagnostic:

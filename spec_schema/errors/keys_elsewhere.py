@@ -1,4 +1,4 @@
-"""Lists what other tools call keys of a spec, for "did you mean"."""
+"""Lists what other tools call keys of a spec, for the help lines of unknown keys."""
 
 from collections.abc import Mapping
 
@@ -6,27 +6,47 @@ KEYS_ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     "activation_function": ("activation",),
     "batch_size": ("batch",),
     "bounds": ("range",),
+    "comment": ("doc",),
+    "ddt": ("der",),
+    "default": ("init", "value"),
     "dense": ("linear",),
+    "derivative": ("der",),
+    "description": ("doc",),
+    "dot": ("der",),
+    "dt": ("sample_time",),
+    "dxdt": ("der",),
+    "early_stopping": ("early_stop",),
+    "equation": ("expr",),
     "file": ("source",),
     "files": ("source",),
+    "formula": ("expr",),
+    "fully_connected": ("linear",),
     "hidden_layers": ("hidden",),
     "hidden_sizes": ("hidden",),
-    "initial": ("init",),
-    "initial_value": ("init",),
+    "init": ("value",),
+    "initial": ("init", "value"),
+    "initial_value": ("init", "value"),
     "iterations": ("epochs",),
     "kernel_size": ("window",),
+    "layers": ("hidden",),
     "learning_rate": ("lr",),
     "lookup": ("interpolation",),
     "lookup_table": ("interpolation",),
+    "loss": ("expr", "losses"),
     "lower": ("min",),
     "max_epochs": ("epochs",),
     "n_epochs": ("epochs",),
+    "neurons": ("hidden",),
+    "nn": ("mlp",),
     "num_epochs": ("epochs",),
+    "optim": ("optimizer",),
     "params": ("parameters",),
     "path": ("source",),
     "sampling_time": ("sample_time",),
+    "scheduler": ("schedule",),
     "table": ("interpolation",),
     "taps": ("window",),
+    "trainable": ("learn",),
     "ts": ("sample_time",),
     "units": ("unit", "hidden"),
     "upper": ("max",),
@@ -34,3 +54,11 @@ KEYS_ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     "variables": ("equations",),
 }
 """The first that the section has is meant."""
+
+FORMS_ELSEWHERE: Mapping[str, tuple[str, str]] = {
+    "bounds": ("min", "`min: …` and `max: …`"),
+    "limits": ("min", "`min: …` and `max: …`"),
+    "patience": ("early_stop", "`early_stop: {patience: …}`"),
+    "range": ("min", "`min: …` and `max: …`"),
+}
+"""A key that the section must have, and what is written there, where one word is not enough."""

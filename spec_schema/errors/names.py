@@ -38,10 +38,14 @@ def not_a_value(name: str, kind: str, span: Span) -> Diagnostic:
     return error("E0303", span, message, "a value is needed here", help=repair)
 
 
-def not_callable(name: str, kind: str, span: Span) -> Diagnostic:
+def not_callable(name: str, kind: str, span: Span, moves: bool = False) -> Diagnostic:
     """E0304: a value that is called."""
+    # `moves`: it has another value each sample, so that one of its samples may be meant
     message = f"`{name}` is {kind} and cannot be called"
-    return error("E0304", span, message, "not a layer or function", help="write `*` to multiply")
+    repair = "write `*` to multiply"
+    if moves:
+        repair = f"one sample is `{name}[t-1]`, in square brackets; to multiply write `*`"
+    return error("E0304", span, message, "not a layer or function", help=repair)
 
 
 def wrong_argument_count(name: str, wanted: str, found: int, span: Span) -> Diagnostic:
@@ -151,9 +155,9 @@ def unused_entry(name: str, kind: str, span: Span) -> Diagnostic:
     return warning("W0301", span, message, f"{kind} that no output, state or loss needs")
 
 
-def unfit_constant(name: str, problem: str, span: Span) -> Diagnostic:
+def unfit_constant(name: str, problem: str, span: Span, repair: str | None = None) -> Diagnostic:
     """E0312: a constant or initial value whose numbers do not fit what is declared."""
-    return error("E0312", span, f"the value of {name} {problem}", "this value")
+    return error("E0312", span, f"the value of {name} {problem}", "this value", help=repair)
 
 
 def unfit_setting(

@@ -156,6 +156,26 @@ def implicit_of_what(name: str, problem: str, span: Span, repair: str) -> Diagno
     return error("E1222", span, message, "of this", help=repair)
 
 
+def crossed_limits(joint: str, lower: float, upper: float, span: Span) -> Diagnostic:
+    """E1225: limits of a joint of which the lower one is above the upper one."""
+    message = f"the joint `{joint}` cannot move: its limits begin at {lower:g} and end at {upper:g}"
+    return error("E1225", span, message, "`lower` is above `upper`", help="exchange them")
+
+
+def joint_of_base(joint: str, span: Span, base: Span) -> Diagnostic:
+    """E1226: a joint of a URDF with the name of one that a floating base brings along."""
+    message = f"the joint `{joint}` has the name of a joint of the floating base"
+    second = ((base, "brings it along"),)
+    repair = "give it another name"
+    return error("E1226", span, message, "the second one", secondary=second, help=repair)
+
+
+def rotation_as_quaternion(span: Span) -> Diagnostic:
+    """E1227: a rotation as a quaternion, which only newer readers of URDFs know."""
+    message = "a rotation as `quat_xyzw` is not in this version"
+    return error("E1227", span, message, "a quaternion", help="write it as `rpy`, in rad")
+
+
 def held_joints(names: Sequence[str], span: Span, place: Span) -> Diagnostic:
     """W1201: joints that the spec does not list; they are held at 0."""
     listed = ", ".join(f"`{name}`" for name in names)

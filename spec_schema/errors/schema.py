@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
-from spec_schema.errors.keys_elsewhere import KEYS_ELSEWHERE
+from spec_schema.errors.keys_elsewhere import FORMS_ELSEWHERE, KEYS_ELSEWHERE
 from spec_schema.names import similar_name
 
 # The keys of a layer are worth listing, those of a whole spec are in the documentation.
@@ -16,8 +16,12 @@ def unknown_key(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagn
     """E0201: a key that the language does not have."""
     known = tuple(known)
     elsewhere = (meant for meant in KEYS_ELSEWHERE.get(key.lower(), ()) if meant in known)
-    meant = next(elsewhere, None) or nearest(key, known)
+    meant = next(elsewhere, None)
+    needed, form = FORMS_ELSEWHERE.get(key.lower(), ("", ""))
     message = f"unknown key `{key}` in {owner}"
+    if meant is None and needed in known:
+        return error("E0201", span, message, "no such key", help=f"write {form}")
+    meant = meant or nearest(key, known)
     notes = () if meant else (f"known keys: {', '.join(known)}",)
     repair = did_you_mean(meant)
     return error("E0201", span, message, "no such key", notes=notes, help=repair, replacement=meant)

@@ -1,15 +1,17 @@
 """E06xx: time, samples and windows."""
 
+from collections.abc import Sequence
+
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 
 
 def not_a_multiple(
-    duration: str, sample_time: str, below: str, above: str, span: Span
+    duration: str, sample_time: str, nearest: Sequence[str], span: Span
 ) -> Diagnostic:
     """E0601: a duration between two samples."""
     message = f"{duration} is not a multiple of the sample time {sample_time}"
-    repair = f"write {below} or {above}"
+    repair = f"write {' or '.join(nearest)}"
     return error("E0601", span, message, "falls between two samples", help=repair)
 
 

@@ -165,7 +165,8 @@ def open_bracket(bracket: str, span: Span) -> Diagnostic:
 def misplaced_line(span: Span) -> Diagnostic:
     """E0123: an indentation that fits nothing above."""
     message = "the indentation fits no line above"
-    return error("E0123", span, message, "starts in an unexpected column")
+    repair = "begin it in the column of the entries that it stands beside"
+    return error("E0123", span, message, "starts in an unexpected column", help=repair)
 
 
 def misplaced_item(span: Span) -> Diagnostic:

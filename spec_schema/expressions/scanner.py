@@ -56,6 +56,7 @@ _REPAIRS = {
     "»": 'write a straight quote, `"`',
     "√": "write `sqrt( )`",
     "!": "there is no logic on numbers; nest `where`",
+    "?": "a choice is `where(condition, then, otherwise)`",
 }
 
 

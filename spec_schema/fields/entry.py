@@ -33,7 +33,8 @@ class Entry(BaseModel):
     Keys that start with `x-` are left to other tools.
 
     Subclasses say what they are called (`noun`), which key a lone value stands for (`shorthand`)
-    and which keys of the full language are not read yet (`later`).
+    which keys of the full language are not read yet (`later`), and what one looks like where a
+    list of its keys says little (`example`).
     """
 
     # Building the whole schema once, when the first spec is read, takes a third of the time that
@@ -42,6 +43,7 @@ class Entry(BaseModel):
     noun: ClassVar[str] = "this section"
     shorthand: ClassVar[str | None] = None
     later: ClassVar[frozenset[str]] = frozenset()
+    example: ClassVar[str | None] = None
 
     place: Annotated[KeyAndValueSpan, LeafField(_as_given)] = Field(alias=_PLACE, repr=False)
 
@@ -70,7 +72,8 @@ class Entry(BaseModel):
             node = Table({}, {}, node.span, node.key)
         if not isinstance(node, Table):
             keys = ", ".join(cls.known_keys())
-            repair = f"{cls.noun} has the keys {keys}"
+            written = f"write for example `{cls.example}`"
+            repair = written if cls.example else f"{cls.noun} has the keys {keys}"
             findings.report(errors.wrong_kind("a mapping", kind(node), node.span, repair))
             raise RefusedError
         key = node.key or _first_key(node)
@@ -99,7 +102,7 @@ class Entry(BaseModel):
         return admitted
 
 
-class Variant(Entry):
+class OneOf(Entry):
     """A mapping with exactly one key, the name of the variant; a bare name is that with no options.
 
     Its fields are the variants, all optional; subclasses give the chosen one as `choice`.

@@ -25,7 +25,15 @@ _UNIT_START = re.compile(r"[A-Za-zͰ-ϿΩ%°µ]|1/")
 
 def read_unit(node: Node, findings: Findings) -> Located[Unit]:
     """A unit and its place."""
-    found = scalar(node, findings, "a unit such as `m/s`")
+    wanted = "a unit such as `m/s`"
+    match node:
+        # `[kg]`, as units stand in papers and headers
+        case Listing(items=[Scalar(text=meant)]):
+            repair = f"write `{meant}`"
+            findings.report(errors.wrong_kind(wanted, kind(node), node.span, repair, meant))
+            raise RefusedError
+        case _:
+            found = scalar(node, findings, wanted)
     try:
         return Located(parse_unit(found.text), found.span, found.key)
     except UnitError as error:
@@ -42,6 +50,19 @@ def split_quantity(node: Scalar) -> tuple[Scalar, Scalar] | None:
     if found is None or not found["unit"] or _UNIT_START.match(found["unit"]) is None:
         return None
     return node.part(*found.span("number")), node.part(*found.span("unit"))
+
+
+SMALLEST_DEVIATION, LARGEST_DEVIATION = 1e-100, 1e100
+"""Between them a standard deviation has a variance, its square, with room for units."""
+
+
+def has_variance(deviation: Quantity, findings: Findings) -> bool:
+    """Reports a standard deviation above 0 whose square is 0 or infinite."""
+    if SMALLEST_DEVIATION <= deviation.value <= LARGEST_DEVIATION:
+        return True
+    wanted = f"from {SMALLEST_DEVIATION:g} to {LARGEST_DEVIATION:g}: its square is used"
+    findings.report(errors.out_of_range(deviation.text, deviation.span, wanted))
+    return False
 
 
 def read_quantity(node: Node, findings: Findings) -> Quantity:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import cast
 
 from spec_schema.diagnostics.diagnostic import Findings
@@ -12,8 +13,12 @@ from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table
 from spec_schema.yaml_tree.reader import read_tree
 
 _FILE = "--set"
+_WHOLE = 1e15
+"""Below it a whole number has all its digits in a float, and reads as easily."""
 
 
+# each training of a sweep asks it of the settings of its variant
+@lru_cache(256)
 def one_form(setting: str) -> str:
     """A setting so that alike ones are alike in text: `train.0.lr=0.001` for `train.0.lr=1e-3`.
 
@@ -23,7 +28,13 @@ def one_form(setting: str) -> str:
     value = _value(text) if equals else None
     if value is None:
         return setting
-    return f"{path.strip()}={_written(plain_value(value))}"
+    return f"{one_path(path)}={_written(plain_value(value))}"
+
+
+def one_path(path: str) -> str:
+    """A path so that alike ones are alike in text: YAML reads it with quotes and without."""
+    found = _key(path)
+    return found if found is not None and _key(found) == found else path.strip()
 
 
 def shown_value(text: str) -> str:
@@ -54,6 +65,12 @@ def _value(text: str) -> Node | None:
     return tree.entries["value"] if alone and isinstance(tree, Table) else None
 
 
+def _key(path: str) -> str | None:
+    """The key of a line of YAML; None where it is none."""
+    tree = None if "\n" in path else read_tree(SourceText(_FILE, f"{path}: 0"), Findings())
+    return next(iter(tree.entries)) if isinstance(tree, Table) and len(tree.entries) == 1 else None
+
+
 def _written(plain: object) -> str:
     if isinstance(plain, str):
         read = _value(plain)
@@ -68,6 +85,8 @@ def _json(plain: object) -> str:
     match plain:
         case float() if not math.isfinite(plain):
             return ".nan" if math.isnan(plain) else f"{'-' if plain < 0 else ''}.inf"
+        case float() if plain.is_integer() and abs(plain) < _WHOLE and repr(plain) != "-0.0":
+            return f"{int(plain)}"  # 1.0 and 1 are one number, -0.0 and 0 are two
         case list():
             return f"[{', '.join(map(_json, cast('list[object]', plain)))}]"
         case dict():

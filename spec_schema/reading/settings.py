@@ -87,8 +87,8 @@ def _with(
     step = steps[0]
     match node:
         case Listing(items=items):
-            # counted from 0, and only those that are there
-            if not step.isdecimal() or int(step) >= len(items):
+            # counted from 0, and only those that are there; by one name: `00` would be another one
+            if step not in map(str, range(len(items))):
                 findings.report(errors.no_such_item(step, len(items), place))
                 return node
             index = int(step)

@@ -55,6 +55,7 @@ class _Reading:
         sources = [result.source]
         count = 1
         for name, use in result.spec.use.items():
+            # relative to the file that uses it
             path = os.path.normpath(Path(chain[-1]).parent / use.file.value)
             try:
                 if use.robot is not None:
@@ -62,6 +63,7 @@ class _Reading:
                     count += 1
                 else:
                     found[name] = self._one(use, path, chain)
+                    # a file used again counts again: each use has entries of its own
                     count += self.counts[os.path.realpath(path)]
                 if count > MOST_SUBMODELS:
                     limit = f"{MOST_SUBMODELS} sub-models"
@@ -73,12 +75,14 @@ class _Reading:
                 sources += error.sources
         self.counts[os.path.realpath(chain[-1])] = count
         if failed:
+            # a mistake in a file that several parts use is shown once
             raise SpecError(dict.fromkeys(faults), _distinct(sources))
         return found
 
     def _one(self, use: Use, path: str, chain: tuple[str, ...]) -> ReadResult:
         place = use.file.span
         real = os.path.realpath(path)
+        # real paths: a link cannot hide a circle
         files = [os.path.realpath(file) for file in chain]
         if real in files:
             names = [Path(file).name for file in (*chain[files.index(real) :], path)]
@@ -87,6 +91,7 @@ class _Reading:
             limit = f"{DEEPEST} sub-models inside each other"
             raise SpecError([errors.too_many_submodels(limit, place)])
         if real in self.refused:
+            # failed as before; what is wrong is reported already
             raise SpecError([])
         if real not in self.read:
             text = self.unsaved.get(real) if self.texts is None else self.texts.get(path)

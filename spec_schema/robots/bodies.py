@@ -79,10 +79,12 @@ def tree_of(urdf: Urdf, moving: Sequence[str], *, floats: bool, findings: Findin
             place = urdf.links[root].span
             frame = growing.moved(frame, root, name, axis, place, slides=slides)
     growing.add(root, frame, urdf.links[root].inertia)
+    # reversed: the last of the list is taken first, which keeps the order of the file
     waiting = [(joint, frame) for joint in reversed(children.get(root, []))]
     while waiting:
         joint, frame = waiting.pop()
         link = joint.child
+        # where the child is while the joint is at 0
         frame = frame.joined(joint.rotation, joint.offset)
         if joint.name in moving:
             slides = joint.type == "prismatic"
@@ -109,6 +111,8 @@ class _Growing:
             joint=joint,
             parent=frame.body,
             slides=slides,
+            # the joint's axis becomes z of the body, so that every joint turns about z or slides
+            # along it
             rotation=product(frame.R, A),
             offset=frame.r,
             inertia=Inertia(),
@@ -121,6 +125,7 @@ class _Growing:
     def add(self, link: str, frame: _Frame, inertia: Inertia) -> None:
         """A link that moves with the body of its frame."""
         self.frames[link] = frame
+        # what is fixed to the world never moves: its mass changes nothing
         if frame.body != WORLD and inertia.mass > 0.0:
             body = self.bodies[frame.body]
             whole = _together(body.inertia, _in_body(frame, inertia))

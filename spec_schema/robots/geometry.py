@@ -72,17 +72,24 @@ def rotation(roll: float, pitch: float, yaw: float) -> Matrix:
 
 
 def to_axis(axis: Vector) -> Matrix:
-    """A rotation that takes z to a unit vector; of the axes ±x, ±y, ±z one of 0, 1 and −1."""
+    """A rotation that takes z to a unit vector; of the axes ±x, ±y, ±z one of 0, 1 and −1.
+
+    A unit vector a little aside of an axis has a 1 too: it is the others that have to be 0.
+    """
     x, y, z = axis
-    if abs(z) == 1.0:
+    no_x, no_y, no_z = (_exact(number) == 0.0 for number in axis)
+    if no_x and no_y:
         return ((1.0, 0.0, 0.0), (0.0, z, 0.0), (0.0, 0.0, z))
-    if abs(y) == 1.0:  # (x, y, z) → (z, x, y) where y is above 0
+    if no_z and no_x:  # (x, y, z) → (z, x, y) where y is above 0
         return ((0.0, 1.0, 0.0), (0.0, 0.0, y), (y, 0.0, 0.0))
-    if abs(x) == 1.0:
+    if no_y and no_z:
         return ((0.0, 0.0, x), (x, 0.0, 0.0), (0.0, 1.0, 0.0))
     across = math.hypot(x, y)
+    # perpendicular to the axis and to z; the axis is not z here, so `across` is above 0
     first = vector(y / across, -x / across, 0.0)
+    # axis × first: the three are right-handed
     second = (-z * first[1], z * first[0], x * first[1] - y * first[0])
+    # as columns: z goes to the axis
     return transposed((first, second, axis))
 
 
@@ -96,6 +103,7 @@ def cholesky(A: Matrix) -> Matrix | None:
     L = [[0.0] * 3 for _ in range(3)]
     for j in range(3):
         rest = A[j][j] - sum(L[j][k] ** 2 for k in range(j))
+        # written with a `not`, so that NaN is not positive either
         if not rest > 0.0:
             return None
         L[j][j] = math.sqrt(rest)
@@ -107,6 +115,7 @@ def cholesky(A: Matrix) -> Matrix | None:
 
 def is_positive(A: Matrix) -> bool:
     """Whether no eigenvalue of a symmetric matrix is below 0, but for rounding."""
+    # relative to the entries: moments of files are rounded to a few digits
     shift = 1e-9 * sum(abs(number) for row in A for number in row)
     return shift == 0.0 or cholesky(sum_of(A, multiple(shift, IDENTITY))) is not None
 

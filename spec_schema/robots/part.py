@@ -22,9 +22,11 @@ from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import Unit
 from spec_schema.yaml_tree.nodes import Listing, Node, Positions, Scalar, Table
 
+# along the axes of the world, z up; m/s²
 _GRAVITY = (0.0, 0.0, -9.81)
 _ACCELERATION = parse_unit("m/s^2")
 _TURNING, _SLIDING = parse_unit("kg*m^2"), parse_unit("kg")
+_WEIGHTLESS = "has nothing to begin from: no link that moves has a mass"
 _SPACE = ("x", "y", "z")
 
 
@@ -53,6 +55,7 @@ def robot_part(
     tree = tree_of(urdf, labels, floats=floats, findings=findings)
     if tree is None or any(one.severity == "error" for one in findings.since(mark)):
         return None
+    # joints of the file that `joints:` leaves out do not move: a warning, no error
     held = [j for j in urdf.joints.values() if j.moves and j.name not in labels]
     if held:
         place = (entry.joints or entry.urdf).span
@@ -83,8 +86,13 @@ def robot_part(
 
 def _labels(entry: sections.Robot, urdf: Urdf, around: Spec, findings: Findings) -> tuple[str, ...]:
     """The names of the joints that move, in the order of q."""
-    floats = entry.base is not None and entry.base.value == "floating"
-    base = BASE_JOINTS if floats else ()
+    base: tuple[str, ...] = ()
+    if entry.base is not None and entry.base.value == "floating":
+        base = BASE_JOINTS
+        for joint in urdf.joints.values():
+            if joint.moves and joint.name in base:
+                report = errors.joint_of_base(joint.name, joint.span, entry.base.span)
+                findings.report(report)
     own = tuple(joint.name for joint in urdf.joints.values() if joint.moves)
     known = (*base, *own)
     if entry.joints is None:
@@ -97,6 +105,7 @@ def _labels(entry: sections.Robot, urdf: Urdf, around: Spec, findings: Findings)
             findings.report(errors.unfit_joints(problem, place, known))
             return known
         if not dimension.labels:
+            # a dimension without labels takes the joints in the order of the file
             if dimension.size != len(known):
                 problem = f"the dimension has {dimension.size} elements, the robot {len(known)}"
                 findings.report(errors.unfit_joints(problem, place, known))
@@ -105,6 +114,7 @@ def _labels(entry: sections.Robot, urdf: Urdf, around: Spec, findings: Findings)
     else:
         given = entry.joints.labels
     labels = tuple(label.value for label in given)
+    # `_armature` counts on the six joints of the base being the first of q
     if labels[: len(base)] != base:
         problem = f"the joints of a floating base come first: {', '.join(base)}"
         findings.report(errors.unfit_joints(problem, place, known))
@@ -134,6 +144,7 @@ def _armature(
     free = len(BASE_JOINTS) if floats else 0
     given = entry.armature
     if len(given) == 1:
+        # six joints of a floating base have no motor
         given = given * (len(slides) - free)
     place = entry.armature[0].span
     if len(given) != len(slides) - free:
@@ -185,6 +196,10 @@ def _described(
     parameters: dict[str, object] = {}
     if robot.learned:
         heavy = [robot.bodies[index] for index in robot.heavy]
+        if not heavy:
+            report = errors.unfit_setting_of_robot("learn", _WEIGHTLESS, entry.learn[0].span, None)
+            findings.report(report)
+            return _node({"msnn": 1, "name": name}, place)
         dims["body"] = [body.link for body in heavy]
         parameters = _parameters(robot, heavy, urdf, entry, findings)
     data: dict[str, object] = {
@@ -205,12 +220,16 @@ def _parameters(
 ) -> dict[str, object]:
     """Mass, centre and extent of each body along the axes of its link, as they begin."""
     masses = [body.inertia.mass for body in heavy]
+    # the URDF gives them along the axes of links, bodies have the joint's axis as z
     centres = [list(times(body.axes, body.inertia.com)) for body in heavy]
     sizes: list[list[float]] = []
     shears: list[list[float]] = []
     for body in heavy if "inertia" in robot.learned else ():
         spread = multiple(1 / body.inertia.mass, body.inertia.spread)
+        # The second moment per mass as L Lᵀ: its diagonal (`size`) stays positive while it is
+        # learned, so that no training leaves the possible bodies (decision 0242).
         L = cholesky(product(product(body.axes, spread), transposed(body.axes)))
+        # below a millionth of a metre a body is flat: its L has no positive diagonal to learn
         if L is None or min(L[i][i] for i in range(3)) < 1e-6:
             place = next(one.span for one in entry.learn if one.value == "inertia")
             link = urdf.links[body.link]
@@ -241,6 +260,7 @@ def _node(value: object, span: Span) -> Node:
         return Listing(tuple(_node(item, span) for item in items), span, span)
     assert isinstance(value, int | float | str)
     text = repr(value) if isinstance(value, float) else str(value)
+    # no text to point into: every character is at the place of the URDF
     positions = _OnePlace(SourceText(span.file, ""), (0,) * (len(text) + 1), span)
     return Scalar(text=text, value=value, quoted=False, positions=positions, span=span, key=span)
 

@@ -6,19 +6,25 @@ The format: http://wiki.ros.org/urdf/XML. Lengths are m, angles rad, masses kg.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText, Span
 from spec_schema.errors import robots as errors
+from spec_schema.robots.elements import (
+    LARGEST,
+    attribute_of,
+    axis_of,
+    numbers_of,
+    only_element,
+    origin_of,
+)
 from spec_schema.robots.geometry import (
-    IDENTITY,
-    ZERO,
     Matrix,
     Vector,
     is_positive,
     product,
-    rotation,
     second_moment,
     transposed,
 )
@@ -26,6 +32,8 @@ from spec_schema.robots.robot import Inertia
 from spec_schema.robots.xml_tree import XmlElement, read_xml
 
 MOVING = ("revolute", "continuous", "prismatic")
+_REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
+"""As ROS 1 and ROS 2 write it."""
 _XACRO = "write it out by `xacro FILE.xacro > FILE.urdf`"
 
 
@@ -83,11 +91,11 @@ def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
     mark = findings.mark()
     links: dict[str, Link] = {}
     for element in root.all("link"):
-        name = _attribute(element, "name", "a link", findings)
+        name = attribute_of(element, "name", "a link", findings)
         if name in links:
             _report_names("link", name, element.span, links[name].span, findings)
         elif name:
-            inertial = _only(element, "inertial", f"the link `{name}`", findings)
+            inertial = only_element(element, "inertial", f"the link `{name}`", findings)
             inertia = _inertia(name, inertial, findings)
             links[name] = Link(name=name, inertia=inertia, span=element.span)
     joints: dict[str, Joint] = {}
@@ -97,10 +105,12 @@ def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
             _report_names("joint", joint.name, element.span, joints[joint.name].span, findings)
         elif joint is not None:
             joints[joint.name] = joint
-    for element in root.all("transmission"):
-        _look_at_transmission(element, findings)
+    for around in (root, *root.all("ros2_control")):
+        for element in around.all("transmission"):
+            _look_at_transmission(element, findings)
     if not links and not findings.since(mark):
         findings.report(errors.incomplete_element("the robot", "`<link>`", root.span))
+    # warnings alone do not keep a robot from being read
     failed = any(one.severity == "error" for one in findings.since(mark))
     return None if failed else Urdf(links=links, joints=joints, span=root.span)
 
@@ -124,22 +134,24 @@ def _inertia(link: str, element: XmlElement | None, findings: Findings) -> Inert
     if element is None:
         return Inertia()
     what = f"`<inertial>` of `{link}`"
-    R, com = _origin(element, what, findings)
-    mass_element = _only(element, "mass", what, findings)
-    inertia_element = _only(element, "inertia", what, findings)
+    R, com = origin_of(element, what, findings)
+    mass_element = only_element(element, "mass", what, findings)
+    inertia_element = only_element(element, "inertia", what, findings)
     if mass_element is None or inertia_element is None:
         missing = "`<mass>`" if mass_element is None else "`<inertia>`"
         findings.report(errors.incomplete_element(what, missing, element.span))
         return Inertia()
-    (mass,) = _numbers(mass_element, "value", 1, what, findings) or (math.nan,)
+    # nan only marks that the mass was no number, which is reported already
+    (mass,) = numbers_of(mass_element, "value", 1, what, findings) or (math.nan,)
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    found = [_numbers(inertia_element, name, 1, what, findings) for name in names]
+    found = [numbers_of(inertia_element, name, 1, what, findings) for name in names]
     if math.isnan(mass) or any(number is None for number in found):
         return Inertia()
     xx, xy, xz, yy, yz, zz = (number[0] for number in found if number is not None)
     moments: Matrix = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
     problem, place, repair = None, inertia_element.span, None
     if mass < 0.0:
+        # a faulty mass or matrix is reported once, the first fault that holds
         problem, place = f"a mass of {mass:g} kg", mass_element.span
     elif mass == 0.0 and any(found for row in moments for found in row):
         problem, repair = "a mass of 0 with moments", "give it a mass, or remove `<inertial>`"
@@ -149,32 +161,38 @@ def _inertia(link: str, element: XmlElement | None, findings: Findings) -> Inert
     if problem is not None:
         findings.report(errors.impossible_inertia(link, problem, place, repair))
         return Inertia()
+    # a link without mass: where its centre is does not matter
     if mass == 0.0:
         return Inertia()
     spread = second_moment(moments)
     if not is_positive(spread):
         findings.report(errors.unlikely_inertia(link, inertia_element.span))
+    # the matrix is along the axes of `<inertial>`: turned into those of the link
     return Inertia(mass=mass, com=com, spread=product(product(R, spread), transposed(R)))
 
 
 def _joint(element: XmlElement, findings: Findings) -> Joint | None:
-    name = _attribute(element, "name", "a joint", findings)
+    name = attribute_of(element, "name", "a joint", findings)
     what = f"the joint `{name}`"
-    type = _attribute(element, "type", what, findings)
+    type = attribute_of(element, "type", what, findings)
     parent, child = (_named_link(element, tag, what, findings) for tag in ("parent", "child"))
-    R, offset = _origin(element, what, findings)
-    axis = _axis(element, what, findings) if type in MOVING else (0.0, 0.0, 1.0)
+    R, offset = origin_of(element, what, findings)
+    # a joint that does not move has an axis by the format, which nothing reads
+    axis = axis_of(element, what, findings) if type in MOVING else (0.0, 0.0, 1.0)
     if type and type not in (*MOVING, "fixed"):
         findings.report(errors.unknown_joint_type(name, type, element.span))
         return None
-    mimic, dynamics = (_only(element, tag, what, findings) for tag in ("mimic", "dynamics"))
+    mimic, dynamics, limit = (
+        only_element(element, tag, what, findings) for tag in ("mimic", "dynamics", "limit")
+    )
     if mimic is not None and type in MOVING:
         findings.report(errors.mimicking_joint(name, mimic.span))
     if dynamics is not None and type in MOVING:
-        keys = [key for key in ("damping", "friction") if key in dynamics.attributes]
-        given = [_numbers(dynamics, key, 1, what, findings) for key in keys]
-        if any(number is not None and number[0] != 0.0 for number in given):
+        given = _given(dynamics, ("damping", "friction"), what, findings)
+        if any(number != 0.0 for number in given.values()):
             findings.report(errors.unused_friction(name, dynamics.span))
+    if limit is not None and type in MOVING:
+        _look_at_limits(limit, name, type, findings)
     if not (name and type and parent and child) or axis is None:
         return None
     return Joint(
@@ -190,87 +208,54 @@ def _joint(element: XmlElement, findings: Findings) -> Joint | None:
 
 
 def _named_link(element: XmlElement, tag: str, what: str, findings: Findings) -> str:
-    found = _only(element, tag, what, findings)
+    found = only_element(element, tag, what, findings)
     if found is None:
         findings.report(errors.incomplete_element(what, f"`<{tag} link=…>`", element.span))
         return ""
-    return _attribute(found, "link", f"`<{tag}>` of {what}", findings)
+    return attribute_of(found, "link", f"`<{tag}>` of {what}", findings)
 
 
-def _axis(element: XmlElement, what: str, findings: Findings) -> Vector | None:
-    """The unit vector of a joint, by default that of x."""
-    found = _only(element, "axis", what, findings)
-    if found is None:
-        return (1.0, 0.0, 0.0)
-    numbers = _numbers(found, "xyz", 3, what, findings)
-    if numbers is None:
-        return None
-    x, y, z = numbers
-    length = math.hypot(x, y, z)
-    if length == 0.0:
-        text = found.attributes["xyz"]
-        report = errors.malformed_number("xyz", text, "a direction", found.span)
+def _given(
+    element: XmlElement,
+    names: Sequence[str],
+    what: str,
+    findings: Findings,
+    *,
+    largest: float = LARGEST,
+) -> dict[str, float]:
+    """Those of these attributes that are numbers; of those that are none it is reported."""
+    found: dict[str, float] = {}
+    for name in names:
+        if name in element.attributes:
+            number = numbers_of(element, name, 1, what, findings, largest=largest)
+            if number is not None:
+                found[name] = number[0]
+    return found
+
+
+def _look_at_limits(element: XmlElement, joint: str, type: str, findings: Findings) -> None:
+    """Reports limits that no joint has; nothing else depends on them: a robot here has none."""
+    names = ("lower", "upper", "effort", "velocity")
+    given = _given(element, names, f"`<limit>` of `{joint}`", findings, largest=math.inf)
+    # what turns endlessly has neither, whatever the file says of them
+    if type != "continuous" and given.get("lower", -math.inf) > given.get("upper", math.inf):
+        report = errors.crossed_limits(joint, given["lower"], given["upper"], element.span)
         findings.report(report)
-        return None
-    return x / length, y / length, z / length
-
-
-def _origin(element: XmlElement, what: str, findings: Findings) -> tuple[Matrix, Vector]:
-    """Rotation and offset of `<origin xyz rpy>`; none where it is left out."""
-    found = _only(element, "origin", what, findings)
-    if found is None:
-        return IDENTITY, ZERO
-    xyz = rpy = ZERO
-    if "xyz" in found.attributes:
-        x, y, z = _numbers(found, "xyz", 3, "`<origin>`", findings) or ZERO
-        xyz = x, y, z
-    if "rpy" in found.attributes:
-        roll, pitch, yaw = _numbers(found, "rpy", 3, "`<origin>`", findings) or ZERO
-        rpy = roll, pitch, yaw
-    return rotation(*rpy), xyz
 
 
 def _look_at_transmission(element: XmlElement, findings: Findings) -> None:
     """Warns of gears: positions and torques of a robot are those of its joints."""
     for part in (*element.all("joint"), *element.all("actuator"), element):
-        for ratio in part.all("mechanicalReduction"):
-            text = ratio.text.strip()
-            if text not in ("", "1", "1.0"):
-                name = element.attributes.get("name", "")
-                findings.report(errors.transmission_ratio(name, text[:40], ratio.span))
+        for tag in _REDUCTIONS:
+            for ratio in part.all(tag):
+                text = ratio.text.strip()
+                if text and not _is_one(text):
+                    name = element.attributes.get("name", "")
+                    findings.report(errors.transmission_ratio(name, text[:40], ratio.span))
 
 
-def _only(element: XmlElement, tag: str, what: str, findings: Findings) -> XmlElement | None:
-    """The element of a tag that can stand once; the first where it is reported that it does not."""
-    found = list(element.all(tag))
-    for again in found[1:]:
-        said, repair = f"{what} has two `<{tag}>`: which one counts?", "remove one of them"
-        findings.report(errors.twice_in_urdf(said, again.span, found[0].span, repair))
-    return found[0] if found else None
-
-
-def _attribute(element: XmlElement, name: str, what: str, findings: Findings) -> str:
-    found = element.attributes.get(name, "")
-    if not found:
-        findings.report(errors.incomplete_element(what, f"`{name}=…`", element.span))
-    return found
-
-
-def _numbers(
-    element: XmlElement, name: str, count: int, what: str, findings: Findings
-) -> tuple[float, ...] | None:
-    """The finite numbers of an attribute; None once it is reported that there are others."""
-    text = element.attributes.get(name)
-    if text is None:
-        findings.report(errors.incomplete_element(what, f"`{name}=…`", element.span))
-        return None
+def _is_one(text: str) -> bool:
     try:
-        # Python would read 1_0, which no reader of XML takes for a number
-        numbers = () if "_" in text else tuple(float(part) for part in text.split())
+        return float(text) == 1.0
     except ValueError:
-        numbers = ()
-    if len(numbers) == count and all(math.isfinite(number) for number in numbers):
-        return numbers
-    wanted = "a number" if count == 1 else f"{count} numbers"
-    findings.report(errors.malformed_number(name, text[:40], wanted, element.span))
-    return None
+        return False

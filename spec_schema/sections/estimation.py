@@ -6,13 +6,16 @@ from pydantic import Field
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import schema as errors
-from spec_schema.fields.entry import Entry, RefusedError, Variant
+from spec_schema.fields.entry import Entry, OneOf, RefusedError
 from spec_schema.fields.named_tables import BySignal, SomeBySignal
 from spec_schema.fields.plain import reads
 from spec_schema.fields.quantities import (
+    LARGEST_DEVIATION,
     QUANTITY,
+    SMALLEST_DEVIATION,
     PositiveLength,
     QuantityField,
+    has_variance,
     read_quantity,
 )
 from spec_schema.sections.optimal_control import ControlSolver
@@ -25,6 +28,8 @@ def _read_positive(node: Node, findings: Findings) -> Quantity:
     if quantity.value <= 0:
         findings.report(errors.out_of_range(quantity.text, quantity.span, "above 0"))
         raise RefusedError
+    if not has_variance(quantity, findings):
+        raise RefusedError
     return quantity
 
 
@@ -33,11 +38,13 @@ def _read_not_negative(node: Node, findings: Findings) -> Quantity:
     if quantity.value < 0:
         findings.report(errors.out_of_range(quantity.text, quantity.span, "at least 0"))
         raise RefusedError
+    if quantity.value and not has_variance(quantity, findings):
+        raise RefusedError
     return quantity
 
 
-_POSITIVE = {**QUANTITY, "exclusiveMinimum": 0}
-_NOT_NEGATIVE = {**QUANTITY, "minimum": 0}
+_POSITIVE = {**QUANTITY, "minimum": SMALLEST_DEVIATION, "maximum": LARGEST_DEVIATION}
+_NOT_NEGATIVE = {**QUANTITY, "minimum": 0, "maximum": LARGEST_DEVIATION}
 Deviation: TypeAlias = Annotated[Quantity, reads(_read_positive, _POSITIVE)]
 """A standard deviation."""
 Drift: TypeAlias = Annotated[Quantity, reads(_read_not_negative, _NOT_NEGATIVE)]
@@ -88,7 +95,7 @@ class MovingHorizon(KalmanFilter):
     """How the problem is solved: stage by stage."""
 
 
-class Estimator(Variant):
+class Estimator(OneOf):
     """How states that nobody measures are found from what is."""
 
     noun: ClassVar[str] = "estimator"

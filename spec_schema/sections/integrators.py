@@ -2,7 +2,7 @@
 
 from typing import Annotated, ClassVar, TypeAlias
 
-from spec_schema.fields.entry import Entry, Variant
+from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.plain import Reference, count
 
 Substeps: TypeAlias = Annotated[int, count(1, most=1000)]
@@ -54,7 +54,7 @@ class RungeKutta4(Entry):
 Method = Euler | SemiImplicit | LinearImplicit | Midpoint | RungeKutta4
 
 
-class Integrator(Variant):
+class Integrator(OneOf):
     """The method by which continuous states go from t to t+1."""
 
     noun: ClassVar[str] = "integrator"

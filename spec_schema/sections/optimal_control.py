@@ -8,7 +8,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import control as errors
 from spec_schema.errors import schema as schema_errors
 from spec_schema.expressions.tree import Expression
-from spec_schema.fields.entry import Entry, RefusedError, Variant, findings_of
+from spec_schema.fields.entry import Entry, OneOf, RefusedError, findings_of
 from spec_schema.fields.formulas import EXPRESSION, ExpressionField, read_expression
 from spec_schema.fields.leaf import Gathering, JsonSchema, one_or_many
 from spec_schema.fields.located import Located
@@ -44,6 +44,7 @@ Mode: TypeAlias = Literal["converged", "fixed"]
 
 def _read_limit(node: Node, findings: Findings) -> Quantity | Expression:
     """A number, a quantity such as `2 mm`, or an expression of references."""
+    # a number with or without a unit; anything else is an expression of references
     if isinstance(node, Scalar) and (
         split_quantity(node) is not None or type(node.value) in (int, float)
     ):
@@ -168,7 +169,7 @@ class InteriorPoint(Entry):
     """Largest residual of the optimality conditions that counts as solved; 1e-6 by default."""
 
 
-class ControlSolver(Variant):
+class ControlSolver(OneOf):
     """How the problem is solved."""
 
     noun: ClassVar[str] = "solver"

@@ -54,12 +54,15 @@ def _read_gravity(node: Node, findings: Findings) -> tuple[Quantity, ...]:
 
 def _read_armature(node: Node, findings: Findings) -> tuple[Quantity, ...]:
     items = node.items if isinstance(node, Listing) else (node,)
+    if not items:
+        findings.report(errors.empty_section("a list of inertias", node.span))
+        raise RefusedError
     return tuple(read_quantity(item, findings) for item in items)
 
 
 _JOINTS = {"type": ["string", "array"], "items": {"type": "string"}, "minItems": 1}
 _GRAVITY = {"type": "array", "items": QUANTITY, "minItems": 3, "maxItems": 3}
-_ARMATURE = {"type": ["string", "number", "array"], "items": QUANTITY}
+_ARMATURE = {"type": ["string", "number", "array"], "items": QUANTITY, "minItems": 1}
 Learned: TypeAlias = Annotated[Choice[str], located_choice("mass", "com", "inertia")]
 
 

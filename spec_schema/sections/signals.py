@@ -7,7 +7,7 @@ from pydantic import Field, ValidationInfo, model_validator
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import states as state_errors
 from spec_schema.expressions.tree import Expression
-from spec_schema.fields.entry import Entry, Variant, findings_of, single_key
+from spec_schema.fields.entry import Entry, OneOf, findings_of, single_key
 from spec_schema.fields.formulas import ExpressionField, PredictionField
 from spec_schema.fields.located import Choice
 from spec_schema.fields.plain import NonNegativeNumber, References, Text, choice, located_choice
@@ -51,7 +51,7 @@ class FittedStart(Entry):
     """Where the search begins, from the log: `x.meas`; 0 by default."""
 
 
-class InitialState(Variant):
+class InitialState(OneOf):
     """The value of a state before the first step; a lone expression is `value`."""
 
     noun: ClassVar[str] = "an initial state"

@@ -9,7 +9,7 @@ from spec_schema.errors import knowledge
 from spec_schema.errors import schema as errors
 from spec_schema.errors import units as unit_errors
 from spec_schema.expressions.tree import Expression
-from spec_schema.fields.entry import Entry, RefusedError, Variant, findings_of, single_key
+from spec_schema.fields.entry import Entry, OneOf, RefusedError, findings_of, single_key
 from spec_schema.fields.formulas import ArrayField, ExpressionField
 from spec_schema.fields.located import Located
 from spec_schema.fields.plain import (
@@ -25,7 +25,12 @@ from spec_schema.fields.plain import (
     read_number,
     reads,
 )
-from spec_schema.fields.quantities import QuantityField, UnitField, split_quantity
+from spec_schema.fields.quantities import (
+    QuantityField,
+    UnitField,
+    has_variance,
+    split_quantity,
+)
 from spec_schema.yaml_tree.nodes import Node, Scalar, Table
 
 
@@ -106,7 +111,7 @@ InitialValue: TypeAlias = (
 """What `init:` can be; a text is the name of a file, relative to that of the spec."""
 
 
-class Initializer(Variant):
+class Initializer(OneOf):
     """How the initial values of an array come about; a lone expression is `value`.
 
     The expression may use the indices `i`, `j`, … of the array's axes and the length `n` of the
@@ -172,6 +177,8 @@ class Prior(Entry):
     def _is_spread(self, info: ValidationInfo) -> "Prior":
         if self.std.value <= 0:
             findings_of(info).report(knowledge.narrow_prior(self.std.text, self.std.span))
+        else:
+            has_variance(self.std, findings_of(info))
         return self
 
 

@@ -13,6 +13,7 @@ _TOKEN = re.compile(
     r"\s*(?:(?P<symbol>[A-Za-zͰ-ϿΩ%°][A-Za-z0-9Ͱ-Ͽ%]*)|(?P<power>\^|\*\*)\s*(?P<exponent>[+-]?[0-9]+)?"
     r"|(?P<operator>[*/·])|(?P<one>1)(?![0-9.]))"
 )
+_PRODUCT_DOT = re.compile(r"[^\W\d]\.[^\W\d]")
 # What people write, and what it is called here.
 _TWICE = re.compile(r"(.)\1")
 _SPELLINGS = {
@@ -66,6 +67,7 @@ def parse_unit(text: str) -> Unit:
         found = _TOKEN.match(text, position)
         if found is None:
             raise _unreadable(text, position)
+        # where the token itself begins, behind the blanks that it was matched with
         start = found.end() - len(found.group().lstrip())
         if found["operator"] and not expects_factor:
             divide, expects_factor = found["operator"] == "/", True
@@ -109,6 +111,7 @@ def _meant(symbol: str) -> str | None:
         return known or alike[0]
     if single != symbol and unit_symbol(single) is not None:
         return single
+    # two units without `*` between them, as in `Nm`
     for end in range(1, len(symbol)):
         if unit_symbol(symbol[:end]) and unit_symbol(symbol[end:]):
             return f"{symbol[:end]}*{symbol[end:]}"
@@ -134,7 +137,10 @@ def _unreadable(text: str, position: int) -> UnitError:
     if text[start] in "()":
         message = "units have no parentheses: each `/` divides by one"
         return UnitError(message, start, start + 1, example="J/kg/K")
-    return UnitError(f"`{text[start]}` does not belong in a unit", start, start + 1)
+    # `N.s`, a product as ISO 80000 prints it; `m^0.5` is none
+    meant = "*" if _PRODUCT_DOT.match(text, max(start - 1, 0)) else None
+    message = f"`{text[start]}` does not belong in a unit"
+    return UnitError(message, start, start + 1, meant=meant)
 
 
 def _normalised(text: str) -> str:

@@ -63,6 +63,7 @@ class TreeBuilder:
 
     def take(self, event: Any) -> None:
         """Takes one event; StoppedError when a budget is spent."""
+        # indices count characters of the text
         start, end = event.start_mark.index, event.end_mark.index
         self._check_tabs(start)
         if isinstance(event, yaml.ScalarEvent) and end == start:
@@ -134,6 +135,7 @@ class TreeBuilder:
 
     def _alias(self, name: str, start: int, end: int) -> None:
         span = self._source.span(start, end)
+        # an alias within what its anchor names would make an endless tree
         if any(frame.anchor == name for frame in self._open):
             self._stop(errors.own_alias(name, span))
         if name not in self._anchors:
@@ -151,6 +153,7 @@ class TreeBuilder:
             return
         frame = self._open[-1]
         frame.size += size
+        # an alias counts with all that it stands for, which bounds nested ones (“billion laughs”)
         if frame.size > MOST_VALUES:
             self._stop(errors.too_many_values(MOST_VALUES, place))
         if frame.is_flow and isinstance(node, Scalar) and not node.quoted:
@@ -183,6 +186,7 @@ class TreeBuilder:
     def _entry(self, frame: _Open, node: Node) -> None:
         frame.expects_value = False
         key = frame.key
+        # the rest of a value that a comma has split is no key: its fault is reported already
         if key is None or (frame.is_split and self._is_lone(key, node)):
             return
         name = normalised(key.text)
@@ -199,6 +203,7 @@ class TreeBuilder:
         before = next(reversed(frame.entries.values()), None)
         if isinstance(before, Scalar) and not before.quoted and key.text.isdecimal():
             one, two = before.span, key.span
+            # end columns are those after the last character; one more is the comma
             touches = (one.end_line, one.end_column + 1) == (two.line, two.column)
             if touches and _INTEGER.fullmatch(before.text):
                 return errors.decimal_comma(f"{before.text},{key.text}", one.to(two))

@@ -20,6 +20,7 @@ def scalar_offsets(text: str, start: int, end: int, style: Style, value: str) ->
     """
     quoted = style in {"'", '"'}
     first, last = (start + 1, end - 1) if quoted else (start, end)
+    # most scalars: nothing escaped, nothing folded
     if text[first:last] == value:
         return range(first, last + 1)
     if style in {"|", ">"}:
@@ -46,15 +47,18 @@ def _flow_offsets(text: str, start: int, end: int, style: Style, value: str) -> 
         elif style == '"' and made == "\\":
             joined = _ESCAPED_BREAK.match(text, position, end)
             if joined is not None:
+                # an escaped break vanishes, each blank line after it is a line feed
                 made = "\n" * (len(_BREAK.findall(joined.group())) - 1)
                 length = len(joined.group())
             else:
                 length = _ESCAPE_LENGTHS.get(text[position + 1], 2)
+                # what an escape means is what the value has there
                 made = value[len(characters) : len(characters) + 1]
         characters.extend(made)
         blanks_as_written = fold is not None and len(made) == length
         offsets.extend(position + (index if blanks_as_written else 0) for index in range(len(made)))
         position += length
+    # a form read wrongly shows here, and is then not used
     return [*offsets, end] if "".join(characters) == value else None
 
 
@@ -77,6 +81,7 @@ def _block_offsets(text: str, start: int, end: int, value: str) -> list[int] | N
         content = line.start() + min(indent, len(line["indent"]))
         written = text[content : line.end("content")]
         done = len(offsets)
+        # the same check for each line of a block
         if not value.startswith(written, done):
             return None
         offsets.extend(range(content, content + len(written)))

@@ -44,6 +44,7 @@ static void move(struct variables *v, struct optimizer *o, const real *restrict 
             first[i] = o->steps == 1 ? g : b1 * first[i] + g;
             raw[i] -= rate[i] * first[i];
         }
+#if KNOWN
         if (o->known != NULL) {
             /* so much of a lasting slope is in the steps: 1 + β + β² + … */
             const double kept = 1.0 - o->beta1;
@@ -54,6 +55,7 @@ static void move(struct variables *v, struct optimizer *o, const real *restrict 
             }
             approach(v, o->known, step);
         }
+#endif
         return;
     }
     const real shrunk = o->method == ADAMW ? decay : 0;
@@ -69,6 +71,7 @@ static void move(struct variables *v, struct optimizer *o, const real *restrict 
         const real size = square_root(second[i]) * size_scale + epsilon;
         raw[i] = from - rate[i] * rate_scale * (first[i] / size);
     }
+#if KNOWN
     if (o->known != NULL) {
         double step[PARAMETERS + 1];
         for (int i = 0; i < PARAMETERS; i++) {
@@ -77,4 +80,5 @@ static void move(struct variables *v, struct optimizer *o, const real *restrict 
         }
         approach(v, o->known, step);
     }
+#endif
 }

@@ -19,9 +19,11 @@ static double physical_of(const struct variables *v, int i)
 {
     const double raw = (double)v->raw[i];
     switch (v->kind[i]) {
+#if BOUNDED
     case BETWEEN: return v->low[i] + (v->high[i] - v->low[i]) * double_sigmoid(raw);
     case ABOVE: return v->low[i] + v->scale[i] * double_softplus(raw);
     case BELOW: return v->high[i] - v->scale[i] * double_softplus(-raw);
+#endif
     default: return raw * v->scale[i];
     }
 }
@@ -49,11 +51,15 @@ void msnn_physical(struct variables *v)
 /* d physical / d raw of one number. */
 static double slope(const struct variables *v, int i)
 {
-    const double raw = (double)v->raw[i];
     switch (v->kind[i]) {
-    case BETWEEN: return (v->high[i] - v->low[i]) * double_sigmoid(raw) * double_sigmoid(-raw);
-    case ABOVE: return v->scale[i] * double_sigmoid(raw);
-    case BELOW: return v->scale[i] * double_sigmoid(-raw);
+#if BOUNDED
+    case BETWEEN: {
+        const double raw = (double)v->raw[i];
+        return (v->high[i] - v->low[i]) * double_sigmoid(raw) * double_sigmoid(-raw);
+    }
+    case ABOVE: return v->scale[i] * double_sigmoid((double)v->raw[i]);
+    case BELOW: return v->scale[i] * double_sigmoid(-(double)v->raw[i]);
+#endif
     default: return v->scale[i];
     }
 }

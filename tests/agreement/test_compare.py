@@ -14,8 +14,8 @@ from backends.c import COptions
 from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
 from msnn.agreement.deviation import bits_of_each, worst_deviation
-from msnn.agreement.judgement import FloatType
-from msnn.agreement.record import drawn_record
+from msnn.agreement.judging.judgement import FloatType
+from msnn.agreement.judging.record import drawn_record
 from msnn.exports.check import check_export
 from msnn.exports.export import plan_exports, write_export
 from msnn.exports.target import AnyPlan

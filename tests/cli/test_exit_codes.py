@@ -111,7 +111,7 @@ def test_a_target_that_fails_does_not_hide_the_table_of_the_others(
     def broken(*arguments: object) -> None:
         raise ZeroDivisionError("ours")
 
-    monkeypatch.setattr("msnn.exports.built_c.built_c", broken)
+    monkeypatch.setattr("msnn.exports.running.built_c.built_c", broken)
     said = msnn("export", SPEC, "--initial", "--to", "c,casadi", "--check")
     assert said.code == ExitCode.BUG
     assert "msnn met a mistake of its own (ZeroDivisionError: ours)" in said.err

@@ -18,8 +18,8 @@ import pytest
 
 import msnn as api
 from msnn.comparison.cost import missing_tools
-from msnn.comparison.trial import Outcome, Trial
-from msnn.comparison.workers import outcomes
+from msnn.comparison.trial import Trial, TrialOutcome
+from msnn.comparison.workers.local_workers import outcomes
 from msnn.project.new_project import new_project
 from msnn.training.records.run_log import LOG, read
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -167,7 +167,7 @@ def test_processes_reach_the_same_as_one(msnn: CommandLine):
 def test_what_is_said_does_not_depend_on_which_training_ends_first(
     msnn: CommandLine, monkeypatch: pytest.MonkeyPatch
 ):
-    def backwards(*given: Any) -> Generator[tuple[Trial, Outcome]]:
+    def backwards(*given: Any) -> Generator[tuple[Trial, TrialOutcome]]:
         yield from reversed(list(outcomes(*given)))
 
     grid = ("--seeds", "3", "--no-cost", "--format", "json", *SHORT)
@@ -323,7 +323,7 @@ import os, signal
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any
-import msnn.comparison.workers as workers
+import msnn.comparison.workers.local_workers as workers
 from msnn.cli.main import main
 own = workers.run_trial
 def fragile(trial, setup, known, readings):

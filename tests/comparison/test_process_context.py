@@ -14,7 +14,7 @@ LIKE_PYTHONS_OWN = "raise ImportError('a file of the working folder')\n"
 PROGRAM = """
 import os
 from msnn.comparison.trial import Setup
-from msnn.comparison.workers import _Workers
+from msnn.comparison.workers.local_workers import _Workers
 
 def seen():
     import sys

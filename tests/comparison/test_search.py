@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import signal
+import sqlite3
 from collections.abc import Generator
+from contextlib import closing
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -104,6 +106,32 @@ def test_a_value_that_another_command_has_told_stays(
     assert len(read(Path("runs") / LOG)) == 2
 
 
+@pytest.mark.parametrize("failing", ["ended", "more"])
+def test_a_storage_that_fails_in_the_middle_ends_the_search_with_a_message(
+    msnn: CommandLine, monkeypatch: pytest.MonkeyPatch, failing: str
+):
+    """What was trained until then is in the log: the same command goes on with another file."""
+    require_package("optuna", install="pip install 'msnn[optuna]'")
+    whole = getattr(Proposals, failing)
+
+    def failed(self: Proposals, *given: object) -> object:
+        if Path("runs", LOG).is_file():
+            with closing(sqlite3.connect("study.db")) as file:
+                file.execute("DROP TABLE trials")
+        return whole(self, *given)
+
+    asked = ("sweep", SPEC, "--draw", STIFFNESS, "--draws", "2", *SHORT)
+    with monkeypatch.context() as broken:
+        broken.setattr(Proposals, failing, failed)
+        said = msnn(*asked, "--optuna", "study.db")
+    assert said.code == 1
+    assert "error[E0858]" in said.err
+    assert "study.db" in said.err
+    assert len(read(Path("runs") / LOG)) == 1
+    assert msnn(*asked, "--optuna", "other.db").code == 0
+    assert len(read(Path("runs") / LOG)) == 2
+
+
 def test_a_proposal_that_diverges_has_failed_and_one_that_comes_twice_is_trained_once(
     msnn: CommandLine,
 ):
@@ -129,9 +157,14 @@ def test_a_proposal_that_diverges_has_failed_and_one_that_comes_twice_is_trained
         (("--optuna", "study.db"), "E0854"),
         (("--optuna", "s.db", "--draw", STIFFNESS, "--grid", "integrator=rk4,euler"), "E0855"),
         (("--optuna", SPEC, "--draw", STIFFNESS), "E0856"),
+        (("--optuna", "", "--draw", STIFFNESS), "E0859"),
+        (("--optuna", "sqlite:///:memory:", "--draw", STIFFNESS), "E0859"),
         (("--optuna", "nothing://here", "--draw", STIFFNESS), "E0856"),
         (("--draw", STIFFNESS, "--set", "parameters.k.init=3 N/m"), "E0857"),
         (("--grid", "train.0={epochs: 1}", "--set", "train.0.epochs=3"), "E0857"),
+        (("--grid", '"train.0.epochs"=1,2', "--set", "train.0.epochs=3"), "E0857"),
+        (("--grid", "train.00.epochs=1,2", "--set", "train.0.epochs=3"), "E1032"),
+        (("--grid", "train.0.epochs=1,2", "--draw", "train.00.epochs=integer(1, 9)"), "E1032"),
     ],
 )
 def test_mistakes_end_a_search_before_any_training(

@@ -118,3 +118,13 @@ def test_the_form_tells_texts_from_numbers():
     assert one_form(inside) == 'a={"init": 1, "max": .inf, "b": [-.inf, .nan]}'
     assert one_form(one_form(inside)) == one_form(inside)
     assert one_form("no setting") == "no setting"
+
+
+def test_one_number_and_one_path_have_one_form():
+    """`1` and `1.0` of one key are one training, as are a path with quotes and without."""
+    assert one_form("a=1.0") == one_form("a=1e0") == one_form('"a" = 1') == "a=1"
+    assert one_form("a=[0.0, 2.50, 1e15]") == "a=[0, 2.5, 1000000000000000.0]"
+    assert one_form("a=-0.0") == "a=-0.0" != one_form("a=0")
+    assert one_form('"a: b"=1') == '"a: b"=1'  # without quotes it would be another key
+    (only,) = variants([Path("a.yaml")], [grid_axis('"x.y"=1,1.0')], ())
+    assert only.settings == ("x.y=1",)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from msnn.comparison.trial import Trial
 from msnn.comparison.variants import Variant
-from msnn.comparison.waiting import Waiting
+from msnn.comparison.workers.waiting import Waiting
 
 ONE, OTHER, THIRD = (Variant(Path("a.yaml"), (f"a={value}",), f"a={value}") for value in "123")
 
@@ -23,6 +23,16 @@ def test_folds_of_a_variant_go_to_the_process_that_has_read_its_spec():
         assert waiting.take(Trial(ONE, 0, 1)) == Trial(ONE, 0, fold)
         assert waiting.take(Trial(OTHER, 0, 1)) == Trial(OTHER, 0, fold)
     assert waiting.take(None) is None
+
+
+def test_what_is_taken_together_is_of_one_variant():
+    waiting = Waiting(trials(ONE, OTHER))
+    assert len(waiting) == 6
+    assert waiting.take_together(None, 2) == [Trial(ONE, 0, 1), Trial(ONE, 0, 2)]
+    assert waiting.take_together(Trial(ONE, 0, 2), 9) == [Trial(ONE, 0, 3)]
+    assert waiting.take_together(Trial(ONE, 0, 3), 9) == trials(OTHER)
+    assert waiting.take_together(None, 9) == []
+    assert len(waiting) == 0
 
 
 def test_a_process_without_work_helps_another():

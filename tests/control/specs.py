@@ -22,6 +22,19 @@ states:
 outputs: {place: p}
 """
 
+WINDOW_AND_NO_WEIGHT = """
+inputs: {u: {between: hold}}
+layers: {h: {fir: {window: 6}}}
+states: {x: {next: 0.9 * x + 0.02 * tanh(x) + h(u), init: 0}}
+outputs: {y: x}
+mpc:
+  horizon: 15
+  controls: [u]
+  cost: {stage: 0 * x + 1e-3 * u**2, terminal: (x - 0.5)**2}
+  bounds: {u: {min: -1, max: 1}, x: {min: -9, max: 9}}
+"""
+"""The memory of a filter, and a state that only the end of the horizon is about; without a head."""
+
 DELAYED = """
 msnn: 1
 name: delayed

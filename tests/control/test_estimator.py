@@ -188,3 +188,21 @@ estimator: {ekf: {measured: {o: 0.1}, process: {x: 0.1}, initial: {x: 1}}}
     with pytest.raises(ValueError, match=r"inputs wanted for \['u'\]"):
         kalman.expected()
     assert kalman.correct({"y": 2.0}, {"u": 1.0}).innovations["y"] == 0
+
+
+def test_a_start_that_is_not_a_number_is_not_given(tmp_path: Path) -> None:
+    """It once counted as known: every later sample diverged."""
+    kalman = kalman_filter(load(tmp_path, LINEAR))
+    kalman.reset({"p": np.nan, "v": 0.0})
+    assert kalman.correct({"p": 0.1}).status is FilterStatus.NOT_INITIALISED
+    kalman.reset({"p": np.inf, "v": 0.0})
+    assert kalman.correct({"p": 0.1}).status is FilterStatus.NOT_INITIALISED
+    kalman.reset({"p": 0.0, "v": 0.0})
+    assert kalman.correct({"p": 0.1}).status is FilterStatus.FILTERED
+
+
+def test_a_start_that_is_not_a_number_leaves_what_init_says(tmp_path: Path) -> None:
+    kalman = kalman_filter(load(tmp_path, LINEAR.replace("init: v.meas", "init: 3")))
+    kalman.reset({"p": 0.5, "v": np.nan})
+    np.testing.assert_array_equal(kalman.vector, [0.5, 3.0])
+    assert kalman.correct({"p": 0.5}).status is FilterStatus.FILTERED

@@ -15,7 +15,7 @@ from compiler.optimal_control.problem import ControlProblem
 from compiler.state_estimation.estimate import FilterStatus
 from msnn.control.control_range import ControlRange
 from msnn.control.estimation.moving_horizon import MovingHorizon
-from msnn.control.horizon_functions import HorizonFunctions
+from msnn.control.interior_point.horizon_functions import HorizonFunctions
 from msnn.control.method import Found, Solver
 from msnn.control.open_controller import open_estimator
 from msnn.control.reference_method import ReferenceMethod
@@ -345,3 +345,22 @@ def test_a_lost_arrival_filter_is_replaced_by_the_one_that_runs_along(
             near = np.allclose(estimator.vector, estimator.filter.vector, rtol=0, atol=1e-9)
             assert near == is_alone, k
         estimator.predict()
+
+
+def test_a_number_that_is_measured_twice_counts_once(tmp_path: Path) -> None:
+    """In the deviations of the filter too; the window takes the newer value."""
+    once, twice = (opened(tmp_path, window(LINEAR, 4)) for _ in range(2))
+    for each in (once, twice):
+        each.reset({"p": 0.5, "v": 0.0})
+    for k in range(6):
+        expected = once.correct({"p": 0.1 * k, "v": 0.2})
+        twice.correct({"p": 5.0, "v": 0.2})
+        found = twice.correct({"p": 0.1 * k, "v": np.nan})
+        for name, std in expected.std.items():
+            np.testing.assert_array_equal(found.std[name], std)
+        # 1e-9: rounding, as in the test against Kalman
+        np.testing.assert_allclose(twice.vector, once.vector, atol=1e-9)
+        assert all(np.all(np.isnan(value)) for value in found.innovations.values())
+        for each in (once, twice):
+            each.predict({"u": 0.1})
+    assert twice.correct({"p": np.inf}).status is FilterStatus.INPUT_NOT_FINITE

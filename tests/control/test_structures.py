@@ -9,8 +9,8 @@ import pytest
 
 from compiler.optimal_control.structure import chosen_structure, estimate
 from compiler.optimal_control.window_form import Sample, window_form
-from msnn.control.condensed_step import condensed_step
-from msnn.control.riccati import HeldControls, newton_step
+from msnn.control.interior_point.condensed_step import condensed_step
+from msnn.control.interior_point.riccati import HeldControls, newton_step
 from tests.control.specs import DELAYED, DOUBLE_INTEGRATOR, controller, load, mpc
 
 FILTER = """

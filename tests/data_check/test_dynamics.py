@@ -12,7 +12,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data_check.dynamics.check import TargetCheck, check_inputs, check_target
 from msnn.data_check.dynamics.excitation import Excitation, excitation
 from msnn.data_check.dynamics.feedback import feedback
-from msnn.data_check.dynamics.impulse_response import FALSE_ALARMS, responses
+from msnn.data_check.dynamics.impulse_response import FALSE_ALARMS, power_series, responses
 from msnn.data_check.dynamics.pieces import pieces_of
 from tests.data_check.systems import first_order, follows, held, multisine, noisy
 
@@ -74,6 +74,47 @@ def test_two_inputs_are_told_apart_though_they_are_correlated():
     second = 0.8 * first + 0.6 * held(ROWS, seed=5)
     y = first_order(first, 15, 2) - 2 * first_order(second, 15, 6)
     assert checked(noisy(y, 0.02), first, second).delays == (2, 6)
+
+
+def test_errors_of_a_response_are_those_of_its_slopes():
+    rng = np.random.default_rng(1)
+    u = rng.standard_normal(2000)
+    y = np.zeros(2000)
+    for t in range(1, 2000):
+        y[t] = 0.9 * y[t - 1] + u[t - 1] + 0.3 * rng.standard_normal()
+    found = responses(pieces_of(y, u[:, None], follows(2000)))
+    assert found is not None
+    model, own = found.model, found.model.orders.own
+    numbers = np.concatenate((-model.denominator[1:], model.numerators[0]))
+
+    def response(theta: FloatArray) -> FloatArray:
+        series = power_series(np.concatenate(([1.0], -theta[:own])), found.lags)
+        return np.convolve(series, theta[own:])[: found.lags]
+
+    step = 1e-6
+    slopes = np.stack(
+        [
+            (response(numbers + d) - response(numbers - d)) / (2 * step)
+            for d in step * np.eye(len(numbers))
+        ]
+    )
+    wanted = np.sqrt(np.diag(slopes.T @ model.covariance @ slopes))
+    # central differences of a step of 1e-6 leave 1e-9 or so, and lag 0 has the error of b₀ alone
+    np.testing.assert_allclose(found.errors[0], wanted, rtol=1e-5)
+
+
+def test_responses_shorter_than_the_memory_of_the_output_have_their_band():
+    rng = np.random.default_rng(0)
+    inputs = rng.standard_normal((400, 4))
+    output = np.zeros(400)
+    for t in range(1, 400):
+        output[t] = 0.9 * output[t - 1] + inputs[t - 1, 0] + 0.1 * rng.standard_normal()
+    found = responses(pieces_of(output, inputs, follows(400)))
+    assert found is not None
+    assert found.lags < found.model.orders.own
+    assert [found.delay(number) for number in range(4)] == [1, None, None, None]
+    true = np.concatenate(([0.0], 0.9 ** np.arange(found.lags - 1)))
+    assert np.all(np.abs(found.values[0] - true) <= found.factor * found.errors[0])
 
 
 @pytest.mark.parametrize("colour", ["white", "coloured"])

@@ -140,7 +140,11 @@ def unmoved(table: dict[str, FloatArray]) -> None:
         ),
         (lacking, "W0814", ("2 of 3000", "`u`", "row 500 of data.csv", "`nan: split`")),
         (spiked, "W0815", ("a spike", "row 700 of data.csv", " K")),
-        (cut, "W0816", ("largest value 300.8 K", "`filter: y < 300.8`")),
+        (
+            cut,
+            "W0816",
+            ("largest value 300.8 K", "`filter: y < 300.8`", "as a reference does, may stay"),
+        ),
         (coarse, "W0817", ("steps of 0.1 K", "`validate:`")),
         (still, "W0818", ("`u` is 2.5 V in every row of data.csv", "`inputs:`")),
         (empty, "W0818", ("`y` has no values in data.csv",)),

@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 
 from spec_schema.editors.key_docs import key_doc
 from spec_schema.expressions.tree import Duration, Expression, Samples
-from spec_schema.fields.entry import Entry, Variant
+from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.entry_kinds import kinds_of, kinds_within
 from spec_schema.fields.formulas import Prediction
 from spec_schema.fields.located import Choice, Located
@@ -72,7 +72,7 @@ def _section(entry: type[Entry]) -> str:
     parts = [f"## {_title(entry)}", prose(entry.__doc__)]
     if entry.shorthand:
         parts.append(f"A lone value is its `{entry.shorthand}`.")
-    is_variant = issubclass(entry, Variant)
+    is_variant = issubclass(entry, OneOf)
     fields = _fields(entry).items()
     if is_variant:
         variants = [(f"`{k}`", _kind(f), key_doc(entry, k)) for k, f in fields]

@@ -25,6 +25,7 @@ from pathlib import Path
 
 import yaml
 
+from backends.native.kernel_cache.folders import cache_folder
 from tests.docs.blocks import Block
 from tests.docs.printed import compared
 from tests.docs.shell_grammar import wrong_in_shell
@@ -39,6 +40,8 @@ class PageRun:
     page: Path
     folder: Path
     home: Path
+    commands: Path | None = None
+    """A folder with commands that come before those of the environment."""
     faults: list[str] = field(default_factory=list[str])
     printed: dict[tuple[int, int], str] = field(default_factory=dict[tuple[int, int], str])
     """What a `text` block has to be, where it is something else."""
@@ -135,12 +138,14 @@ class PageRun:
         return self._process(["bash", "-e", "-o", "pipefail", "-c", commands])
 
     def _process(self, words: list[str]) -> subprocess.CompletedProcess[str]:
+        folders = [*filter(None, [self.commands]), Path(sys.executable).parent, os.environ["PATH"]]
         environment = {
             **os.environ,
-            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            "PATH": os.pathsep.join(map(str, folders)),
             "PYTHONPATH": str(ROOT),
             "ROOT": str(ROOT),
             "HOME": str(self.home),
+            "MSNN_CACHE": str(cache_folder()),  # what one page has compiled others load
         }
         return subprocess.run(
             words, cwd=self.folder, env=environment, capture_output=True, text=True, check=False

@@ -40,12 +40,12 @@ def test_all_code_is_seen(page: Path):
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if _own(page)], ids=_named)
-def test_every_block_runs_or_says_what_it_is(page: Path, tmp_path: Path, accept: bool):
+def test_every_block_runs_or_says_what_it_is(page: Path, quick: Path, tmp_path: Path, accept: bool):
     require_tool("gcc", install="apt install gcc")
     folder, home = tmp_path / "clean", tmp_path / "home"
     folder.mkdir()
     home.mkdir()
-    run = PageRun(page, folder, home)
+    run = PageRun(page, folder, home, quick)
     for block in _own(page):
         run.run(block)
     if accept:

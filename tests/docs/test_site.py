@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -46,6 +47,17 @@ def test_nothing_is_fetched_from_elsewhere(site: Path):
         fetched += re.findall(r'<link[^>]*rel="(?:stylesheet|preconnect|icon)"[^>]*//', text)
         assert fetched == [], page.name
         assert "fonts.g" not in text, page.name
+
+
+def test_search_finds_guides_before_explanations_of_messages(site: Path):
+    index = json.loads((site / "search" / "search_index.json").read_text(encoding="utf-8"))
+    boosts = {entry["location"]: entry.get("boost", 1) for entry in index["docs"]}
+    pages = [p for p in boosts if p.startswith("how-to/") and not p.endswith("/index.html")]
+    guides = [boosts[page] for page in ("tutorial.html", *pages)]
+    later = [b for p, b in boosts.items() if "explanations/" in p or p.startswith("decisions/0")]
+    assert len(guides) > 5
+    assert len(later) > 500
+    assert min(guides) > 1 > max(later)
 
 
 WRITTEN = "pytest tests/docs --accept writes docs/names.md"

@@ -19,8 +19,8 @@ from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.agreement.judgement import FloatType
-from msnn.agreement.record import AgreementRecord
+from msnn.agreement.judging.judgement import FloatType
+from msnn.agreement.judging.record import AgreementRecord
 from msnn.data.reading.load import load_data
 from msnn.data.starts import reach
 from msnn.model.load import load_model

@@ -1,6 +1,8 @@
-"""The generator of the mass-spring-damper example: exact physics, the same files every time."""
+"""The mass-spring-damper example: exact physics, the same files every time, figures as measured."""
 
+import importlib
 import importlib.util
+import json
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -72,3 +74,14 @@ def test_a_constant_force_ends_at_the_spring_s_deflection(generator: ModuleType)
     position = generator.simulate(plant, np.full(600, 3.0), np.random.default_rng(0))
     # 120 s are 45 time constants 2 m / c of the decay: nothing of the start is left.
     assert position[-1] == pytest.approx(3.0 / plant.stiffness, rel=1e-12)
+
+
+def test_the_tables_of_the_page_are_those_of_the_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    # of examples/mass_spring_damper/README.md
+    monkeypatch.syspath_prepend(str(FOLDER))
+    monkeypatch.delitem(sys.modules, "results", raising=False)
+    found = json.loads((FOLDER / "results.json").read_text(encoding="utf-8"))
+    results = importlib.import_module("results")
+    monkeypatch.delitem(sys.modules, "results")  # other examples have one too
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert results.with_tables(page, found) == page

@@ -19,10 +19,13 @@ import onnx
 import pytest
 
 from msnn.cli.application import run
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
 from tests.examples.single_track import SingleTrack
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "vehicle_steering"
+PYTHON = ("filters", "kinematic", "stanley")
+STEERED_BY = {**dict.fromkeys(("controller", "mlp", "mpc"), "c"), **dict.fromkeys(PYTHON, "python")}
 EPOCHS = {"vehicle": (10, 2), "controller": (15, 15, 15), "mlp": (5, 5, 5)}
 
 
@@ -72,7 +75,7 @@ def test_the_planned_path_begins_at_the_car_and_is_the_road_where_the_car_is_on_
     np.testing.assert_allclose(np.gradient(n, setting.SAMPLE_TIME)[1:-1], dn[1:-1], atol=4.9e-3)
     np.testing.assert_allclose(np.gradient(dn, setting.SAMPLE_TIME)[1:-1], ddn[1:-1], atol=8.9e-3)
     middle = preview.Place(400.0, 0.0, 0.0, float(road.at(400.0, road.curvature)))
-    path = preview.Planner(road, 0.0).plan(middle, float(road.at(400.0, road.speed)))
+    path = preview.Planner(road, 0.0).plan(middle, {"speed": float(road.at(400.0, road.speed))})
     way = np.interp(road.at(400.0, road.time) + preview._AHEAD, road.time, road.way)
     slip = -setting.REAR_SLIP * road.at(way, road.speed) ** 2 * road.at(way, road.curvature)
     expected = road.at(way, road.curvature) - np.gradient(slip, 0.05) / path.speed
@@ -89,7 +92,8 @@ def test_a_car_that_does_what_is_planned_anew_at_every_sample_is_soon_in_the_mid
     road = roads.Road(way, way, still, still, still, np.full_like(way, v), way / v)
     planner, offset, course = preview.Planner(road, 0.0), 1.0, 0.0
     for step in range(120):
-        planned = planner.plan(preview.Place(v * h * step, offset, course, 0.0), v).curvature
+        place = preview.Place(v * h * step, offset, course, 0.0)
+        planned = planner.plan(place, {"speed": v}).curvature
         turned = course + h * v * (planned[0] + planned[1]) / 2
         offset += h * v * np.sin((course + turned) / 2)
         course = turned
@@ -190,7 +194,8 @@ def test_a_car_is_recorded_learned_steered_and_judged(
     car_of = partial(SingleTrack, example("multi_body").Motion)
     for spec in EXAMPLE.glob("*.yaml"):
         shutil.copy(spec, tmp_path)
-    (tmp_path / "README.md").write_text("before\n<!-- figures -->\n<!-- end -->\nafter\n")
+    marks = "before\n<!-- figures -->\n<!-- end -->\n<!-- validation -->\n<!-- end -->\nafter\n"
+    (tmp_path / "README.md").write_text(marks)
     for number, part in enumerate(("training",) * 4 + ("validation", "test")):
         roads = setting.Roads(sideways=3.0, bends=8 if part == "training" else 4, seed=number)
         waves = 0.0 if part == "test" else setting.WAVES
@@ -233,15 +238,43 @@ def test_a_car_is_recorded_learned_steered_and_judged(
         assert rows["controller"]["arrived"], variation
         assert rows["controller"]["max"] < 1.5, variation
         assert rows["mpc"]["max"] < 1.5, variation
+    assert told["steered_by"] == STEERED_BY
     assert set(told["solves"]["statuses"]) == {"SOLVED"}
     assert told["solves"]["count"] == sum(len(judged.runs["mpc", v.name].way) for v in variations)
+
+    validation = example("validation")
+    road = setting.Roads(sideways=3.0, bends=1, seed=9)
+    chosen = validation.drive(tmp_path, car_of, [road])
+    validation.write(chosen, tmp_path)
+    offsets = [row["max"] for row in chosen.values()]
+    assert offsets[0] == min(offsets)  # as the last one bends
+    # the road, the car and the plan are those of the test above
+    assert offsets[0] == told["closed_loop"]["nominal"]["controller"]["max"]
+    assert validation.table(chosen) in (tmp_path / "README.md").read_text()
+
+    # where nothing compiles, nothing else steers in place of the C
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with pytest.warns(RuntimeWarning, match="W1003"), pytest.raises(SystemExit, match="compiled"):
+        judge.controller(tmp_path, "controller", car_of(variations[0]))
+    with pytest.raises(SpecError, match="E1144"):
+        judge.controller(tmp_path, "mpc", car_of(variations[0]))
 
 
 def test_the_page_says_what_the_results_say(example: Any) -> None:
     results = example("results")
     found = json.loads((EXAMPLE / "results.json").read_text(encoding="utf-8"))
     page = (EXAMPLE / "README.md").read_text(encoding="utf-8")
-    assert " ".join(results.tables(found).split()) in " ".join(page.split())  # prose is wrapped
+    assert f"\n\n{results.tables(found)}\n\n" in page
+    validation = example("validation")
+    chosen = json.loads((EXAMPLE / "validation.json").read_text(encoding="utf-8"))
+    assert f"\n\n{validation.table(chosen)}\n\n" in page
+
+
+def test_plans_begin_as_the_validation_roads_chose(example: Any) -> None:
+    validation = example("validation")
+    chosen = json.loads((EXAMPLE / "validation.json").read_text(encoding="utf-8"))
+    plans = {row["max"]: validation.PLANNERS[name] for name, row in chosen.items()}
+    assert plans[min(plans)] is example("preview").Planner
 
 
 def test_the_kept_figures_reach_what_was_aimed_at() -> None:
@@ -253,5 +286,12 @@ def test_the_kept_figures_reach_what_was_aimed_at() -> None:
     for variation, rows in found["closed_loop"].items():
         assert rows["controller"]["arrived"], variation
         assert rows["controller"]["max"] <= 0.5, variation
+    names = list(found["closed_loop"])
+    for name in STEERED_BY:  # five cars, of which no two drive alike
+        driven = [tuple(found["closed_loop"][each][name].values()) for each in names]
+        assert len(set(driven)) == len(names) == 5, name
+    assert found["steered_by"] == STEERED_BY
+    assert found["finer_steps"] < 1e-3  # m, as the page says
+    assert found["translated"] == 0.0
     assert found["export"]["bits"] == 0
     assert max(found["export"]["board"]["instructions"]) <= 1500

@@ -10,12 +10,14 @@ import pytest
 
 from msnn.agreement.agreement import Agreement
 from msnn.agreement.report import agreement_table, agreement_values
+from msnn.cli.application import run
+from msnn.cli.exit_codes import ExitCode
 from msnn.errors.failures import MissingExtraError
-from msnn.exports import check
+from msnn.exports import check, export
 from msnn.exports.check import check_exports
 from msnn.exports.export import load_export, plan_exports, write_export
 from msnn.exports.table import NAMES
-from msnn.exports.target import AnyPlan, Written
+from msnn.exports.target import AnyPlan, Weights, Written
 from msnn.model.load import load_model
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_tool
@@ -57,6 +59,24 @@ def test_a_target_that_fails_does_not_hide_the_others(
     assert json.loads(json.dumps(agreement_values(found)))["not_checked"] == [str(error)]
 
 
+def test_a_target_that_cannot_be_written_keeps_no_other_from_being_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def written(plan: AnyPlan, weights: Weights, folder: Path) -> Written:
+        if plan.target.name == "torch":
+            raise MissingExtraError("a tool", "apt install tool")
+        return write_export(plan, weights, folder)
+
+    monkeypatch.setattr(export, "write_export", written)
+    spec = tmp_path / "m.msnn.yaml"
+    spec.write_text(SPEC)
+    code = run(["export", str(spec), "--to", "torch,casadi", "--check", "-o", str(tmp_path / "x")])
+    said = capsys.readouterr()
+    assert code == ExitCode.MISSING_EXTRA
+    assert "error[E1037]: a tool is not installed" in said.err
+    assert said.out.splitlines()[-1].split()[::6] == ["casadi", "agrees"]
+
+
 def test_a_record_that_fails_is_a_failure_of_its_target(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -79,7 +99,19 @@ def test_a_target_that_draws_its_samples_reads_no_data(tmp_path: Path) -> None:
     spec.write_text(SPEC + "data: {source: {train: none.csv}}\n")
     model = load_model(spec)
     (plan,) = plan_exports(model, ["c"], Findings())
-    same = Agreement("c", "float32", 1, None, 0.0, None, None, (), {}, (), {})
+    same = Agreement(
+        target="c",
+        dtype="float32",
+        steps=1,
+        one_step=None,
+        free_run=0.0,
+        jacobian=None,
+        bits=None,
+        faults=(),
+        undecided={},
+        untried=(),
+        rounding={},
+    )
     drawing = replace(plan, target=replace(plan.target, compare=lambda *_: same))
     found = check_exports(model, [(drawing, Written(tmp_path, ()))], {}, tmp_path)
     assert (found.origin, found.rows, found.failures) == ("drawn samples", (same,), ())

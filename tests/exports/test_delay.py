@@ -17,10 +17,10 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.passes.close_loop import close_loop
 from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
-from msnn.exports.built_c import built_c
 from msnn.exports.check import check_export
 from msnn.exports.describe import exports_text
 from msnn.exports.export import plan_exports, write_export
+from msnn.exports.running.built_c import built_c
 from msnn.exports.target import Written
 from msnn.model.model import Model
 from msnn.project.workflow_checks import checked_model

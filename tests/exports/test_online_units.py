@@ -1,4 +1,4 @@
-"""Units of controllers and filters keep to FMI and compute the bits of their C."""
+"""Units of controllers and estimators keep to FMI and compute the bits of their C."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ import numpy as np
 import pytest
 
 from backends.fmu.binary import HEADERS
-from msnn.agreement.record import drawn_record
+from msnn.agreement.judging.record import drawn_record
 from msnn.exports.check import check_export
 from msnn.exports.export import plan_exports, write_export
-from msnn.exports.fmu_instance import FmuInstance, fmu_instance
+from msnn.exports.running.fmu_instance import FmuInstance, fmu_instance
 from msnn.exports.target import AnyPlan, Written
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.backends.predictive_control.test_filters import SPECS as FILTERS
+from tests.backends.predictive_control.test_moving_horizons import SPECS as WINDOWS
 from tests.conditions import require_package, require_tool
 from tests.control.gallery_problems import PROBLEMS
 from tests.control.specs import DELAYED
@@ -49,7 +50,16 @@ mpc:
 estimator:
   ekf: {measured: {seen: 0.2 K}, process: {room: 0.05}, initial: {room: 1}}
 """
-SPECS = {"heated": HEATED, "delayed": DELAYED, **FILTERS}
+_PLANT, _, _SECTIONS = HEATED.partition("mpc:\n")
+WINDOW = _PLANT + _SECTIONS[_SECTIONS.index("estimator:") :].replace("ekf: {", "mhe: {horizon: 4, ")
+SPECS = {
+    "heated": HEATED,
+    "delayed": DELAYED,
+    **FILTERS,
+    "window": WINDOW,
+    "delayed_window": WINDOWS["delayed"],
+    "vectors_window": WINDOWS["vectors"],
+}
 
 
 def plan_of(text: str, folder: Path, dtype: str = "float64") -> AnyPlan:
@@ -82,12 +92,36 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Written:
     return written(plan_of(HEATED, folder), folder / "out")
 
 
+@pytest.fixture(scope="module")
+def window(tmp_path_factory: pytest.TempPathFactory) -> Written:
+    require_tool("gcc", install="apt install gcc")
+    require_package("fmpy", install="pip install 'msnn[fmu]'")
+    folder = tmp_path_factory.mktemp("window")
+    return written(plan_of(WINDOW, folder), folder / "out")
+
+
+@pytest.fixture(params=["ekf", "mhe"])
+def estimators(request: pytest.FixtureRequest, exported: Written, window: Written) -> list[Path]:
+    """The units of a filter, and those of a window, of one plant."""
+    return own_units(exported if request.param == "ekf" else window, request.param)
+
+
+def own_units(files: Written, kind: str) -> list[Path]:
+    return [path for path in archives(files) if f"_{kind}_" in path.name]
+
+
+@contextmanager
+def instances(paths: list[Path]) -> Generator[list[FmuInstance]]:
+    """One of each, not initialised."""
+    with ExitStack() as stack:
+        yield [stack.enter_context(fmu_instance(path)) for path in paths]
+
+
 @contextmanager
 def units(files: Written, kind: str) -> Generator[list[FmuInstance]]:
     """One instance of each version, not initialised."""
-    with ExitStack() as stack:
-        own = [path for path in archives(files) if f"_{kind}_" in path.name]
-        yield [stack.enter_context(fmu_instance(path)) for path in own]
+    with instances(own_units(files, kind)) as both:
+        yield both
 
 
 def reference(unit: FmuInstance, name: str) -> int:
@@ -252,8 +286,8 @@ def filtered(unit: FmuInstance, number: int, seen: float) -> tuple[bytes, bytes]
     return room.tobytes(), std.tobytes()
 
 
-def test_filters_share_nothing_and_go_on_from_a_saved_state(exported: Written) -> None:
-    with units(exported, "ekf") as both, units(exported, "ekf") as others:
+def test_estimators_share_nothing_and_go_on_from_a_saved_state(estimators: list[Path]) -> None:
+    with instances(estimators) as both, instances(estimators) as others:
         for one, other in zip(both, others, strict=True):
 
             def begun(unit: FmuInstance, room: float) -> None:
@@ -279,9 +313,9 @@ def test_filters_share_nothing_and_go_on_from_a_saved_state(exported: Written) -
             assert [filtered(other, k, 16.0) for k in range(4)] == continued
 
 
-def test_an_unmeasured_sample_leaves_the_prediction(exported: Written) -> None:
+def test_an_unmeasured_sample_leaves_the_prediction(estimators: list[Path]) -> None:
     """NaN is no measurement: the deviation grows, the estimate is that of the model."""
-    with units(exported, "ekf") as both:
+    with instances(estimators) as both:
         for unit in both:
             unit.initialise()
             unit.set(reference(unit, "start.room"), np.array(15.0))
@@ -302,6 +336,24 @@ def test_an_unmeasured_sample_leaves_the_prediction(exported: Written) -> None:
             (first, narrow), (second, wider), _ = found
             assert second == pytest.approx(first + 2.0 * (30.0 - 3.0 * (first - 5.0)) / 2000.0)
             assert wider > narrow
+
+
+def test_a_window_says_how_it_was_solved(window: Written) -> None:
+    """Statuses are those of its C; only what leaves the window aside is a warning."""
+    with units(window, "mhe") as both:
+        for unit in both:
+            unit.initialise()
+            unit.set(reference(unit, "start.room"), np.array(15.0))
+            unit.begin()
+            filtered(unit, 0, 15.1)
+            assert unit.count(reference(unit, "iterations")) >= 1
+            assert unit.get(reference(unit, "residual"), ()) <= 1e-6
+            filtered(unit, 1, float("inf"))
+            filtered(unit, 2, float("inf"))
+            assert unit.count(reference(unit, "status")) == 3
+            assert unit.messages == ["an input is infinite or NaN: the estimate is as it was"]
+            filtered(unit, 3, 15.2)
+            assert unit.count(reference(unit, "status")) == 0
 
 
 def test_a_register_that_nobody_sets_holds_what_the_input_is(tmp_path: Path) -> None:
@@ -332,15 +384,17 @@ def test_solves_leave_memory_where_it_was(exported: Written) -> None:
             assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1024  # KiB
 
 
-def test_steps_leave_memory_where_it_was(exported: Written) -> None:
-    with units(exported, "ekf") as both:
+def test_steps_leave_memory_where_it_was(estimators: list[Path]) -> None:
+    """A million of a filter; a window, which solves at each, ten thousand."""
+    seconds = 2e6 if "_ekf_" in estimators[0].name else 2e4
+    with instances(estimators) as both:
         for unit in both:
             unit.initialise()
             unit.set(reference(unit, "start.room"), np.array(15.0))
             unit.begin()
             unit.step(0, 2000.0)
             before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-            unit.step(1, 2e6)
+            unit.step(1, seconds)
             assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1024  # KiB
 
 

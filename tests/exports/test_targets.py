@@ -74,7 +74,6 @@ def test_controllers_are_among_all_targets_where_the_spec_has_one() -> None:
         ("blocks: [2, 8]", "{}", "E1142"),
         ("horizon: 10", "{outputs: [y]}", "E1143"),
         ("horizon: 10", "{platforms: [x86_64-windows]}", "E1224"),
-        ("horizon: 10", "{with: fmu}", "E1126"),
     ],
 )
 def test_controllers_that_are_not_written_are_refused(
@@ -82,19 +81,47 @@ def test_controllers_that_are_not_written_are_refused(
 ) -> None:
     spec = tmp_path / "m.msnn.yaml"
     mpc = "mpc: {controls: [u], cost: x**2 + u**2, horizon: 10, blocks: [2, 8]}\n"
-    window = "estimator: {mhe: {horizon: 4, measured: {y: 0.1}, process: {x: 0.1}}}\n"
     mpc = mpc if "blocks" in section else mpc.replace(", blocks: [2, 8]", "")
     spec.write_text(
         "msnn: 1\nname: m\nsample_time: 1 s\ninputs: {u: {between: hold}}\n"
         "states: {x: {next: 0.9 * x + u, init: 0}}\n"
         "outputs: {y: {expr: x, predicts: 'z[t]'}}\ntargets: {z: {}}\n"
-        f"{mpc if section else ''}{window if code == 'E1126' else ''}"
+        f"{mpc if section else ''}"
         f"export: {{mpc: {entry}}}\n"
     )
     findings = Findings()
     model = load_model(spec)
     assert plan_exports(model, ["mpc"], findings) == []
     assert [found.code for found in findings.in_order] == [code]
+
+
+@pytest.mark.parametrize(
+    ("deviations", "dtype", "named"),
+    [
+        ("initial: {x: 1e20}", "float32", "`x` has a variance of 1e+40"),
+        ("initial: {x: 1e-20}", "float32", "`x` has a variance of 1e-40"),
+        ("process: {x: 1e19}, initial: {x: 1}", "float32", "`x` has a variance of 4e+38"),
+        ("parameters: {k: {std: 1, walk: 1e-20}}", "float32", "`k` has a variance of 4e-40"),
+        ("initial: {x: 1e18}, process: {x: 0}", "float32", None),
+        ("initial: {x: 1e20}", "float64", None),
+    ],
+)
+def test_no_estimator_is_written_whose_variances_leave_its_numbers(
+    deviations: str, dtype: str, named: str | None, tmp_path: Path
+) -> None:
+    spec = tmp_path / "m.msnn.yaml"
+    spec.write_text(
+        "msnn: 1\nname: m\nsample_time: 4 s\ninputs: {u: {}}\ntargets: {z: {}}\n"
+        "parameters: {k: 0.5}\nstates: {x: {next: 0.9 * x + k * u, init: 0}}\n"
+        "outputs: {y: {expr: x, predicts: 'z[t]'}}\n"
+        f"estimator: {{ekf: {{measured: {{y: 0.1}}, {deviations}}}}}\n"
+        f"export: {{mpc: {{dtype: {dtype}}}}}\n"
+    )
+    findings = Findings()
+    plans = plan_exports(load_model(spec), ["mpc"], findings)
+    assert [found.code for found in findings.in_order] == ([] if named is None else ["E1117"])
+    assert (plans == []) == (named is not None)
+    assert named is None or named in findings.in_order[0].message
 
 
 def test_what_is_no_target_is_an_error() -> None:

@@ -12,7 +12,7 @@ from compiler.fixed_point.compile_integers import integer_program
 from compiler.fixed_point.equalities import golden_equalities
 from compiler.fixed_point.integers.program import Q15, Q31
 from compiler.fixed_point.lowering.elementwise import ElementwiseForms
-from compiler.fixed_point.lowering.forms import Form
+from compiler.fixed_point.lowering.forms import PolynomialForm
 from compiler.fixed_point.lowering.thresholds import Decided, IntegerCondition
 from compiler.ir.ops import Relation
 from msnn.agreement.faults import BeyondProof
@@ -87,7 +87,7 @@ def test_a_lowering_that_decides_otherwise_at_equality_is_found_by_check(
     plain = ElementwiseForms.condition
 
     def condition(
-        self: ElementwiseForms, which: Relation, left: Form, right: Form
+        self: ElementwiseForms, which: Relation, left: PolynomialForm, right: PolynomialForm
     ) -> IntegerCondition | Decided:
         other = Relation(OTHER[which.value]) if which is relation else which
         return plain(self, other, left, right)

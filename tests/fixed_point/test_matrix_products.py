@@ -29,10 +29,18 @@ outputs: {y: "net(a, b, c)"}
 
 
 def _sums(rows: int, terms: int) -> list[IntegerNode]:
-    words = [IntegerNode(ReadWord("u", k), (), 0, -9, 9) for k in range(terms)]
+    words = [
+        IntegerNode(op=ReadWord("u", k), args=(), fraction=0, low=-9, high=9) for k in range(terms)
+    ]
     args = tuple(range(terms))
     sums = [
-        IntegerNode(WeightedSum(row, tuple(row + k + 1 for k in args)), args, 0, -(2**20), 2**20)
+        IntegerNode(
+            op=WeightedSum(row, tuple(row + k + 1 for k in args)),
+            args=args,
+            fraction=0,
+            low=-(2**20),
+            high=2**20,
+        )
         for row in range(rows)
     ]
     return [*words, *sums]

@@ -11,7 +11,7 @@ import pytest
 from compiler.fixed_point import compile_integers
 from compiler.fixed_point.integers.builder import IntegerBuilder
 from compiler.fixed_point.lowering.elementwise import ElementwiseForms
-from compiler.fixed_point.lowering.forms import Form
+from compiler.fixed_point.lowering.forms import PolynomialForm
 from compiler.fixed_point.lowering.thresholds import Decided, IntegerCondition
 from compiler.ir.ops import Relation
 from msnn.agreement.agreement import Agreement
@@ -59,7 +59,9 @@ def test_no_step_of_a_random_model_is_either(seed: int, tmp_path: Path) -> None:
 def _wrong_scale(patch: pytest.MonkeyPatch) -> None:
     plain = ElementwiseForms.quotient
 
-    def quotient(self: ElementwiseForms, left: Form, right: Form) -> Form:
+    def quotient(
+        self: ElementwiseForms, left: PolynomialForm, right: PolynomialForm
+    ) -> PolynomialForm:
         return plain(self, left, right).times(1.001)
 
     patch.setattr(ElementwiseForms, "quotient", quotient)
@@ -70,7 +72,7 @@ def _other_choice(patch: pytest.MonkeyPatch) -> None:
     other = {Relation.GREATER: Relation.LESS}
 
     def condition(
-        self: ElementwiseForms, relation: Relation, left: Form, right: Form
+        self: ElementwiseForms, relation: Relation, left: PolynomialForm, right: PolynomialForm
     ) -> IntegerCondition | Decided:
         return plain(self, other.get(relation, relation), left, right)
 

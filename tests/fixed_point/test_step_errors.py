@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import Any
@@ -95,7 +96,7 @@ def _exact_tables(patch: pytest.MonkeyPatch) -> None:
 
     def exact(*arguments: Any) -> Any:
         made = plain(*arguments)
-        return type(made)(made.table, made.fraction, made.low, made.high, 0.0)
+        return dataclasses.replace(made, error=0.0)
 
     patch.setattr(elementwise, "fitted_table", exact)
 

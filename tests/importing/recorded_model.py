@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import msnn
 from compiler.ir.types import WINDOW
 from msnn.api.imports import import_nnodely
-from msnn.importing.written import Written
+from msnn.importing.written import WrittenImport
 
 RECORDS = Path(__file__).parent / "records"
 
@@ -32,6 +32,8 @@ class RecordedModel:
     """Row of the log at which the first step was evaluated."""
     log: Mapping[str, NDArray[np.float64]]
     outputs: Mapping[str, NDArray[np.float64]]
+    doubles: Mapping[str, NDArray[np.float64]]
+    """What its code gave in double precision; nothing where that was not tried or failed."""
 
 
 def recorded(name: str) -> dict[str, RecordedModel]:
@@ -47,10 +49,11 @@ def read_record(given: dict[str, Any]) -> RecordedModel:
         given["first"],
         {key: np.asarray(value, np.float64) for key, value in given["log"].items()},
         {key: np.asarray(value, np.float64) for key, value in given["outputs"].items()},
+        {key: np.asarray(value, np.float64) for key, value in given.get("doubles", {}).items()},
     )
 
 
-def imported(record: RecordedModel, folder: Path) -> Written:
+def imported(record: RecordedModel, folder: Path) -> WrittenImport:
     """The record's model as files in a folder."""
     file = folder / "model.json"
     file.write_text(record.model, encoding="utf-8")
@@ -58,7 +61,7 @@ def imported(record: RecordedModel, folder: Path) -> Written:
 
 
 def deviations(
-    record: RecordedModel, written: Written, engine: str = "interpreter"
+    record: RecordedModel, written: WrittenImport, engine: str = "interpreter"
 ) -> dict[str, float]:
     """The largest difference of each output, relative to its largest magnitude or 1."""
     model = msnn.load(written.spec)
@@ -70,11 +73,9 @@ def deviations(
     length = max((len(values) for values in log.values()), default=record.first + rows + 1)
     nothing = {name: np.zeros((length, *shape)) for name, shape in shapes.items()}
     log = nothing | {name: values for name, values in log.items() if name in shapes}
-    (probe,) = msnn.simulate(model, log, written.weights, engine=engine)
-    start = record.first - probe.first
-    assert start >= 0, "the import looks back further than nnodely"
-    log = {name: values[start:] for name, values in log.items()}
-    (run,) = msnn.simulate(model, log, written.weights, engine=engine)
+    predicted = _predicted(
+        model, log, first=record.first, rows=rows, weights=written.weights, engine=engine
+    )
     axes = {
         output.name: model.program.step.nodes[output.node].type.axes
         for output in model.program.outputs
@@ -82,9 +83,30 @@ def deviations(
     found: dict[str, float] = {}
     for old, wanted in record.outputs.items():
         name = names["output"][old]
-        got = run.outputs[name][:rows]
+        got = predicted[name][:rows]
         if got.ndim == 3 and axes[name][-1].name == WINDOW:
             got = np.swapaxes(got, 1, 2)
         got = got.reshape(wanted.shape)
         found[old] = float(np.max(np.abs(got - wanted)) / max(1.0, float(np.max(np.abs(wanted)))))
     return found
+
+
+def _predicted(
+    model: msnn.Model,
+    log: Mapping[str, NDArray[np.float64]],
+    *,
+    first: int,
+    rows: int,
+    weights: Path,
+    engine: str,
+) -> Mapping[str, NDArray[np.float64]]:
+    """The outputs from the step on at which the record begins."""
+    if not log:  # it reads nothing, and no data say how many steps it has
+        one = msnn.stepper(model, weights).step()
+        return {name: np.repeat(np.asarray(value)[None], rows, 0) for name, value in one.items()}
+    (probe,) = msnn.simulate(model, log, weights, engine=engine)
+    start = first - probe.first
+    assert start >= 0, "the import looks back further than nnodely"
+    log = {name: values[start:] for name, values in log.items()}
+    (run,) = msnn.simulate(model, log, weights, engine=engine)
+    return run.outputs

@@ -7,18 +7,18 @@ from compiler.kernels.trace.statements import (
     Block,
     Branch,
     Constant,
-    Kind,
     Local,
     Operator,
+    ValueKind,
 )
 
-ONE = Constant(Kind.REAL, 1.0)
-X = Local(1, Kind.REAL, "x")
-HOLDS = Local(2, Kind.TRUTH, "")
+ONE = Constant(ValueKind.REAL, 1.0)
+X = Local(1, ValueKind.REAL, "x")
+HOLDS = Local(2, ValueKind.TRUTH, "")
 
 
 def real(index: int) -> Local:
-    return Local(index, Kind.REAL, "")
+    return Local(index, ValueKind.REAL, "")
 
 
 def plus_one(target: Local, operand: Local) -> Assign:

@@ -44,7 +44,9 @@ def main() -> None:
         program = close_loop(compiled(text), closed)
         kernel = Kernel(program, "float32")
         rates = {parameter.name: 1e-4 for parameter in program.parameters}
-        variables = kernel.variables(Rule(Method.ADAM, 0.9, 0.999, 1e-8), calm(program), rates)
+        variables = kernel.variables(
+            Rule(method=Method.ADAM, beta1=0.9, beta2=0.999, epsilon=1e-8), calm(program), rates
+        )
         t0 = np.arange(10, 26)
         groups, bounds = kernel.batches(t0, np.full(len(t0), STEPS), len(t0))
         data = kernel.data(log_of(program, STEPS + 50))

@@ -25,7 +25,7 @@ from backends.native.lanes.lane_printer import LanePrinter
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import DOUBLE
 from compiler.kernels.trace import statements as kernel
-from compiler.kernels.trace.statements import Assign, Block, Branch, Kind, Local, Operator
+from compiler.kernels.trace.statements import Assign, Block, Branch, Local, Operator, ValueKind
 from compiler.kernels.trace.subroutine import trace
 
 A, B, C, D, E = map(Name, "abcde")
@@ -60,7 +60,9 @@ CASES: list[tuple[Expression, str]] = [
 
 @pytest.mark.parametrize(("expression", "text"), CASES)
 def test_a_product_in_a_sum_is_fused(expression: Expression, text: str) -> None:
-    function = Function("f", "void", (), (Declare(CType.REAL, "x", expression),))
+    function = Function(
+        name="f", result="void", arguments=(), body=(Declare(CType.REAL, "x", expression),)
+    )
     printed = LanePrinter("msnn", "float64").function(with_fused_products(function))
     assert f"lanes x = {text};" in printed
 
@@ -85,7 +87,7 @@ def test_a_sum_of_a_kernel_takes_a_product_that_nothing_else_reads(name: str) ->
 def _real_operations(block: Block) -> Iterator[tuple[Local, kernel.Binary]]:
     for statement in block.statements:
         match statement:
-            case Assign(target, kernel.Binary() as operation) if target.kind is Kind.REAL:
+            case Assign(target, kernel.Binary() as operation) if target.kind is ValueKind.REAL:
                 yield target, operation
             case Branch(_, _, then, otherwise):
                 yield from _real_operations(then)

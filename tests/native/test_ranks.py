@@ -62,7 +62,9 @@ def trained(program: Program, dtype: Dtype, ranks: Ranks | None) -> tuple[NDArra
     log = log_of(program, rows=600)
     kernel = Kernel(program, dtype)
     rates = {parameter.name: 0.01 for parameter in program.parameters}
-    variables = kernel.variables(Rule(Method.ADAM, 0.9, 0.999, 1e-8), initial(program), rates)
+    variables = kernel.variables(
+        Rule(method=Method.ADAM, beta1=0.9, beta2=0.999, epsilon=1e-8), initial(program), rates
+    )
     t0 = np.arange(10, 510)
     steps = 3 + t0 % 5
     groups, bounds = kernel.batches(t0, steps, 300)
@@ -94,7 +96,9 @@ def test_a_rank_that_is_lost_ends_the_call_before_anything_moves() -> None:
 
     program = model("fir")
     kernel = Kernel(program, "float32")
-    variables = kernel.variables(Rule(Method.SGD, 0.0), initial(program), {"h.weight": 0.1})
+    variables = kernel.variables(
+        Rule(method=Method.SGD, beta1=0.0), initial(program), {"h.weight": 0.1}
+    )
     before = variables.arrays["raw"].copy()
     groups, bounds = kernel.batches(np.arange(10, 74), 3, 64)
     data = kernel.data(log_of(program, rows=200))

@@ -35,7 +35,9 @@ def trained(program: Program, dtype: Dtype, threads: int) -> tuple[NDArray[np.fl
     log = log_of(program, rows=600)
     kernel = Kernel(program, dtype, threads)
     rates = {parameter.name: 0.01 for parameter in program.parameters}
-    variables = kernel.variables(Rule(Method.ADAM, 0.9, 0.999, 1e-8), initial(program), rates)
+    variables = kernel.variables(
+        Rule(method=Method.ADAM, beta1=0.9, beta2=0.999, epsilon=1e-8), initial(program), rates
+    )
     t0 = np.arange(10, 510)
     steps = 3 + t0 % 5
     groups, bounds = kernel.batches(t0, steps, 300)

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import traceback
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Protocol
+from typing import Any, Protocol
 from unittest.mock import patch
 
 import numpy as np
+from fmpy import validation
 
+from backends.c.selftest import golden_singles
 from backends.c.selftest.text import selftest_text
 from backends.fmu import binary
 from backends.native import compile_kernel
 from compiler.program_file.file import program_from_json, program_to_json
 from msnn.agreement.deviation import worst_deviation
-from msnn.agreement.judge import judge
-from msnn.agreement.record import AgreementRecord, drawn_record
+from msnn.agreement.judging.judge import judge
+from msnn.agreement.judging.record import AgreementRecord, drawn_record
 from msnn.data.dataset import FloatArray
 from msnn.exports.check import check_export
 from msnn.exports.export import plan_exports, write_export
@@ -62,8 +65,14 @@ class Texts(Protocol):
     def texts(self) -> Mapping[str, str]: ...
 
 
-def fault_of(spec: Texts, *, exports: bool = True, kernel: bool = True) -> Fault | None:
-    """The first thing that is wrong with the treatment of a spec; None where all is well."""
+def fault_of(
+    spec: Texts, *, exports: bool = True, kernel: bool = True, searches: bool = True
+) -> Fault | None:
+    """The first thing that is wrong with the treatment of a spec; None where all is well.
+
+    `searches`: whether steps are searched for the test program that an export of C brings along.
+    """
+    largest = golden_singles._LARGEST if searches else 0
     with (
         TemporaryDirectory(prefix="msnn-spec-") as place,
         warnings.catch_warnings(),
@@ -71,6 +80,8 @@ def fault_of(spec: Texts, *, exports: bool = True, kernel: bool = True) -> Fault
         # an export brings along, and the last tenths of the speed of kernels and units
         patch.object(selftest_text, "_TEST_STEPS", 1),
         patch.object(selftest_text, "SELFTEST_STEPS", 1),
+        patch.object(golden_singles, "_LARGEST", largest),
+        patch.object(validation, "_validate_variable_names", _problems_of_names),
         patch.object(compile_kernel, "LANES_BY_GCC", ("-O1",)),
         patch.object(binary, "FLAGS", _quick(binary.FLAGS)),
     ):
@@ -102,6 +113,26 @@ def fault_of(spec: Texts, *, exports: bool = True, kernel: bool = True) -> Fault
             kind = f"{type(error).__name__} in {Path(last.filename).name}: {last.name}"
             return Fault(stage, kind, "".join(traceback.format_exception(error)))
     return None
+
+
+_NAMES_OF_UNITS: Callable[[Any], list[str]] = validation._validate_variable_names
+_right_names = set[tuple[str, str]]()
+
+
+def _problems_of_names(description: Any) -> list[str]:
+    """What FMPy says of the names of variables in a unit: of each name once, as its parser takes
+    more time than all else that is done with a unit."""
+    kind: str = description.variableNamingConvention
+    new = copy(description)
+    new.modelVariables = [
+        variable
+        for variable in description.modelVariables
+        if (kind, variable.name) not in _right_names
+    ]
+    problems = _NAMES_OF_UNITS(new) if new.modelVariables else []
+    if not problems:
+        _right_names.update((kind, variable.name) for variable in new.modelVariables)
+    return problems
 
 
 def _quick(flags: tuple[str, ...]) -> tuple[str, ...]:

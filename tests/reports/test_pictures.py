@@ -66,6 +66,45 @@ def test_a_simulation_shows_measured_simulated_error_inputs_and_correlation(
     assert figure.get_supxlabel() == f"not drawn: {len(runs) - 3} runs"
 
 
+def test_runs_beside_each_other_show_the_same_limits(
+    trained_run: Path, drawn: list[Any], tmp_path: Path
+):
+    model = msnn.load(trained_run)
+    runs = msnn.simulate(model, weights=trained_run)[:2]
+    # one run comes near the upper end of -10 … 10, one near the lower, and alone not to the other
+    for run, shift in zip(runs, (6.0, -6.0), strict=True):
+        run.inputs["F"][:] = 0.1 * run.inputs["F"] + shift
+    plot_simulation(tmp_path / "a.png", simulation_program(model.program), runs)
+    forces = [axis for axis in drawn[0].axes if axis.get_ylabel() == "F / N"]
+    ends = [
+        [float(line.get_ydata()[0]) for line in axis.lines if line.get_label() == "limit"]
+        for axis in forces
+    ]
+    assert ends == [[-10.0, 10.0]] * 2
+
+
+def test_limits_far_from_the_values_are_told(drawn: list[Any], tmp_path: Path):
+    spec = tmp_path / "plant.msnn.yaml"
+    spec.write_text(
+        "msnn: 1\nname: plant\nsample_time: 1 s\n"
+        "inputs: {u: {unit: V, range: [-1, 400]}, w: {range: [-5, 5]}}\n"
+        "outputs: {y: u * (1 + w)}\n",
+        encoding="utf-8",
+    )
+    model = msnn.load(spec)
+    rising = np.linspace(-1, 1, 50)
+    runs = msnn.simulate(model, [{"u": rising, "w": rising * far} for far in (5, 1)])
+    plot_simulation(tmp_path / "a.png", simulation_program(model.program), runs)
+    (figure,) = drawn
+    _, *inputs = figure.axes[::2]
+    ends = [
+        [float(line.get_ydata()[0]) for line in axis.lines if line.get_label() == "limit"]
+        for axis in inputs
+    ]
+    assert ends == [[-1.0], [-5.0, 5.0]]
+    assert figure.get_supxlabel() == "not drawn: far limits of u: 400 V"
+
+
 def test_a_validation_says_fit_and_draws_limits(
     trained_run: Path, drawn: list[Any], tmp_path: Path
 ):
@@ -73,6 +112,7 @@ def test_a_validation_says_fit_and_draws_limits(
     plot_validation(tmp_path / "a.png", report)
     titles = [axis.get_title(loc="left") for axis in drawn[0].axes]
     assert all("fit " in title and "rmse " in title for title in titles if title)
+    assert titles[0].endswith("rmse ≤ 0.003 kept")
     growth = drawn[0].axes[5]
     assert [float(line.get_ydata()[0]) for line in growth.lines if line.get_label() == "limit"] == [
         0.01

@@ -147,6 +147,52 @@ def test_what_is_no_robot_is_a_message(text: str, tmp_path: Path) -> None:
     assert all(code.startswith("E12") for code in said)
 
 
+@pytest.mark.parametrize(
+    ("joint", "expected"),
+    [
+        ('"turn" type="revolute"><limit lower="-1" upper="1" effort="inf" velocity="3"/>', []),
+        ('"turn" type="revolute"><limit effort="1" velocity="3"/>', []),
+        ('"turn" type="revolute"><limit lower="1" upper="-1"/>', ["E1225"]),
+        ('"turn" type="prismatic"><limit lower="1" upper="-1"/>', ["E1225"]),
+        ('"turn" type="continuous"><limit lower="1" upper="-1"/>', []),
+        ('"turn" type="revolute"><limit lower="-1" upper="1" effort="5 N"/>', ["E1206"]),
+        ('"turn" type="revolute"><limit lower="-1" upper="1" velocity="nan"/>', ["E1206"]),
+    ],
+)
+def test_limits_are_numbers_in_their_order(joint: str, expected: list[str], tmp_path: Path) -> None:
+    """They stop nothing here; `inf` is no limit, and what turns endlessly has none."""
+    assert codes(tmp_path, _swinging(tmp_path, joint, "fixed")) == expected
+
+
+@pytest.mark.parametrize(
+    ("joint", "base", "expected"),
+    [
+        ('"base_yaw" type="revolute">', "floating", ["E1226"]),
+        ('"base_yaw" type="revolute">', "fixed", []),
+        ('"turn" type="revolute">', "floating", []),
+    ],
+)
+def test_a_floating_base_has_its_names_for_itself(
+    joint: str, base: str, expected: list[str], tmp_path: Path
+) -> None:
+    assert codes(tmp_path, _swinging(tmp_path, joint, base)) == expected
+
+
+def _swinging(folder: Path, joint: str, base: str) -> str:
+    """A spec of two links with this joint between, beside their file."""
+    inertia = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    inertial = f'<inertial><mass value="1"/>{inertia}</inertial>'
+    links = f'<link name="base">{inertial}</link><link name="arm">{inertial}</link>'
+    ends = '<parent link="base"/><child link="arm"/>'
+    text = f'<robot name="two">{links}<joint name={joint}{ends}</joint></robot>'
+    (folder / "two.urdf").write_text(text, encoding="utf-8")
+    return f"""
+    use: {{arm: {{robot: {{urdf: two.urdf, base: {base}}}}}}}
+    inputs: {{q: {{dims: arm.joint}}}}
+    outputs: {{g: arm.gravity_torque(q)}}
+    """
+
+
 def test_the_arm_of_six_joints_is_a_short_program(tmp_path: Path) -> None:
     model = model_of(
         tmp_path,
@@ -162,3 +208,60 @@ def test_the_arm_of_six_joints_is_a_short_program(tmp_path: Path) -> None:
     count = sum(1 for index, node in graph if used[index] and isinstance(node.op, kinds))
     # 1,500 are allowed; what is reached is kept
     assert count <= 1085
+
+
+@pytest.mark.parametrize(
+    ("call", "shape"),
+    [
+        ("arm.mass_matrix(q.past(3))", (1, 1, 3)),
+        ("arm.gravity_torque(q.past(3))", (1, 3)),
+        ("arm.hub.position(q.past(3))", (3, 3)),
+        ('"arm.hub.jacobian(q.past(3), 0)"', (3, 3)),
+    ],
+)
+def test_a_window_stays_where_no_configuration_changes_a_number(
+    call: str, shape: tuple[int, ...], tmp_path: Path
+) -> None:
+    """What turns about the vertical has the same inertia, and no weight, at every angle."""
+    text = _swinging(tmp_path, '"turn" type="revolute"><axis xyz="0 0 1"/>', "fixed")
+    text = text.replace("base: fixed", "frames: {hub: base}")
+    model = model_of(tmp_path, text.replace("g: arm.gravity_torque(q)", f"found: {call}"))
+    node = model.program.output("found").node
+    assert tuple(axis.size for axis in model.program.step[node].type.axes) == shape
+
+
+def test_a_list_of_no_armatures_is_a_message(tmp_path: Path) -> None:
+    text = _swinging(tmp_path, '"turn" type="revolute">', "fixed")
+    assert codes(tmp_path, text.replace("base: fixed", "armature: []")) == ["E0215"]
+
+
+@pytest.mark.parametrize(
+    ("call", "other"), [("hub.position", "xyz"), ("mass_matrix", "joint2"), ("mass_matrix", "xyz")]
+)
+def test_an_argument_with_another_axis_of_the_result_is_refused(
+    call: str, other: str, tmp_path: Path
+) -> None:
+    text = _swinging(tmp_path, '"turn" type="revolute">', "fixed")
+    text = text.replace("base: fixed", "frames: {hub: arm}").replace("gravity_torque", call)
+    text = text.replace("dims: arm.joint", f"dims: [arm.joint, arm.{other}]")
+    wanted = [] if (call, other) == ("mass_matrix", "xyz") else ["E1219"]
+    assert codes(tmp_path, text) == wanted
+
+
+@pytest.mark.parametrize(
+    ("ratio", "expected"),
+    [("1", []), ("1.00", []), ("1e0", []), ("-1", ["W1203"]), ("50", ["W1203"]), ("x", ["W1203"])],
+)
+@pytest.mark.parametrize("ros", ["1", "2"])
+def test_a_gear_is_told_as_both_versions_of_ros_write_it(
+    ros: str, ratio: str, expected: list[str], tmp_path: Path
+) -> None:
+    tag = "mechanicalReduction" if ros == "1" else "mechanical_reduction"
+    gear = f'<joint name="turn"><{tag}>{ratio}</{tag}></joint>'
+    found = f'<transmission name="gear">{gear}</transmission>'
+    if ros == "2":
+        found = f'<ros2_control name="arm" type="system">{found}</ros2_control>'
+    text = _swinging(tmp_path, '"turn" type="revolute">', "fixed")
+    file = tmp_path / "two.urdf"
+    file.write_text(file.read_text().replace("</robot>", f"{found}</robot>"), encoding="utf-8")
+    assert codes(tmp_path, text) == expected

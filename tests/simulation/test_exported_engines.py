@@ -10,7 +10,7 @@ import pytest
 
 from msnn.api import measurements
 from msnn.cli.application import run
-from msnn.exports.exported_rollouts import chosen_engine
+from msnn.exports.running.exported_rollouts import chosen_engine
 from msnn.exports.table import listed
 from msnn.model.load import load_model
 from msnn.model.model import Model

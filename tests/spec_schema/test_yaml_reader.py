@@ -1,5 +1,6 @@
 """YAML is read by the rules of 1.2 core, by either parser of PyYAML, with exact places."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.render import render
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.reading.reader import read_spec
+from spec_schema.yaml_tree import faults
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table
 from spec_schema.yaml_tree.reader import LARGEST, read_tree
 from spec_schema.yaml_tree.scalars import core_value
@@ -127,6 +129,27 @@ def test_columns_count_characters() -> None:
     assert isinstance(alpha, Table)
     assert (alpha.span.column, alpha.span.end_column) == (4, 18)
     assert (alpha.keys["δ"].column, alpha.entries["δ"].span.column) == (13, 16)
+
+
+@pytest.mark.parametrize("word", [3, 12_000])
+def test_a_bracket_that_goes_wrong_looks_at_few_characters(
+    word: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not at all since the bracket: the search begins anew at each of them."""
+    pattern, looked_at = faults._WORD_IN_FLOW, list[int]()
+
+    class Counting:
+        def search(self, text: str, begin: int, end: int) -> re.Match[str] | None:
+            looked_at.append(end - begin)
+            return pattern.search(text, begin, end)
+
+    monkeypatch.setattr(faults, "_WORD_IN_FLOW", Counting())
+    text = "a: [" + ("b" * word + " ") * (24_000 // word) + "[1]"
+    findings = Findings()
+    assert read_tree(SourceText("long.yaml", text), findings) is None
+    assert [d.code for d in findings.in_order] == ["E0122"]
+    (count,) = looked_at
+    assert count <= 200
 
 
 def test_file_above_the_cap_is_refused() -> None:

@@ -95,6 +95,7 @@ def test_the_numbers_are_those_of_the_exported_c(
     model = load_model(spec_of(gallery, name))
     deployed = exported(model, tmp_path)
     steppers = msnn.stepper(model), without_compiler(model, monkeypatch)
+    assert [stepper.engine for stepper in steppers] == ["c", "interpreter"]
     starts = next(drawn(deployed.start_shapes, 1))
     deployed.reset(starts)
     for stepper in steppers:

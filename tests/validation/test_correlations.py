@@ -148,3 +148,15 @@ def test_every_element_of_a_vector_is_judged():
 
 def test_lags_are_25_samples_or_two_seconds():
     assert [lags_of(None), lags_of(0.1), lags_of(0.01)] == [25, 25, 200]
+
+
+def test_errors_and_inputs_with_memory_have_the_band_of_bartlett():
+    rng = np.random.default_rng(3)
+    n, memory = 40_000, 0.9
+    both = np.zeros((n, 2))
+    for t in range(1, n):
+        both[t] = memory * both[t - 1] + rng.standard_normal(2)
+    (found,) = residuals(both[:, 0], np.arange(n), np.zeros(n, np.int64), {"u": both[:, 1]}, 50)
+    # P = Σ a^|k| a^|k| over all lags; estimated from n values it has a deviation of some 6 %
+    wanted = n * (1 - memory**2) / (1 + memory**2)
+    assert found.inputs["u"].effective == pytest.approx(wanted, rel=0.2)

@@ -102,6 +102,11 @@ def test_inputs_that_were_never_trained_are_told():
     assert 0.4 < far.share < 0.6
     assert [warning.code for warning in outside.warnings] == ["W1004"]
     assert f"{far.share:.1%} of the rows scored in `test`" in outside.warnings[0].message
+    # a declared range changes nothing here
+    assert outside.warnings[0].help == (
+        "train on records that reach as far, or choose the sets by `split` under `data:` so that "
+        "each has its share"
+    )
 
 
 def test_the_training_rows_are_inside_by_definition():

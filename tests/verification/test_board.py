@@ -49,6 +49,15 @@ inputs:
 outputs:
   y: 2 * u
 """
+BENT = """
+msnn: 1
+name: bent
+sample_time: 100 ms
+inputs: {u: {range: [-1, 1]}}
+parameters: {k: 0.7}
+states: {x: {next: "0.5 * x + where(u - x > 0, k, 0.5) * (u - x)", init: 0}}
+outputs: {y: {expr: x}}
+"""
 # a board on which a whole run, a model's steps too, takes 10 cycles more than nothing
 FIRMWARE = """
 #include <stdint.h>
@@ -193,6 +202,25 @@ def test_another_constant_on_the_board_is_found(
         assert "golden steps or starts differ" in str(result["findings"])
         # the board is as it was: the right code runs on it
         assert asked(capsys, plant, link)[0] == 0
+
+
+def test_another_state_left_on_the_board_is_found(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No golden run comes near the kink of the state; only the last write of single steps does."""
+    require(ARM_GCC, ARM_QEMU)
+    spec = tmp_path / "bent.msnn.yaml"
+    spec.write_text(BENT, encoding="utf-8")
+    assert run(["export", str(spec), "--initial", "--to", "c", "--out", str(tmp_path)]) == 0
+    source = tmp_path / "c" / "src" / "bent.c"
+    text = source.read_text(encoding="utf-8")
+    wrong = text.replace("> 0.0f) ? ", "> 0.001f) ? ")
+    assert wrong != text
+    with emulated("mps2-an386") as link:
+        assert asked(capsys, tmp_path / "c", link)[0] == 0
+        source.write_text(wrong, encoding="utf-8")
+        code, result = asked(capsys, tmp_path / "c", link)
+    assert (code, result["verdict"]) == (1, "found"), result
 
 
 def test_a_core_that_traps_or_has_no_such_memory_is_told(

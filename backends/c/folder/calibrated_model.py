@@ -69,7 +69,13 @@ def _objects(program: Program, interface: Interface) -> Iterable[MemoryObject]:
     for memory in interface.states:
         state = memory.state
         if isinstance(memory, PlainState) and isinstance(state.origin, Declared):
-            field = Field(state.name, memory.identifier, state.axes, state.unit, "")
+            field = Field(
+                name=state.name,
+                identifier=memory.identifier,
+                axes=state.axes,
+                unit=state.unit,
+                comment="",
+            )
             yield _measured(field, "state", state.doc, state.range, storage)
     if interface.calibrates:
         yield MemoryObject(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from backends.c.interface.interface import Field, Interface
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView
-from backends.c_language.scope import LocalNames, Scope, SpecName
+from backends.c_language.scope import BlockScope, LocalNames, SpecName
 from backends.c_language.tree import Argument, Comment, Discard, Function, Name, Statement
 from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
@@ -56,7 +56,7 @@ class FunctionWriter:
         self.model = model
         self.interface = model.interface
         self.unroll = model.interface.options.unroll
-        self.scope = Scope(LocalNames(model.interface.prefix, _names_of_spec(graph)))
+        self.scope = BlockScope(LocalNames(model.interface.prefix, _names_of_spec(graph)))
         block = _BLOCK if self.unroll >= _FEWEST_WRITTEN_OUT else self.unroll
         self.locals = LocalValues(
             model.functions,
@@ -89,7 +89,7 @@ class FunctionWriter:
             case _:
                 assert_never(op)
 
-    def push(self, op: Window, newest: ArrayView, scope: Scope) -> ArrayView | None:
+    def push(self, op: Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
         memory = self._memory[op.state]
         if isinstance(memory, PlainState | DelayLine):
             return None
@@ -128,10 +128,17 @@ class FunctionWriter:
         unused: list[Statement] = []
         if self.interface.takes_parameters:
             arguments.append(Argument(f"const {prefix}_params_t *", "p"))
+            # all functions of an instance take the same arguments, used or not
             unused += [] if self._reads_parameters else [Discard("p")]
         statements = self.scope.statements
         body = (*unused, *self.locals.constants(statements), *statements)
-        return Function(f"{prefix}_{name}", result, (*arguments, *structs), body, doc)
+        return Function(
+            name=f"{prefix}_{name}",
+            result=result,
+            arguments=(*arguments, *structs),
+            body=body,
+            doc=doc,
+        )
 
     def _parameter(self, field: Field, type: Type) -> ArrayView:
         if self.interface.takes_parameters:

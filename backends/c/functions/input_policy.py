@@ -15,7 +15,7 @@ from backends.c.interface.status import StatusBit, status_macro
 from backends.c_language.functions import FunctionTable
 from backends.c_language.literals import Dtype
 from backends.c_language.places import ArrayView
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from backends.c_language.tree import (
     Argument,
     Assign,
@@ -70,7 +70,7 @@ def nearest_to_zero(limits: tuple[float, float] | None, dtype: Dtype) -> float:
 def checked_input(
     input: InputField,
     functions: FunctionTable,
-    scope: Scope,
+    scope: BlockScope,
     unroll: int,
     *,
     remembers: bool = True,
@@ -92,12 +92,13 @@ def checked_input(
 
 
 def checked_window(
-    field: Field, port: Port, functions: FunctionTable, scope: Scope, unroll: int
+    field: Field, port: Port, functions: FunctionTable, scope: BlockScope, unroll: int
 ) -> ArrayView:
     """The same for samples around t0, each of which `hold` replaces by the one before it."""
     check = _InputCheck(field.place("x0"), port.signal, functions)
     if port.signal.on_invalid != "hold":
         return _checked(check, field.identifier, scope, unroll)
+    # the oldest sample has none before it to fall back to
     check = replace(check, instead=check.nearest_to_zero)
     if port.first == port.last:
         return _filled(check, field.identifier, scope, unroll)
@@ -115,14 +116,14 @@ def checked_window(
     return valid
 
 
-def _checked(check: _InputCheck, name: str, scope: Scope, unroll: int) -> ArrayView:
+def _checked(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> ArrayView:
     """The values of an input by a policy that needs no memory."""
     match check.signal.on_invalid:
         case "trust":
             return check.given
         case "flag":
 
-            def report(at: Indices, inner: Scope) -> None:
+            def report(at: Indices, inner: BlockScope) -> None:
                 check.where_invalid(at, Evaluate(check.call(at)), inner)
 
             scope.each(check.given.shape, unroll, report)
@@ -160,7 +161,7 @@ class _InputCheck:
         status = Unary("&", Name("status"))
         return Call(function, (self.given.element(at), Real(low), Real(high), *instead, status))
 
-    def where_invalid(self, at: Indices, statement: Statement, scope: Scope) -> None:
+    def where_invalid(self, at: Indices, statement: Statement, scope: BlockScope) -> None:
         """Writes the statement with the call, under the test whether there is need of it."""
         if self.functions.constant_time:
             # always called: a branch would let the time tell valid from invalid
@@ -175,7 +176,7 @@ class _InputCheck:
         return limits(self.signal, self.functions.dtype)
 
 
-def _filled(check: _InputCheck, name: str, scope: Scope, unroll: int) -> ArrayView:
+def _filled(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> ArrayView:
     """A local with the corrected values of an input."""
     shape = check.given.shape
     if not shape:
@@ -189,10 +190,10 @@ def _filled(check: _InputCheck, name: str, scope: Scope, unroll: int) -> ArrayVi
     return place
 
 
-def _fill(check: _InputCheck, place: ArrayView, scope: Scope, unroll: int) -> None:
+def _fill(check: _InputCheck, place: ArrayView, scope: BlockScope, unroll: int) -> None:
     """Writes the corrected values to a place, in the order of its elements."""
 
-    def correct(at: Indices, inner: Scope) -> None:
+    def correct(at: Indices, inner: BlockScope) -> None:
         if not check.functions.constant_time:
             inner.assign(place.element(at), check.given.element(at))
         check.where_invalid(at, Assign(place.element(at), check.call(at)), inner)
@@ -249,11 +250,14 @@ def _check(prefix: str, policy: InvalidPolicy, body: tuple[Statement, ...]) -> F
     real = f"{prefix}_real"
     names = ["x", "low", "high", *([] if policy == "flag" else [_INSTEAD.text])]
     return Function(
-        f"{prefix}_{_FUNCTIONS[policy]}",
-        "void" if policy == "flag" else real,
-        (*(Argument(real, name) for name in names), Argument(f"{prefix}_status_t *", "status")),
-        body,
-        _CHECKS[policy][0],
+        name=f"{prefix}_{_FUNCTIONS[policy]}",
+        result="void" if policy == "flag" else real,
+        arguments=(
+            *(Argument(real, name) for name in names),
+            Argument(f"{prefix}_status_t *", "status"),
+        ),
+        body=body,
+        doc=_CHECKS[policy][0],
         static=True,
         inline=True,
     )

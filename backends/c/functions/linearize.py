@@ -80,6 +80,7 @@ class _LinearizeWriter(FunctionWriter):
             scope.add(Discard(OUT))
         ok = Name(f"{interface.prefix.upper()}_OK")
         infinite = any(field.matrix.perhaps_infinite for field in self._fields)
+        # nothing sets a bit then
         constant = not (checked or interface.has_state or infinite)
         scope.add(Declare(CType.STATUS, "status", ok, constant=constant))
         for memory in interface.states:
@@ -92,6 +93,7 @@ class _LinearizeWriter(FunctionWriter):
             name = input.port.signal.name
             valid = checked_input(input, self.model.functions, scope, self.unroll, remembers=False)
             self.inputs[name] = valid
+            # checked for its status, though no slope reads it
             if name not in self._signals and isinstance(valid.storage, Name):
                 scope.add(Discard(valid.storage.text))
 
@@ -109,6 +111,7 @@ class _LinearizeWriter(FunctionWriter):
         """Entries that are always the same."""
         known = {i: x for i, x in enumerate(field.matrix.known) if x is not None}
         place, scope = field.place, self.scope
+        # where they are many all entries become 0 in a loop, then the others their number
         if len(known) > _FEW:
             with scope.loop(field.matrix.size) as (index, inner):
                 inner.assign(place.element([index]), Real(0.0))

@@ -9,7 +9,7 @@ from backends.c.functions.valid_range import report_outside, within
 from backends.c.interface.state_checks import StateCheck
 from backends.c.interface.status import StatusBit, status_macro
 from backends.c_language.places import ArrayView, Index
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from backends.c_language.tree import (
     Assign,
     Binary,
@@ -99,7 +99,7 @@ def _restart(writer: FunctionWriter, check: StateCheck, memory: PlainState) -> N
     left = Name(scope.fresh(f"{memory.identifier}_left"))
     scope.add(Declare(CType.BOOL, left.text, Truth(False)))
 
-    def look(indices: tuple[Index, ...], inner: Scope) -> None:
+    def look(indices: tuple[Index, ...], inner: BlockScope) -> None:
         valid = within(values.element(indices), *check.limits, functions)
         inner.add(If(Unary("!", valid), (Assign(left, Truth(True)),)))
 
@@ -119,12 +119,12 @@ def _restart_in_constant_time(
     )
     kept = kept if memory.shape else ArrayView.single(kept.element([Index()]))
 
-    def look(indices: tuple[Index, ...], inner: Scope) -> None:
+    def look(indices: tuple[Index, ...], inner: BlockScope) -> None:
         low, high = check.limits
         outside = functions.helper("outside", (values.element(indices), Real(low), Real(high)))
         inner.add(SetBits(left, outside))
 
-    def choose(indices: tuple[Index, ...], inner: Scope) -> None:
+    def choose(indices: tuple[Index, ...], inner: BlockScope) -> None:
         inside = Binary("==", left, Unsigned(0))
         now = values.element(indices)
         inner.assign(now, functions.select("real", inside, kept.element(indices), now))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from backends.c.functions.state_reports import BUFFERS_EMPTY, INITIALISED, STATES_UNSET
 from backends.c.interface.interface import Field, Interface
 from backends.c.interface.jacobian_interface import JacobianInterface, VectorNames
-from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.scope import BlockScope, LocalNames
 from backends.c_language.tree import Argument, Assign, Binary, Function, Member, Unsigned
 from backends.c_lowering.state_memory import DelayLine, PlainState, StateMemory
 from backends.c_lowering.values import copy_value
@@ -42,7 +42,7 @@ def vector_functions(interface: Interface, jacobian: JacobianInterface) -> dict[
 
 
 def _get_state(interface: Interface, vector: VectorNames) -> Function:
-    def write(scope: Scope) -> None:
+    def write(scope: BlockScope) -> None:
         listed = _listed(interface, vector)
         for memory in listed:
             if not isinstance(memory, PlainState | DelayLine):
@@ -56,7 +56,7 @@ def _get_state(interface: Interface, vector: VectorNames) -> Function:
 
 
 def _set_state(interface: Interface, vector: VectorNames) -> Function:
-    def write(scope: Scope) -> None:
+    def write(scope: BlockScope) -> None:
         listed = _listed(interface, vector)
         for memory in listed:
             source = vector.place(_VECTOR, memory.state.name, memory.shape)
@@ -93,7 +93,7 @@ def _get(
 ) -> Function:
     base = {"in": "u", "out": "y", "params": "p"}[struct]
 
-    def write(scope: Scope) -> None:
+    def write(scope: BlockScope) -> None:
         for field in fields:
             target = vector.place(_VECTOR, field.name, field.shape)
             copy_value(field.place(base), target, scope, interface.options.unroll)
@@ -103,7 +103,7 @@ def _get(
 
 
 def _set_parameters(interface: Interface, vector: VectorNames, fields: Iterable[Field]) -> Function:
-    def write(scope: Scope) -> None:
+    def write(scope: BlockScope) -> None:
         for field in fields:
             source = vector.place(_VECTOR, field.name, field.shape)
             copy_value(source, field.place("p"), scope, interface.options.unroll)
@@ -117,12 +117,12 @@ def _function(
     name: str,
     struct: tuple[str, str, str],
     doc: str,
-    write: Callable[[Scope], None],
+    write: Callable[[BlockScope], None],
 ) -> Function:
     """A function of a struct and a vector; one of them is only read, and `struct` says whether it
     is that: `const ` or nothing, its type and its name."""
     prefix = interface.prefix
-    scope = Scope(LocalNames(prefix))
+    scope = BlockScope(LocalNames(prefix))
     scope.reserve(_VECTOR)
     write(scope)
     constant, type, base = struct
@@ -130,4 +130,10 @@ def _function(
         Argument(f"{constant}{prefix}_{type}_t *", base),
         Argument(f"{'' if constant else 'const '}{prefix}_real *", _VECTOR),
     )
-    return Function(f"{prefix}_{name}", "void", arguments, tuple(scope.statements), doc)
+    return Function(
+        name=f"{prefix}_{name}",
+        result="void",
+        arguments=arguments,
+        body=tuple(scope.statements),
+        doc=doc,
+    )

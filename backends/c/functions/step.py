@@ -118,7 +118,9 @@ class _StepWriter(FunctionWriter):
             if isinstance(memory, PlainState | DelayLine):
                 node, name = joining(memory), f"{memory.state.name}_next"
                 place = lowered.place(node, name)
+                # a state that stays what it is takes no statement
                 if place != memory.samples:
+                    # another state as it is: it may be replaced before it is read
                     if isinstance(place.storage, Member) and place.storage.base == "s":
                         place = lowered.copy(node, name)
                     following.append((memory, place))

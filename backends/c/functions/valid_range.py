@@ -6,7 +6,7 @@ from backends.c.functions.function_writer import FunctionWriter
 from backends.c.interface.status import StatusBit, status_macro
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from backends.c_language.tree import Binary, Expression, If, Name, Real, SetBits, Unary
 
 
@@ -25,7 +25,7 @@ def report_outside(
     functions = writer.model.functions
     macro = Name(status_macro(writer.interface.prefix, bit))
 
-    def check(indices: tuple[Index, ...], scope: Scope) -> None:
+    def check(indices: tuple[Index, ...], scope: BlockScope) -> None:
         value = values.element(indices)
         if functions.constant_time:
             outside = functions.helper("outside", (value, Real(low), Real(high)))

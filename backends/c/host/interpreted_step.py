@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +40,8 @@ class InterpretedStep:
 
     `inputs` and `outputs` are the values of the step as one array of reals, field after field.
     """
+
+    name: Literal["c", "interpreter"] = "interpreter"
 
     def __init__(
         self, program: Program, interface: Interface, weights: Mapping[str, ArrayLike]
@@ -84,6 +86,8 @@ class InterpretedStep:
         """Sets all states, from samples around the first step; its status bits."""
         bits = StatusBit(0)
         ports = {field.name: port for field, port in self._interface.windows}
+        # the first step stands in that row, so that the oldest sample of any port is in row 0 or
+        # later
         row = max([0, *(-port.first for port in ports.values())])
         log: dict[str, Array] = {}
         for name, port in ports.items():
@@ -125,6 +129,7 @@ class InterpretedStep:
         bits |= saturation_bits(self._program, found.outputs)
         bits |= next_state_bits(self._interface, found.next_states)
         again = restarted(self._interface, found.next_states, self._first)
+        # after the bits were told: they are of what the step computed
         self._states = {**found.next_states, **again}
         return int(bits)
 

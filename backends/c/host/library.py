@@ -85,6 +85,7 @@ class CStep:
         status = np.zeros(steps, np.uint32)
         instance = self.instance
         if hasattr(self._library, f"{self._prefix}_run"):  # the loop of the FFI was built too
+            # one call instead of one for each step: ctypes takes longer than a step
             addresses = (given.ctypes.data, outputs.ctypes.data, status.ctypes.data)
             self._function("run")(*instance, *addresses, steps)
             return self._structs["out"].values(outputs), status
@@ -147,6 +148,7 @@ class CStep:
         if weights is not None:
             return struct.filled({name: weights[name] for name in struct.shapes}, 1)
         first = ctypes.c_char.in_dll(self._library, f"{self._prefix}_params_default")
+        # a copy: the constant of the library is shared by all instances, and read-only
         text = ctypes.string_at(ctypes.addressof(first), struct.dtype.itemsize)
         return np.frombuffer(text, struct.dtype)
 

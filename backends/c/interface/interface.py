@@ -38,7 +38,7 @@ from compiler.ir.types import Axis
 from spec_schema.units.unit import Unit
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Field:
     """A field of a struct: a real, or an array in C order of its shape."""
 
@@ -71,7 +71,7 @@ class InputField:
     """Field of the state struct that keeps the last valid value, where the policy is `hold`."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Interface:
     """The structs of one program, fields in the order in which they are declared."""
 
@@ -137,10 +137,12 @@ def c_interface(program: Program, options: COptions) -> Interface:
     prefix = c_identifier(options.prefix or program.name, set())
     newest = _newest_of_record(program)
     newest |= {state.name: 1 for state in program.states if state.fit_over is not None}
+    # what a start reads of the time after t0 is not there yet when a device begins
     supplied = {name for name, sample in newest.items() if sample > 0}
     computed = tuple(state for state in program.states if state.name not in supplied)
     step, start = step_interface(program), step_interface(replace(program, states=computed))
     used = {parameter.name for parameter in (*step.parameters, *start.start_parameters)}
+    # fields of different structs may share a name, those of one may not
     in_inputs, in_outputs, in_parameters, in_states, in_reset = (
         _FieldNames(prefix) for _ in range(5)
     )
@@ -158,9 +160,9 @@ def c_interface(program: Program, options: COptions) -> Interface:
         for memory in states
     )
     return Interface(
-        program.name,
-        prefix,
-        options,
+        model=program.name,
+        prefix=prefix,
+        options=options,
         inputs=tuple(_input(port, in_inputs, in_states) for port in step.inputs),
         outputs=tuple(_output(output, program, in_outputs) for output in program.outputs),
         parameters=tuple(
@@ -193,6 +195,7 @@ class _FieldNames:
 
     def add(self, name: str) -> str:
         plain = c_identifier(name, set())
+        # the header has macros that begin with the prefix: a field of that name would be replaced
         if plain.lower().startswith(self._macros):
             plain = f"v_{plain}"
         return c_identifier(plain, self._taken)
@@ -213,7 +216,13 @@ def _newest_of_record(program: Program) -> dict[str, int]:
 def _input(port: Port, names: _FieldNames, states: _FieldNames) -> InputField:
     signal = port.signal
     comment = input_comment(port)
-    field = Field(signal.name, names.add(signal.name), port.type.axes, signal.unit, comment)
+    field = Field(
+        name=signal.name,
+        identifier=names.add(signal.name),
+        axes=port.type.axes,
+        unit=signal.unit,
+        comment=comment,
+    )
     held = states.add(f"{signal.name}.held") if signal.on_invalid == "hold" else None
     return InputField(field, port, held)
 
@@ -222,23 +231,47 @@ def _output(output: Output, program: Program, names: _FieldNames) -> Field:
     type = program.step[output.node].type
     limits = program.expected_range(output.name)
     comment = output_comment(output, type, limits, program.late)
-    return Field(output.name, names.add(output.name), type.axes, type.unit, comment)
+    return Field(
+        name=output.name,
+        identifier=names.add(output.name),
+        axes=type.axes,
+        unit=type.unit,
+        comment=comment,
+    )
 
 
 def _parameter(parameter: Parameter, names: _FieldNames) -> Field:
     name, comment = parameter.name, parameter_comment(parameter)
-    return Field(name, names.add(name), parameter.axes, parameter.unit, comment)
+    return Field(
+        name=name,
+        identifier=names.add(name),
+        axes=parameter.axes,
+        unit=parameter.unit,
+        comment=comment,
+    )
 
 
 def _window(port: Port, names: _FieldNames) -> Field:
     signal, comment = port.signal, window_comment(port)
     axes = signal.axes if port.first == port.last else port.type.axes
-    return Field(signal.name, names.add(signal.name), axes, signal.unit, comment)
+    return Field(
+        name=signal.name,
+        identifier=names.add(signal.name),
+        axes=axes,
+        unit=signal.unit,
+        comment=comment,
+    )
 
 
 def _supplied(state: State, names: _FieldNames) -> Field:
     comment = supplied_comment(state)
-    return Field(state.name, names.add(state.name), state.axes, state.unit, comment)
+    return Field(
+        name=state.name,
+        identifier=names.add(state.name),
+        axes=state.axes,
+        unit=state.unit,
+        comment=comment,
+    )
 
 
 def _memory(

@@ -69,7 +69,7 @@ class FirstPlace:
     comment: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class VectorNames:
     """The macros of one vector."""
 
@@ -147,7 +147,9 @@ def _names(vector: Vector, prefix: str, meaning: str) -> VectorNames:
         for member in vector.members
     )
     count = f"{prefix}_n{vector.letter}".upper()
-    return VectorNames(vector.letter, count, vector.size, meaning, places)
+    return VectorNames(
+        letter=vector.letter, count=count, size=vector.size, comment=meaning, places=places
+    )
 
 
 def _described(member: Member) -> str:

@@ -20,7 +20,7 @@ RESERVED = "reserved"
 """The one field of a struct that would be empty, which C does not allow."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StructField:
     """A real or uint32_t, or a flat array in C order of its shape."""
 
@@ -79,10 +79,10 @@ def _jacobian(interface: Interface) -> tuple[Struct, ...]:
         return ()
     fields = tuple(
         StructField(
-            field.matrix.name,
-            field.identifier,
-            field.matrix.shape,
-            field.comment,
+            name=field.matrix.name,
+            identifier=field.identifier,
+            shape=field.matrix.shape,
+            comment=field.comment,
             extent=field.extent,
         )
         for field in interface.jacobian.fields
@@ -92,7 +92,10 @@ def _jacobian(interface: Interface) -> tuple[Struct, ...]:
 
 def _plain(fields: Iterable[Field]) -> tuple[StructField, ...]:
     listed = tuple(
-        StructField(field.name, field.identifier, field.shape, field.comment) for field in fields
+        StructField(
+            name=field.name, identifier=field.identifier, shape=field.shape, comment=field.comment
+        )
+        for field in fields
     )
     return listed or (_reserved(),)
 
@@ -102,18 +105,32 @@ def _state(interface: Interface) -> tuple[StructField, ...]:
     for memory in interface.states:
         name, comment = memory.state.name, state_comment(memory)
         shape = memory.shape if isinstance(memory, PlainState) else (memory.size,)
-        fields.append(StructField(name, memory.identifier, shape, comment))
+        fields.append(
+            StructField(name=name, identifier=memory.identifier, shape=shape, comment=comment)
+        )
         if isinstance(memory, DoubledRing):
             place = "where the ring takes its next sample"
-            fields.append(StructField(None, memory.head, (), place, unsigned=True))
+            fields.append(
+                StructField(
+                    name=None, identifier=memory.head, shape=(), comment=place, unsigned=True
+                )
+            )
     for input in interface.inputs:
         if input.held is not None:
             kept = "last valid value"
-            fields.append(StructField(None, input.held, input.field.shape, kept))
+            fields.append(
+                StructField(name=None, identifier=input.held, shape=input.field.shape, comment=kept)
+            )
     if interface.has_state:
-        fields.append(StructField(None, interface.ready, (), READY, unsigned=True))
+        fields.append(
+            StructField(
+                name=None, identifier=interface.ready, shape=(), comment=READY, unsigned=True
+            )
+        )
     return tuple(fields) or (_reserved(),)
 
 
 def _reserved() -> StructField:
-    return StructField(None, RESERVED, (), "C allows no empty struct", unsigned=True)
+    return StructField(
+        name=None, identifier=RESERVED, shape=(), comment="C allows no empty struct", unsigned=True
+    )

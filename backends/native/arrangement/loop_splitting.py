@@ -42,7 +42,7 @@ class LateGradient:
     """A Multiply or Contract of the reverse graph."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Phases:
     """Which nodes are done when; ids are those of the training step's graphs."""
 
@@ -92,7 +92,7 @@ def phases(step: TrainingStep) -> Phases:
     roots = [*found.states.values(), *rows, *(node for _, node in direct)]
     kept = _kept(graph, forward, roots, {node for node in rows if node < forward}, room)
     cuts = tuple(node for node in rows if node >= forward)
-    return Phases(ahead, kept, cuts, tuple(late), tuple(direct))
+    return Phases(ahead=ahead, kept=kept, cuts=cuts, late=tuple(late), direct=tuple(direct))
 
 
 def read_from_rows(graph: Graph, nodes: Iterable[NodeId]) -> Graph:

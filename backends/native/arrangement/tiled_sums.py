@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 from backends.c_language.places import ArrayView, Index, variable
-from backends.c_language.scope import Scope
+from backends.c_language.scope import BlockScope
 from backends.c_language.tree import Binary, Expression, Loop, Name, Real
 
 TIME = "t"
@@ -34,7 +34,7 @@ _TIMES = 8
 """Times at once."""
 
 Indices = Mapping[str, Index]
-Store = Callable[[Indices, Expression, Scope], None]
+Store = Callable[[Indices, Expression, BlockScope], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class Factor:
         return at.element([indices[axis] for axis in self.axes])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TiledSum:
     """result[axes] = Σ over `summed` of the product of the factors.
 
@@ -73,7 +73,7 @@ class TiledSum:
     over_time: bool
     """Whether the sum runs over the time; else there is a result at each time."""
 
-    def write(self, scope: Scope, store: Store) -> None:
+    def write(self, scope: BlockScope, store: Store) -> None:
         """Loops over tiles; `store` takes each result, with its indices and the time as MOMENT."""
         tiles = self._tiles()
         if self.over_time:
@@ -112,7 +112,7 @@ class TiledSum:
         rest: Sequence[str],
         tiles: Mapping[str, int],
         times: int,
-        scope: Scope,
+        scope: BlockScope,
         store: Store,
     ) -> None:
         """Loops over the tiles along the axes that are left, and what is left over of each."""
@@ -135,7 +135,7 @@ class TiledSum:
             self._nest(start, others, {**tiles, axis: over}, times, scope, store)
 
     def _tile(
-        self, begin: Indices, tiles: Mapping[str, int], times: int, scope: Scope, store: Store
+        self, begin: Indices, tiles: Mapping[str, int], times: int, scope: BlockScope, store: Store
     ) -> None:
         """One tile: all its results begin at 0, grow together and are stored."""
         now = variable(TIME)
@@ -163,7 +163,7 @@ class TiledSum:
         along: Indices,
         rest: Sequence[str],
         results: Sequence[tuple[Indices, Name]],
-        scope: Scope,
+        scope: BlockScope,
     ) -> None:
         if rest:
             with scope.loop(self.sizes[rest[0]]) as (counter, inner):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from numpy.typing import ArrayLike, NDArray
 
@@ -29,6 +29,8 @@ class NativeStep:
     `inputs` and `outputs` are the structs of the step as one array of reals, field after field.
     Raises CompilerMissingError and KernelBuildError.
     """
+
+    name: Literal["c", "interpreter"] = "c"
 
     def __init__(
         self, program: Program, interface: Interface, weights: Mapping[str, ArrayLike]

@@ -8,7 +8,7 @@ from typing import assert_never
 
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index
-from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.scope import BlockScope, LocalNames
 from backends.c_language.tree import Argument, Binary, Function, Name, Statement
 from backends.c_lowering.graph import GraphLowering
 from backends.c_lowering.local_values import LocalValues
@@ -57,7 +57,7 @@ class LaneWriter:
         self.time = Index()
         """The time of what is read, in samples after the rows that the function is given."""
         # names of the spec become names in C: arguments come first, and locals give way to them
-        self.scope = Scope(LocalNames("msnn"))
+        self.scope = BlockScope(LocalNames("msnn"))
         for tape in (*memory.signals.values(), *memory.buffers.values()):
             self.scope.reserve(tape.name)
             self.scope.reserve(f"d_{tape.name}")
@@ -86,7 +86,7 @@ class LaneWriter:
             case _:
                 assert_never(op)
 
-    def push(self, op: Window, newest: ArrayView, scope: Scope) -> ArrayView | None:
+    def push(self, op: Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
         """The newest sample is stored behind the others, unless it stands there already."""
         tape = self.memory.buffers[op.state]
         count = tape.last + 1
@@ -149,7 +149,7 @@ class LaneWriter:
         self._add_value(lowered.value(node), target)
 
     def _add_value(self, value: Value, target: ArrayView) -> None:
-        def one(indices: tuple[Index, ...], inner: Scope) -> None:
+        def one(indices: tuple[Index, ...], inner: BlockScope) -> None:
             element = target.element(indices)
             term = (
                 value.element(indices)
@@ -194,7 +194,15 @@ class LaneWriter:
             *self.locals.constants(self.scope.statements),
             *self.scope.statements,
         )
-        return Function(name, "void", tuple(arguments), body, doc, static=True, inline=True)
+        return Function(
+            name=name,
+            result="void",
+            arguments=tuple(arguments),
+            body=body,
+            doc=doc,
+            static=True,
+            inline=True,
+        )
 
 
 def array(name: str, shape: tuple[int, ...], offset: Index | None = None) -> ArrayView:

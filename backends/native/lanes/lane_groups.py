@@ -18,6 +18,7 @@ LANES = {"float32": 16, "float64": 8}
 
 def group_type(lanes: int, dtype: np.dtype[Any]) -> np.dtype[Any]:
     """`struct group` of the kernels: steps, rows of the starts, a mask of lanes in use."""
+    # masks have integers of the size of the reals beside them
     truth = np.int32 if dtype.itemsize == 4 else np.int64
     fields = [("steps", np.int64), ("start", np.int64, (lanes,)), ("used", truth, (lanes,))]
     return np.dtype(fields, align=True)
@@ -33,6 +34,7 @@ def lane_groups(
     """
     lanes = type["start"].shape[0]
     batch = np.repeat(np.arange(len(sizes)), sizes)
+    # the last key counts first: by batch, then by falling length
     order = np.lexsort((-steps, batch))
     batch, sorted_steps = batch[order], steps[order]
     new = (np.diff(batch) != 0) | (np.diff(sorted_steps) != 0)
@@ -48,6 +50,7 @@ def lane_groups(
     groups = np.zeros(len(chosen), type)
     groups["steps"] = steps[chosen[:, 0]]
     groups["start"] = starts[chosen]
+    # −1 has all bits set, as what a comparison of vectors makes
     groups["used"] = -(within < members_there).reshape(-1, lanes).astype(int)
     ends = np.cumsum(np.bincount(np.repeat(batch[begins], count), minlength=len(sizes)))
     return groups, np.concatenate([[0], ends])

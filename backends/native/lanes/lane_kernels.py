@@ -19,18 +19,18 @@ from compiler.kernels.trace.statements import (
     Binary,
     Branch,
     Constant,
-    Kind,
     Local,
     Operand,
     Operation,
     Operator,
+    ValueKind,
 )
 
 _CHOICES = {
-    Kind.REAL: "choose",
-    Kind.UNSIGNED: "choose_word",
-    Kind.WIDE: "choose_wide",
-    Kind.TRUTH: "choose_mask",
+    ValueKind.REAL: "choose",
+    ValueKind.UNSIGNED: "choose_word",
+    ValueKind.WIDE: "choose_wide",
+    ValueKind.TRUTH: "choose_mask",
 }
 _LOOK_UPS = {c.CType.REAL: "look_up", c.CType.UNSIGNED: "look_up_word"}
 _LOGICAL = {Operator.BOTH: "&", Operator.EITHER: "|"}
@@ -84,8 +84,9 @@ class _LaneLowering(RoutineLowering):
         return f"v{local.index}"
 
     def inlines(self, target: Local, operation: Operation, value: c.Expression) -> bool:
+        # used once: a product that two sums take would be computed twice
         product = isinstance(operation, Binary) and operation.operator is Operator.MULTIPLY
-        return product and target.kind is Kind.REAL and self.uses[target] == 1
+        return product and target.kind is ValueKind.REAL and self.uses[target] == 1
 
     def branch(self, branch: Branch) -> list[c.Statement]:
         condition = self.operand(branch.condition)
@@ -100,6 +101,7 @@ class _LaneLowering(RoutineLowering):
             body, values = self.block(block)
             for target, value in zip(branch.targets, values, strict=True):
                 name = c.Name(self.name(target))
+                # lanes that do not take this side keep what they have
                 body.append(c.Assign(name, self.select(target.kind, taken, value, name)))
             made.append(c.If(c.Call("any_lane", (taken,)), tuple(body)))
         return made
@@ -114,15 +116,16 @@ class _LaneLowering(RoutineLowering):
         first, second, kind = self.operand(left), self.operand(right), left.kind
         if operator in _SHIFTS:
             # lanes of the side not taken may hold any count
-            limit = Constant(kind, 63 if kind is Kind.WIDE else 31)
+            limit = Constant(kind, 63 if kind is ValueKind.WIDE else 31)
             second = c.Binary("&", second, self.operand(limit))
         result = c.Binary(_LOGICAL.get(operator, operator.value), first, second)
-        if operator in COMPARISONS and kind is not Kind.REAL:
+        # a mask of words has the size of the words, one of lanes that of the reals
+        if operator in COMPARISONS and kind is not ValueKind.REAL:
             return c.Convert(c.CType.BOOL, result)
         return result
 
     def select(
-        self, kind: Kind, condition: c.Expression, then: c.Expression, otherwise: c.Expression
+        self, kind: ValueKind, condition: c.Expression, then: c.Expression, otherwise: c.Expression
     ) -> c.Expression:
         return c.Call(_CHOICES[kind], (condition, then, otherwise))
 

@@ -58,6 +58,7 @@ class LanePrinter(Printer):
     def statement(self, statement: Statement) -> Iterable[str]:
         match statement:
             case TimeLoop(variable=time, stop=step, body=body, rest=rest):
+                # the samples behind the last whole turn
                 begin = f"{HORIZON} - ({HORIZON} % {step}U)" if rest else "0"
                 stop = (
                     f"{time} < {HORIZON}" if rest or step == 1 else f"{time} + {step} <= {HORIZON}"

@@ -80,6 +80,7 @@ class RolloutKernel(LaneLibrary):
 
 def _groups(starts: Rows, steps: Rows) -> tuple[Groups, NDArray[np.void]]:
     """Rollouts of about one length side by side; lanes left over repeat one and have no steps."""
+    # lanes of a group run as long as its longest: neighbours in length waste least
     order = np.argsort(-steps, kind="stable")
     count = -(-len(order) // WIDTH)
     place = np.arange(count * WIDTH).reshape(count, WIDTH)
@@ -87,9 +88,11 @@ def _groups(starts: Rows, steps: Rows) -> tuple[Groups, NDArray[np.void]]:
     used = place < len(order)
     groups = np.zeros(count, group_type(WIDTH, DTYPE))
     groups["start"], groups["used"] = starts[members], -used.astype(np.int64)
+    # the first of a group is its longest
     groups["steps"] = steps[members[:, 0]]
     rows = np.zeros(count, _LANE_ROWS)
     rows["steps"] = np.where(used, steps[members], 0)
+    # outputs stand in the order in which the caller gave the rollouts
     rows["row"] = (np.cumsum(steps) - steps)[members]
     return groups, rows
 
@@ -109,6 +112,7 @@ def _calls(steps: Rows) -> list[tuple[int, int, int, int]]:
             first += 1
         else:
             before = int(done[first] - steps[first])
+            # as many groups as have that many steps together, at least one
             stop = max(int(np.searchsorted(done, before + _AT_ONCE, side="right")), first + 1)
             calls.append((first, stop, 0, _AT_ONCE))
             first = stop

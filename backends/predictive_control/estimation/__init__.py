@@ -1,5 +1,5 @@
 """Writes Kalman filters as self-contained C."""
 
-from backends.predictive_control.estimation.write_filter import write_filter
+from backends.predictive_control.estimation.write_filter import filter_texts
 
-__all__ = ["write_filter"]
+__all__ = ["filter_texts"]

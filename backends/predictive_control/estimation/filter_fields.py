@@ -14,7 +14,7 @@ from compiler.state_estimation.problem import EstimationProblem
 
 
 @dataclass(frozen=True, slots=True)
-class Past:
+class InputRegister:
     """A register of past samples that begins with the first sample of its input."""
 
     first: int
@@ -37,7 +37,7 @@ class FilterField:
     size: int
     window: int = 1
     """Samples that are given, from the newest on; those of a number follow each other."""
-    pasts: tuple[Past, ...] = ()
+    pasts: tuple[InputRegister, ...] = ()
     variance: float = 0.0
     """Of a number of a measurement."""
 
@@ -99,13 +99,13 @@ def measured_fields(
     return tuple(found), tuple(beside)
 
 
-def _pasts(problem: EstimationProblem, estimated: Vector, name: str) -> list[Past]:
-    found: list[Past] = []
+def _pasts(problem: EstimationProblem, estimated: Vector, name: str) -> list[InputRegister]:
+    found: list[InputRegister] = []
     for register, origin in problem.registers.items():
         if isinstance(origin, History) and origin.source == name:
             member = estimated.member(register)
             length = member.axes[-1].size
-            found.append(Past(member.first, member.size // length, length))
+            found.append(InputRegister(member.first, member.size // length, length))
     return found
 
 

@@ -27,6 +27,8 @@ class FilterEstimate:
     innovation: Array
     residual: float
     """Of a window; a filter has none, 0."""
+    iterations: int | None
+    """Of a window; a filter has none."""
 
 
 class FilterLibrary:
@@ -46,7 +48,7 @@ class FilterLibrary:
 
     @classmethod
     def of_folder(cls, folder: Path, library: Path) -> FilterLibrary:
-        """A filter of what `write_filter` wrote and `build_library` compiled."""
+        """A filter of what `write_estimator` wrote and `build_library` compiled."""
         (file,) = [*folder.glob("*_ekf.json"), *folder.glob("*_mhe.json")]
         return cls(json.loads(file.read_text(encoding="utf-8")), ctypes.CDLL(str(library)))
 
@@ -81,12 +83,14 @@ class FilterLibrary:
         self._fill(self._measured, self._signals, known)
         status = self._call("correct", self._state, self._measured, self._out)
         out = self._out[0]
+        is_window = "residual" in (self._out.dtype.names or ())
         return FilterEstimate(
             status=status,
             x=out["x"].copy(),
             std=out["std"].copy(),
             innovation=out["innovation"].copy(),
-            residual=float(out["residual"]) if "residual" in (self._out.dtype.names or ()) else 0.0,
+            residual=float(out["residual"]) if is_window else 0.0,
+            iterations=int(out["iterations"]) if is_window else None,
         )
 
     def predict(self, inputs: Mapping[str, ArrayLike]) -> int:

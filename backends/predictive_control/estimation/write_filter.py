@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,7 @@ from backends.c_kernels.sources import c_sources
 from backends.c_language.functions import FunctionNames, FunctionTable
 from backends.c_language.literals import Dtype
 from backends.c_language.printer import Printer
-from backends.c_language.rendering import render
-from backends.files.atomic_write import write_text
+from backends.c_language.rendering import GeneratedNames, render
 from backends.predictive_control.estimation.filter_description import filter_description
 from backends.predictive_control.estimation.filter_fields import (
     FilterField,
@@ -28,34 +26,12 @@ from backends.predictive_control.estimation.golden_filter import golden_steps
 from backends.predictive_control.estimation.recorded_bits import recorded_bits
 from backends.predictive_control.inputs import quantity_lines
 from backends.predictive_control.members import StructMember
-from backends.predictive_control.numbers import Numbers
+from backends.predictive_control.numbers import TypedLiterals
 from compiler.jacobian.matrices import Vector, vector_of
 from compiler.passes.simplify.inline_parameters import inline_parameters
 from compiler.state_estimation.augmented import augmented
 from compiler.state_estimation.kalman_filter import KalmanFilter
 from compiler.state_estimation.problem import EstimationProblem
-
-
-@dataclass(frozen=True, slots=True)
-class Filter:
-    """What the files are named after."""
-
-    model: str
-    prefix: str
-    takes_parameters: bool = False
-
-
-def write_filter(
-    problem: EstimationProblem,
-    weights: Mapping[str, ArrayLike],
-    folder: Path,
-    *,
-    prefix: str,
-    dtype: Dtype,
-) -> tuple[Path, ...]:
-    """Writes `include/<prefix>_ekf.h`, `src/<prefix>_ekf*.c`; returns their paths."""
-    texts = filter_texts(problem, weights, prefix, dtype)
-    return tuple(write_text(folder / name, text) for name, text in texts.items())
 
 
 def filter_texts(
@@ -80,7 +56,7 @@ class FilterSources:
 
     def text(self, template: str, title: str, folder: str = "estimation", **more: Any) -> str:
         """A template with these facts and more."""
-        named = Filter(self.facts["model"], self.name)
+        named = GeneratedNames(self.facts["model"], self.name)
         return render(template, named, title, folder, **(self.facts | more))
 
 
@@ -95,7 +71,7 @@ def filter_sources(
     """The sources of a filter of this name; `around` for slopes at points that a caller gives."""
     judge = KalmanFilter(problem, weights)
     estimated = judge.numbers
-    numbers = Numbers(dtype)
+    numbers = TypedLiterals(dtype)
     smallest = float(np.finfo(dtype).tiny)
     table = FunctionTable(FunctionNames(name, dtype, "own"))
     program = inline_parameters(augmented(problem.program, problem.parameters), weights)

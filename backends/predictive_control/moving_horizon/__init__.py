@@ -1,5 +1,5 @@
 """Writes moving-horizon estimators as self-contained C."""
 
-from backends.predictive_control.moving_horizon.write_horizon import write_horizon
+from backends.predictive_control.moving_horizon.write_horizon import horizon_texts
 
-__all__ = ["write_horizon"]
+__all__ = ["horizon_texts"]

@@ -5,19 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from backends.c_language.literals import Dtype
-from backends.files.atomic_write import write_text
 from backends.ports.metadata import metadata_text
 from backends.predictive_control.constants import reachable
 from backends.predictive_control.estimation.golden_filter import golden_steps
 from backends.predictive_control.estimation.write_filter import FilterSources, filter_sources
-from backends.predictive_control.inputs import InputField, input_fields
+from backends.predictive_control.inputs import SeriesField, input_fields
 from backends.predictive_control.library import struct_type
 from backends.predictive_control.moving_horizon.recorded_windows import recorded_windows
 from backends.predictive_control.write_controller import solver_texts
@@ -44,19 +42,6 @@ class _Source:
     number: int = 0
 
 
-def write_horizon(
-    problem: EstimationProblem,
-    weights: Mapping[str, ArrayLike],
-    folder: Path,
-    *,
-    prefix: str,
-    dtype: Dtype,
-) -> tuple[Path, ...]:
-    """Writes `include/<prefix>_mhe*.h`, `src/<prefix>_mhe*.c`; returns their paths."""
-    texts = horizon_texts(problem, weights, prefix, dtype)
-    return tuple(write_text(folder / name, text) for name, text in texts.items())
-
-
 def horizon_texts(
     problem: EstimationProblem, weights: Mapping[str, ArrayLike], prefix: str, dtype: Dtype
 ) -> dict[str, str]:
@@ -69,6 +54,7 @@ def horizon_texts(
     about = "Finds the noise of a window of samples that explains best what was measured in them."
     solver = f"{name}_window"
     texts = solver_texts(control, solver, dtype, "Window", about, is_window=True)
+    # one description of the whole, below, in place of one of each part
     parts = {
         "window": json.loads(texts.pop(f"{solver}.json")),
         "filter": json.loads(known.texts.pop(f"{known.name}.json")),
@@ -107,6 +93,7 @@ def _facts(
     return {
         "window": f"{name}_window",
         "filter": known.name,
+        # the first stage leads to the first sample: it is none of the window's
         "horizon": control.horizon - 1,
         "iterations": control.iterations,
         "unsure": list(window.uncertain),
@@ -148,7 +135,7 @@ def _facts(
     }
 
 
-def _place(field: InputField) -> str:
+def _place(field: SeriesField) -> str:
     """How its number i is written in C."""
     return f"{field.identifier}[{{}}]" if field.shape else field.identifier
 
@@ -167,6 +154,7 @@ def _description(
         ("ready", np.dtype(np.uint32)),
         ("count", np.dtype(np.int32)),
         ("has_window", np.dtype(np.int32)),
+        # C has no empty arrays
         ("given", np.dtype((np.uint8, (max(len(sources), 1),)))),
         ("filter", struct_type(filter["struct"])),
         ("arrival", struct_type(filter["struct"])),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.predictive_control.inputs import InputField, input_fields
+from backends.predictive_control.inputs import SeriesField, input_fields
 from backends.predictive_control.library import ControllerLibrary, Decision
 from backends.predictive_control.selftest.recorded import compiled_texts
 from backends.predictive_control.selftest.starts import drawn_starts
@@ -90,7 +90,7 @@ def golden_solves(
 
 
 def _starts(
-    problem: ControlProblem, fields: Sequence[InputField], real: np.dtype[np.floating]
+    problem: ControlProblem, fields: Sequence[SeriesField], real: np.dtype[np.floating]
 ) -> list[_Start]:
     random = np.random.default_rng(2)
     found: list[_Start] = []
@@ -104,7 +104,7 @@ def _starts(
     return found
 
 
-def _solved(library: ControllerLibrary, fields: Sequence[InputField], start: _Start) -> Decision:
+def _solved(library: ControllerLibrary, fields: Sequence[SeriesField], start: _Start) -> Decision:
     known = {
         field.identifier: np.tile(values, field.samples)
         for field, values in zip(fields, start.known, strict=True)

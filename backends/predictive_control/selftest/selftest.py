@@ -9,7 +9,7 @@ from backends.c_language.literals import Dtype
 from backends.c_language.rendering import render
 from backends.predictive_control.constants import reachable
 from backends.predictive_control.inputs import input_fields
-from backends.predictive_control.numbers import Numbers
+from backends.predictive_control.numbers import TypedLiterals
 from backends.predictive_control.selftest.golden_solves import golden_solves
 from backends.predictive_control.selftest.starts import drawn_starts
 from backends.predictive_control.structure.rows import rows_of
@@ -31,7 +31,7 @@ def selftest_texts(
     """`src/<prefix>_mpc_selftest.c` of the files in `texts`, by path; of a trained problem."""
     problem = replace(problem, tolerance=reachable(problem.tolerance, dtype))
     name = f"{prefix}_mpc"
-    numbers, rows = Numbers(dtype), rows_of(problem)
+    numbers, rows = TypedLiterals(dtype), rows_of(problem)
     fields = input_fields(problem)
     counts = [field.count for field in fields]
     controls = rows.rows[: problem.controls.size]

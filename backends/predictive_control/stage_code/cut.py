@@ -25,7 +25,7 @@ _COSTLY = ops.Apply | ops.Divide | ops.Sum | ops.Contract
 
 
 @dataclass(frozen=True, slots=True)
-class Cut:
+class CutGraph:
     """The graph of the slopes, which reads `kept_signal` in place of nodes of the values."""
 
     slopes: Graph
@@ -40,7 +40,7 @@ def kept_signal(number: int) -> str:
     return f"kept {number}"
 
 
-def cut_at_values(found: StepDerivatives, roots: Sequence[NodeId]) -> Cut:
+def cut_at_values(found: StepDerivatives, roots: Sequence[NodeId]) -> CutGraph:
     """Keeps what the slopes need of the values and what takes more than a few operations.
 
     `roots` are the slopes that are wanted.
@@ -58,7 +58,7 @@ def cut_at_values(found: StepDerivatives, roots: Sequence[NodeId]) -> Cut:
             moved[index] = builder.signal(kept_signal(number), 0, 0, node.type)
         elif index in live:
             moved[index] = copy_node(builder, node, tuple(moved[arg] for arg in node.args))
-    return Cut(builder.graph(), moved, kept)
+    return CutGraph(builder.graph(), moved, kept)
 
 
 def _kept(graph: Graph, roots: Iterable[NodeId], of_values: list[bool]) -> set[NodeId]:

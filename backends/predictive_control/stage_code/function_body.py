@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index, c_strides
-from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.scope import BlockScope, LocalNames
 from backends.c_language.tree import Argument, Discard, Function, Name, Real
 from backends.c_language.used_names import used_names
 from backends.c_lowering.graph import GraphLowering
@@ -53,7 +53,7 @@ class FunctionBody:
         # arrays of the function have their names before values do
         for array in _ARRAYS:
             names.reserve(array)
-        self.scope = Scope(names)
+        self.scope = BlockScope(names)
         notes = SpecNotes(graph, formulas)
         self._locals = LocalValues(
             functions,
@@ -79,7 +79,7 @@ class FunctionBody:
                 raise AssertionError("a trained problem reads states and signals alone")
         return ArrayView(Name(place.array), type.shape, place.strides, Index(place.first))
 
-    def push(self, op: Window, newest: ArrayView, scope: Scope) -> ArrayView | None:
+    def push(self, op: Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
         """Never called: derivatives read whole windows."""
         raise AssertionError("derivatives have no windows of buffers")
 
@@ -120,6 +120,8 @@ class FunctionBody:
         if first == last:
             return
         place = ArrayView(Name(placed.array), (last,), (1,))
+        # all entries become 0 first, also those that are written below: a loop is shorter than a
+        # list of those that stay 0
         with self.scope.loop(last - first) as (index, inner):
             inner.assign(place.element([index.plus(Index(first))]), Real(0.0))
         for number, value in placed.known().items():
@@ -140,7 +142,14 @@ class FunctionBody:
         )
         body = (*unused, *constants, *statements)
         prefix = self._functions.prefix
-        return Function(f"{prefix}_{name}", "void", arguments, body, doc, static=True)
+        return Function(
+            name=f"{prefix}_{name}",
+            result="void",
+            arguments=arguments,
+            body=body,
+            doc=doc,
+            static=True,
+        )
 
 
 def vector_places(array: str, vector: Vector) -> dict[str, Place]:

@@ -79,6 +79,7 @@ class PlacedMatrix:
 
 def _strides(places: NDArray[np.int64]) -> tuple[int, ...] | None:
     """The strides of places that are an affine function of their indices."""
+    # a guess from the neighbours of the first place, which all others then have to bear out
     strides = tuple(
         int(np.take(places, 1, axis).flat[0] - places.flat[0]) if size > 1 else 0
         for axis, size in enumerate(places.shape)
@@ -104,4 +105,5 @@ def _cut(places: NDArray[np.int64]) -> tuple[int, int]:
         elif np.all(goes_on):
             continue
         return axis, int(np.argmin(goes_on)) + 1
+    # each axis goes on as it began, all together do not: any cut leads on
     return next((axis, 1) for axis, size in enumerate(places.shape) if size > 1)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from backends.c_language.functions import FunctionTable
 from backends.c_language.places import ArrayView, Index, c_strides
 from backends.c_language.tree import Function, Name
-from backends.predictive_control.stage_code.cut import Cut, cut_at_values, kept_signal
+from backends.predictive_control.stage_code.cut import CutGraph, cut_at_values, kept_signal
 from backends.predictive_control.stage_code.function_body import FunctionBody, part, vector_places
 from backends.predictive_control.stage_code.placed_matrix import PlacedMatrix
 from backends.predictive_control.stage_code.series import Place
@@ -135,7 +135,7 @@ class StageWriter:
         self,
         name: str,
         found: StepDerivatives,
-        cut: Cut,
+        cut: CutGraph,
         lean: tuple[Graph, Mapping[NodeId, NodeId]],
         places: Mapping[str, Place],
         firsts: list[int],
@@ -157,7 +157,7 @@ class StageWriter:
         self,
         name: str,
         found: StepDerivatives,
-        cut: Cut,
+        cut: CutGraph,
         places: Mapping[str, Place],
         arrays: StageArrays,
     ) -> Function:

@@ -60,6 +60,7 @@ def classes_of(problem: ControlProblem, rows: Rows, stages: Stages) -> Classes:
     # rates couple a control with the state that holds it
     for rate in rows.rates:
         curved[rate.before] = True
+    # results after the cost are bounded values; rows before theirs are of controls and rates
     first = len(rows.rows) - (stages.size - stages.results[problem.stage] - 1)
     of_paths = jacobian[stages.results[problem.stage] + 1 :]
     for row in of_paths:
@@ -68,6 +69,7 @@ def classes_of(problem: ControlProblem, rows: Rows, stages: Stages) -> Classes:
             curved |= row
     narrow = (True,) * first + tuple(bool(np.all(curved[row])) for row in of_paths)
     moving = curved.copy()
+    # the end has a function of its own: what it reads has other slopes there
     moving[at_end] |= _entries(end.jacobian).any(axis=0)
     moving[columns] |= _moving_columns(problem, found.graph, found.jacobian)
     kinds = np.where(curved, 0, np.where(moving, 1, 2))
@@ -82,6 +84,7 @@ def classes_of(problem: ControlProblem, rows: Rows, stages: Stages) -> Classes:
 
 def _entries(matrix: Matrix) -> NDArray[np.bool_]:
     """Whether each entry is anything but 0 always."""
+    # None, a number that is computed, counts too
     return np.array([number != 0 for number in matrix.known], np.bool_).reshape(matrix.shape)
 
 
@@ -93,6 +96,7 @@ def _moving_columns(problem: ControlProblem, graph: Graph, jacobian: Matrix) -> 
         if block.node in moves:
             entries = block.places(graph[block.node].type.shape).ravel()
             known = [jacobian.known[entry] is None for entry in entries]
+            # entries are numbered row by row
             found[entries[known] % jacobian.shape[1]] = True
     return found
 

@@ -61,9 +61,11 @@ def _places(problem: ControlProblem, series: Series) -> tuple[int, ...]:
 def _shapes(
     problem: ControlProblem, series: Series, stages: Stages, classes: Classes
 ) -> dict[str, tuple[int, ...]]:
+    # stages 0 … N, the last the end of the horizon
     count, states = problem.horizon + 1, series.form.states
     nu = problem.controls.size
     decided = problem.horizon * nu
+    # C has no arrays without elements
     some = max(states, 1)
     rows = (count, len(classes.narrow))
     return {
@@ -138,6 +140,8 @@ def _arrays(
     at = _positions(problem, found, classes)
     assert found.hessian is not None
     curved, moving = classes.curved, classes.moving
+    # numbers are ordered by what is known of them: those with curvature come first, then those
+    # whose slopes change, then those whose slopes stay
     columns = np.where(at < curved, at, NOWHERE)
     first, last = (min(of_results), max(of_results) + 1) if of_results else (0, 0)
     return StageArrays(
@@ -147,6 +151,7 @@ def _arrays(
         slopes=PlacedMatrix(
             "slopes",
             found.jacobian,
+            # where each row begins in a flat array whose rows are `moving` long
             np.array(of_results, int) * moving,
             np.where(at < moving, at, NOWHERE),
             first * moving,
@@ -185,5 +190,6 @@ def _positions(
     problem: ControlProblem, found: StepDerivatives, classes: Classes
 ) -> NDArray[np.int64]:
     """Where each variable of the derivatives is among the numbers that a stage reads."""
+    # argsort of a permutation is its inverse
     position = np.argsort(np.array(classes.order))
     return position[numbers_of(problem, found.variables)]

@@ -90,12 +90,14 @@ def rows_of(problem: ControlProblem) -> Rows:
         Row(f"rate of {rows[rate.control].name}", -rate.most, rate.most, rate.most)
         for rate in rates
     ]
+    # `sorted` is stable: within both kinds the order of the spec stays
     paths = tuple(sorted(problem.path_limits, key=lambda path: not path.reads_control))
     terminal = 0
     for path in paths:
         size = problem.type(path.value).size
         low, high = known.of(path.limits, len(rows), size)
         linear = path.linear if path.linear is not None else FIRST_WEIGHT / path.scale
+        # the spec's cost is quadratic · v², a row's is half of that
         quadratic = 2 * path.quadratic if path.quadratic is not None else linear / path.scale
         rows += [
             Row(path.name, low[i], high[i], path.scale, linear, quadratic, path.hard)
@@ -107,6 +109,7 @@ def rows_of(problem: ControlProblem) -> Rows:
 
 def resting_controls(rows: Rows, count: int) -> list[float]:
     """What controls are before anything is known: 0, or the limit that is nearest to it."""
+    # limits that move are placeholders here
     return [0.0 if rows.move else _nearest_to_zero(row) for row in rows.rows[:count]]
 
 
@@ -140,6 +143,7 @@ class _Limits:
         node = problem.node(output)
         if problem.reads(node).signals:
             self.move = True
+            # any number: the controller evaluates them before each solve
             return [0.0] * size
         values = _constant(problem, output)
         return [float(value) for value in np.broadcast_to(values, (size,))]

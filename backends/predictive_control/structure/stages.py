@@ -51,6 +51,7 @@ def stages_of_problem(
     for path in rows.paths:
         places[path.value] = end
         end += problem.type(path.value).size
+    # at the end the terminal cost takes the place of the stage's
     of_end = places if problem.terminal is None else {**places, problem.terminal: cost}
     controls = [member.name for member in problem.controls.members]
     outputs = [name for name in places if any(name == output.name for output in program.outputs)]
@@ -90,6 +91,7 @@ def numbers_of(problem: ControlProblem, variables: Vector) -> NDArray[np.int64]:
     states = {member.name: member.first for member in problem.states.members}
     nx = problem.states.size
     firsts = states | {m.name: nx + m.first for m in problem.controls.members}
+    # `concatenate` refuses to join nothing
     parts = [firsts[m.name] + np.arange(m.size) for m in variables.members]
     return np.concatenate([*parts, np.empty(0)]).astype(np.int64)
 

@@ -29,7 +29,7 @@ class MsnnKernel(MsnnEngine):
     def _begin(self) -> None:
         program = self.plan.rollout.program
         rates = {parameter.name: self.settings["lr"] for parameter in program.parameters}
-        rule = Rule(Method.ADAM, 0.9, 0.999, 1e-8)
+        rule = Rule(method=Method.ADAM, beta1=0.9, beta2=0.999, epsilon=1e-8)
         self._variables = self._kernel.variables(rule, initial_weights(program), rates)
 
     def reset(self) -> None:

@@ -32,6 +32,7 @@ def scales_of(section: OptimalControl, program: Program) -> dict[str, float]:
     for entry in (*program.signals, *program.states):
         if entry.range is not None:
             low, high = entry.range
+            # replaced below where bounds say more closely how far the value moves
             found[entry.name] = (high - low) / 2
         bound = section.bounds.get(entry.name)
         # an end that is a formula of references has no size before the controller runs
@@ -93,6 +94,7 @@ def path_limits(
             continue
         program, limits = _limits(asked, program, name, bound, type, findings)
         ends = [_number(program, end) for end in (limits.minimum, limits.maximum)]
+        # where an end is missing or a formula, the declared range gives the scale
         half = (ends[1] - ends[0]) / 2 if ends[0] is not None and ends[1] is not None else 0.0
         direct = signals_in_step(program, value.node) & {*asked.controls}
         found.append(
@@ -200,6 +202,7 @@ def _rate(
             findings.report(fault)
             return None
         number *= rate.unit.factor_to(per_second)
+    # a spec gives it per second, the solver moves once a sample
     return number * program.sample_time
 
 
@@ -219,4 +222,5 @@ def _number(program: Program, end: str | None) -> float | None:
     if end is None:
         return None
     op = program.step[program.output(end).node].op
+    # a limit of an array counts as a number where all elements are alike
     return op.values[0] if isinstance(op, Constant) and len(set(op.values)) == 1 else None

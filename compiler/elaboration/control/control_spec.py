@@ -35,7 +35,7 @@ def limit(name: str, key: str) -> str:
     return f"{FORMULA}bounds.{name}.{key}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ControlSpec:
     """A model whose inputs have the references too, and whose outputs the formulas of `mpc`."""
 
@@ -77,7 +77,13 @@ def control_spec(linked: Linked, section: OptimalControl, findings: Findings) ->
         }
     )
     controls = tuple(control.value for control in section.controls)
-    return ControlSpec(replace(linked, spec=whole), section, tuple(formulas), controls, closed)
+    return ControlSpec(
+        linked=replace(linked, spec=whole),
+        section=section,
+        formulas=tuple(formulas),
+        controls=controls,
+        closed=closed,
+    )
 
 
 def _formulas(section: OptimalControl) -> list[tuple[str, Expression]]:

@@ -73,7 +73,14 @@ def integrated(context: Context, owner: str, integrator: Integrator | None) -> M
     for number in range(1, substeps + 1):
         # as fractions: n of them end at exactly 1, where sums of dt/n may miss it
         begin, end = Fraction(number - 1, substeps), Fraction(number, substeps)
-        steps = _Steps(context, owner, vector_field, dt / substeps, begin, end)
+        steps = _Steps(
+            context=context,
+            owner=owner,
+            vector_field=vector_field,
+            step_length=dt / substeps,
+            begin=begin,
+            end=end,
+        )
         values = steps.step(method, values)
         if number < substeps:
             steps.name(values, str(number))
@@ -87,7 +94,7 @@ def _check_size(context: Context, vector_field: Mapping[str, RightHandSide], pla
         raise LoweringFailed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Steps:
     """One step of length `step`, h in the formulas, of x' = f(x, τ), by each of the methods.
 

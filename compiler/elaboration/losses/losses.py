@@ -56,6 +56,7 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
                 measure, prediction, target = _measured(context, term.function, term.expression)
         label = term.function or "cost"
         taken[label] += 1
+        # two terms of one function are `NAME.mse` and `NAME.mse2`
         again = str(taken[label]) if taken[label] > 1 else ""
         own = name if len(terms) == 1 else f"{name}.{label}{again}"
         span = entry.place.key if len(terms) == 1 else term.expression.span
@@ -86,6 +87,7 @@ def _check_rows_count(
     values = [loss.prediction for loss in losses]
     values += [loss.target for loss in losses if loss.target is not None]
     live = needed(graph, values)
+    # data and states have a value for each row, a parameter has one for all rows
     varies = (
         kept and isinstance(node.op, Read | Window) and not isinstance(node.op, ReadParameter)
         for kept, node in zip(live, graph.nodes, strict=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from compiler.lowering.constants import NamedArray, evaluate, shaped
 from compiler.lowering.context import Context
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.shape_repair import dims_repair
 from spec_schema.errors import names
 from spec_schema.sections.values import Constant
 
@@ -41,10 +42,10 @@ class Constants:
         unit = entry.unit.value if entry.unit else found.unit
         if not entry.dims:
             if len([axis for axis in found.axes if not axis.name]) > 1:
+                repair = dims_repair(self._context, found.values.shape)
+                problem = "is a matrix and needs `dims:`"
                 self._context.findings.report(
-                    names.unfit_constant(
-                        f"`{name}`", "is a matrix and needs `dims:`", entry.value.span
-                    )
+                    names.unfit_constant(f"`{name}`", problem, entry.value.span, repair)
                 )
                 raise LoweringFailed
             return NamedArray(found.values, found.axes, unit)

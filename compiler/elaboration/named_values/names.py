@@ -231,8 +231,9 @@ class Elaboration:
             case Function() as entry:
                 return inlined(self.context, name, entry, call, environment)
             case _:
+                moves = isinstance(declared.entry, Signal | State | Equation)
                 self.context.findings.report(
-                    names.not_callable(name, declared.kind.value, function.span)
+                    names.not_callable(name, declared.kind.value, function.span, moves)
                 )
                 raise LoweringFailed
 
@@ -254,6 +255,7 @@ class Elaboration:
 
     def _robot_of(self, member: Member) -> tuple[str, RobotPart] | None:
         """The robot that a member, or the frame before its dot, belongs to."""
+        # `arm.tip.position`: its base is the frame `arm.tip`, whose robot is `arm`
         for name in (member.base, member.base.rpartition(".")[0]):
             part = self._linked.robots.get(name)
             if part is not None and member.base not in self.context.spec.dims:
@@ -286,6 +288,7 @@ class Elaboration:
         if environment.window is not None:
             axes = (*axes, Axis(WINDOW, last - first + 1))
         type = Type(axes, entry.unit.value if entry.unit else None)
+        # the samples of a window are counted from the time that the surroundings are read at
         first, last = first + environment.shift, last + environment.shift
         builder = self.context.builder(environment)
         read = builder.log if logged else builder.signal

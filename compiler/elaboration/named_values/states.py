@@ -38,6 +38,9 @@ class States:
         self._integrators = integrators
         self._flow: dict[str, Mapping[str, NodeId]] = {}
         self._next: dict[str, NodeId | None] = {}
+        """None is the `next` of a state that could not be lowered, or is being lowered."""
+        self._followed: list[str] = []
+        """States whose `next` is being lowered, outermost first."""
         self._differentiated: list[str] = []
         """States whose right-hand side is being lowered, outermost first."""
 
@@ -82,6 +85,12 @@ class States:
             findings.report(names.misplaced(function, where, call.span))
             raise LoweringFailed
         if function == "next":
+            if name in self._followed:
+                loop = (*self._followed[self._followed.index(name) :], name)
+                findings.report(
+                    errors.algebraic_loop(tuple(f"next({state})" for state in loop), call.span)
+                )
+                raise LoweringFailed
             return self.next(name, entry)
         if entry.der is None:
             findings.report(errors.flow_of_discrete(name, argument.span))
@@ -112,8 +121,12 @@ class States:
     def next(self, name: str, entry: State) -> NodeId:
         """The value a state takes after the step: its `next:`, else the integrator's result."""
         if name not in self._next:
-            self._next[name] = None  # a `next` that needs itself finds this
-            self._next[name] = self._lower_next(name, entry)
+            self._next[name] = None
+            self._followed.append(name)
+            try:
+                self._next[name] = self._lower_next(name, entry)
+            finally:
+                self._followed.pop()
         node = self._next[name]
         if node is None:
             raise LoweringFailed

@@ -87,6 +87,7 @@ class IntegerBuilder:
         """a · b; both must be words. `most` bounds its error where the caller knows more."""
         a, b = self[left], self[right]
         corners = [x * y for x in (a.low, a.high) for y in (b.low, b.high)]
+        # a square is never negative, which the corners of two intervals do not show
         low = max(min(corners), 0) if left == right else min(corners)
         fraction = a.fraction + b.fraction
         node = self._emit(Product(), (left, right), fraction, low, max(corners))
@@ -101,19 +102,24 @@ class IntegerBuilder:
         bits = found.fraction - fraction
         if bits == 0:
             return node
+        # a literal is rounded here, so that no step shifts it
         if isinstance(found.op, Literal):
             moved = _shifted(found.op.value, bits)
             lost = abs(math.ldexp(moved, -fraction) - math.ldexp(found.op.value, -found.fraction))
             return self.literal(moved, fraction, error + lost)
+        # to a finer scale is a product with a power of 2, exact if it fits
         if bits < 0:
             factor = 2**-bits
             scaled = (found.low * factor, found.high * factor)
             return self.allow(self.weighted_sum(0, [(factor, node)], fraction, scaled), error)
+        # such a shift would leave at most one unit; 0 is off by all that the value can be
         if bits > self.width.sum - 2:
             return self.literal(0, fraction, error + self.reach(node))
+        # half a unit is added before the shift, and that sum must fit too
         self._check(found.low + 2 ** (bits - 1), found.high + 2 ** (bits - 1))
         low, high = _shifted(found.low, bits), _shifted(found.high, bits)
         rounded = self._emit(RoundShift(bits), (node,), fraction, low, high)
+        # to nearest: half a unit of the new scale
         return self.allow(rounded, error + math.ldexp(0.5, -fraction))
 
     def as_word(self, node: int) -> int:
@@ -121,6 +127,7 @@ class IntegerBuilder:
         found = self[node]
         fraction = found.fraction
         limit = self.width.largest_word
+        # words are symmetric: −2^(n−1) is none, so that every word can be negated
         while max(_shifted(found.high, found.fraction - fraction), 0) > limit or (
             _shifted(found.low, found.fraction - fraction) < -limit
         ):
@@ -129,7 +136,9 @@ class IntegerBuilder:
 
     def smaller(self, left: int, right: int) -> int:
         a, b = self[left], self[right]
+        # min and max move no farther than the operand that moves most
         error = max(self.errors[left], self.errors[right])
+        # decided by the bounds: no node, and the result keeps the narrower bounds
         if a.high <= b.low:
             return self.allow(left, error)
         if b.high <= a.low:
@@ -191,10 +200,12 @@ class IntegerBuilder:
         """Whether the exact values of two nodes may compare otherwise than the nodes do."""
         error = self.errors[left] + self.errors[right]
         (a, b), (c, d) = self.bounds(left), self.bounds(right)
+        # the sides can come as close as both errors together
         return error > 0.0 and max(a - d, c - b) <= error
 
     def lookup(self, node: int, table: IntegerLookup, fraction: int) -> int:
         widest = max(abs(b - a) for a, b in pairwise(table.values))
+        # interpolation multiplies a step of the table by a distance below 2^bits, and rounds
         self._check(0, widest * 2**table.bits + 2**table.bits)
         found = self[node]
         assert found.low >= table.first, "the table begins below"
@@ -205,10 +216,14 @@ class IntegerBuilder:
         self, op: IntegerOp, args: tuple[int, ...], fraction: int, low: int, high: int
     ) -> int:
         self._check(low, high)
+        # Bounds are no part of the key: equal operations on equal nodes have one value, and any
+        # bounds proved for it hold.
         key = (op, args, fraction)
         if key not in self._known:
             self._known[key] = len(self.nodes)
-            self.nodes.append(IntegerNode(op, args, fraction, low, high, self.span))
+            self.nodes.append(
+                IntegerNode(op=op, args=args, fraction=fraction, low=low, high=high, span=self.span)
+            )
             self.errors.append(0.0)
         return self._known[key]
 

@@ -44,6 +44,7 @@ def reached(
 ) -> tuple[tuple[IntegerNode, ...], dict[int, int]]:
     """The nodes that some depend on, these too, and the new places of all by the old."""
     wanted = set(roots)
+    # operands stand before their users: one pass from the end finds all that is needed
     for index in range(len(nodes) - 1, -1, -1):
         if index in wanted:
             wanted.update(nodes[index].args)

@@ -43,7 +43,7 @@ NOTHING = FixedStatus(0)
 """All is well."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class IntegerState:
     """What one instance remembers."""
 
@@ -68,6 +68,7 @@ class IntegerStep:
 
 def initial(program: IntegerProgram) -> IntegerState:
     """The state after `init`: what a record would give is 0, or the nearest that is allowed."""
+    # without a record the start runs on zeros; what depends on them is not kept below
     zeros = {port.name: [0] * port.size for port in program.windows}
     values = evaluated(program.start, zeros, {})
     memories = {
@@ -79,7 +80,7 @@ def initial(program: IntegerProgram) -> IntegerState:
     }
     fills = any(m.first_fills is not None for m in program.memories)
     waits = any(m.from_record and m.first_fills is None for m in program.memories)
-    return IntegerState(memories, _first_held(program), fills, waits)
+    return IntegerState(memories=memories, held=_first_held(program), fills=fills, waits=waits)
 
 
 def reset(program: IntegerProgram, windows: Words) -> IntegerState:
@@ -95,7 +96,7 @@ def reset(program: IntegerProgram, windows: Words) -> IntegerState:
     # what does not fit the word or its range is cut, and the status says so
     if any(memories[m.name] != [values[node] for node in m.start] for m in program.memories):
         said |= FixedStatus.STATE_SATURATED
-    return IntegerState(memories, _first_held(program), said=said)
+    return IntegerState(memories=memories, held=_first_held(program), said=said)
 
 
 def step(program: IntegerProgram, state: IntegerState, inputs: Words) -> IntegerStep:
@@ -109,6 +110,7 @@ def step(program: IntegerProgram, state: IntegerState, inputs: Words) -> Integer
         if name in state.held:
             state.held[name] = words[name]
     if state.fills:
+        # the past of an input is taken to have been its first sample
         for memory in program.memories:
             if memory.first_fills is not None:
                 port, elements = memory.first_fills
@@ -117,6 +119,7 @@ def step(program: IntegerProgram, state: IntegerState, inputs: Words) -> Integer
                     words[port][element] for element in elements for _ in range(samples)
                 ]
         state.fills = False
+    # in every step until `reset`: steps alone never set these states
     if state.waits:
         status |= FixedStatus.UNINITIALISED
     values = evaluated(program.step, words, state.memories)
@@ -148,10 +151,12 @@ def checked_input(
         return clamped, FixedStatus(0)
     match entry.policy:
         case "hold":
+            # element by element: those within the range are used as they came
             used = [w if c == w else h for w, c, h in zip(words, clamped, held, strict=True)]
             return used, FixedStatus.HELD
         case "flag":
             return clamped, FixedStatus.OUT_OF_RANGE | FixedStatus.CLAMPED
+        # also `trust`: the proved bounds hold for words within the range alone
         case _:
             return clamped, FixedStatus.CLAMPED
 

@@ -115,7 +115,7 @@ IntegerOp = (
 )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class IntegerNode:
     """An operation on nodes before it; its value is always in low … high."""
 
@@ -127,7 +127,7 @@ class IntegerNode:
     span: Span | None = field(default=None, compare=False)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class WordPort:
     """Words that come in or go out, in C order of the axes."""
 
@@ -148,7 +148,7 @@ class WordPort:
         return size
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class IntegerMemory:
     """What stays between steps: words or, of a state that is summed up, wide numbers."""
 
@@ -208,7 +208,7 @@ class StepError:
     largest: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class IntegerProgram:
     """The step and the start of a model in integers."""
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from compiler.fixed_point.integers.builder import CannotFitError, share
-from compiler.fixed_point.lowering.forms import Form
+from compiler.fixed_point.lowering.forms import PolynomialForm
 from compiler.fixed_point.lowering.settle import Settler
 from compiler.fixed_point.lowering.steepness import furthest
 from compiler.fixed_point.lowering.tables import fitted_table
@@ -21,7 +21,7 @@ from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 class ElementwiseForms(Settler):
     """What makes nodes out of operations that end a linear form."""
 
-    def quotient(self, left: Form, right: Form) -> Form:
+    def quotient(self, left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
         """left / right, by a table of reciprocals where right varies."""
         if not right.terms:
             form = left.times(1.0 / right.constant)
@@ -31,15 +31,17 @@ class ElementwiseForms(Settler):
             )
         return left * self._tabled("1/x", np.reciprocal, right)
 
-    def lesser(self, left: Form, right: Form) -> Form:
+    def lesser(self, left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
         """min(left, right)."""
         return self._extreme(left, right, largest=False)
 
-    def greater(self, left: Form, right: Form) -> Form:
+    def greater(self, left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
         """max(left, right)."""
         return self._extreme(left, right, largest=True)
 
-    def _extreme(self, left: Form, right: Form, *, largest: bool) -> Form:
+    def _extreme(
+        self, left: PolynomialForm, right: PolynomialForm, *, largest: bool
+    ) -> PolynomialForm:
         if not left.terms and not right.terms:
             pick = max if largest else min
             error = max(left.error, right.error)
@@ -52,7 +54,7 @@ class ElementwiseForms(Settler):
         found = self.builder.larger(a, b) if largest else self.builder.smaller(a, b)
         return self._simple(found)
 
-    def _is_beyond(self, number: Form, other: Form, *, above: bool) -> bool:
+    def _is_beyond(self, number: PolynomialForm, other: PolynomialForm, *, above: bool) -> bool:
         """Whether a number is above, or below, all that a node can hold.
 
         `_aligned` moves such a number nearer, where it still decides a comparison; as the extreme
@@ -62,20 +64,22 @@ class ElementwiseForms(Settler):
         scaled = math.ldexp(number.constant, found.fraction)
         return scaled > found.high if above else scaled < found.low
 
-    def _overshoot(self, number: Form, other: Form, *, above: bool) -> float:
+    def _overshoot(self, number: PolynomialForm, other: PolynomialForm, *, above: bool) -> float:
         """How far beyond such a number the real value may be, of which the node is an error off."""
         node = self.node(other)
         low, high = self.builder.bounds(node)
         apart = number.constant - high if above else low - number.constant
         return max(self.builder.errors[node] - apart, 0.0)
 
-    def _simple(self, node: int) -> Form:
+    def _simple(self, node: int) -> PolynomialForm:
         low, high = self.builder.bounds(node)
         if low == high:
             return self.number(low).within(self.builder.errors[node])
         return self.form(node)
 
-    def condition(self, relation: Relation, left: Form, right: Form) -> IntegerCondition | Decided:
+    def condition(
+        self, relation: Relation, left: PolynomialForm, right: PolynomialForm
+    ) -> IntegerCondition | Decided:
         """left relation right; decided where it is known, from the bounds of both too."""
         if not left.terms and not right.terms:
             error = left.error + right.error
@@ -88,7 +92,7 @@ class ElementwiseForms(Settler):
             return Decided(most, not self.builder.is_doubtful(first, second))
         return IntegerCondition(relation, first, second, left - right)
 
-    def _aligned(self, left: Form, right: Form) -> tuple[int, int]:
+    def _aligned(self, left: PolynomialForm, right: PolynomialForm) -> tuple[int, int]:
         """Both values at one scale; a number that is out of reach stays beyond all values."""
         forms = (left, right)
         for this, other in (forms, forms[::-1]):
@@ -104,6 +108,7 @@ class ElementwiseForms(Settler):
                 literal = self.builder.literal(value, found.fraction, error + this.error)
                 return (literal, node) if this is left else (node, literal)
         a, b = self.node(left), self.node(right)
+        # the finer scale if both fit in it, else the finest in which both do
         fraction = max(self.builder[a].fraction, self.builder[b].fraction)
         while True:
             try:
@@ -111,7 +116,9 @@ class ElementwiseForms(Settler):
             except CannotFitError:
                 fraction -= 1
 
-    def selected(self, condition: IntegerCondition | Decided, then: Form, otherwise: Form) -> Form:
+    def selected(
+        self, condition: IntegerCondition | Decided, then: PolynomialForm, otherwise: PolynomialForm
+    ) -> PolynomialForm:
         """A choice; one between two numbers is linear in a node that is 0 or 1."""
         if isinstance(condition, Decided):
             taken = then if condition.holds else otherwise
@@ -128,7 +135,7 @@ class ElementwiseForms(Settler):
         apart = reach_beside(self.builder, condition, then - otherwise)
         return self.form(self.builder.choose(relation, left, right, a, b, apart))
 
-    def _same_scale(self, left: Form, right: Form) -> tuple[int, int]:
+    def _same_scale(self, left: PolynomialForm, right: PolynomialForm) -> tuple[int, int]:
         """As `_aligned`, with numbers kept as they are."""
         a, b = self.node(left), self.node(right)
         fractions = [self.builder[n].fraction for n, f in ((a, left), (b, right)) if f.terms]
@@ -139,7 +146,7 @@ class ElementwiseForms(Settler):
             except CannotFitError:
                 fraction -= 1
 
-    def applied(self, function: str, *forms: Form) -> Form:
+    def applied(self, function: str, *forms: PolynomialForm) -> PolynomialForm:
         """A function of the table in `scalars/table.py`."""
         row = SCALAR_FUNCTIONS[function]
         if all(not form.terms for form in forms):
@@ -155,6 +162,7 @@ class ElementwiseForms(Settler):
             return self._simple(self.builder.magnitude(self.node(form)))
         if function == "sign":
             zero = self.number(0.0)
+            # sign(0) is 0, for which one choice is not enough
             above = self.selected(
                 self.condition(Relation.GREATER, form, zero), self.number(1.0), zero
             )
@@ -162,7 +170,9 @@ class ElementwiseForms(Settler):
             return above - self.selected(below, self.number(1.0), zero)
         return self._tabled(function, row.numpy, form)
 
-    def _tabled(self, name: str, function: Callable[[Any], Any], form: Form) -> Form:
+    def _tabled(
+        self, name: str, function: Callable[[Any], Any], form: PolynomialForm
+    ) -> PolynomialForm:
         builder = self.builder
         node = builder.as_word(self.node(form))
         found = builder[node]

@@ -18,11 +18,11 @@ Monomial = tuple[int, ...]
 class FormContext(Protocol):
     """What makes nodes out of forms."""
 
-    def is_thin(self, form: Form) -> bool:
+    def is_thin(self, form: PolynomialForm) -> bool:
         """Whether the form is a degree of membership, which products are expanded with."""
         ...
 
-    def product(self, left: Form, right: Form) -> Form:
+    def product(self, left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
         """left · right as one rounded node."""
         ...
 
@@ -32,7 +32,7 @@ class FormContext(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Form:
+class PolynomialForm:
     """constant + Σ coefficient · monomial, which is within `error` of what it stands for.
 
     That is 0 but where something was decided or left out by bounds alone; the errors of the nodes
@@ -54,24 +54,24 @@ class Form:
         sizes = (share(c, self.context.size(monomial)) for monomial, c in self.terms)
         return abs(self.constant) + sum(sizes) + self.error
 
-    def within(self, error: float) -> Form:
+    def within(self, error: float) -> PolynomialForm:
         """The same for something that it can be so much further from."""
         return replace(self, error=self.error + error)
 
-    def __add__(self, other: Form) -> Form:
+    def __add__(self, other: PolynomialForm) -> PolynomialForm:
         terms = dict(self.terms)
         for monomial, coefficient in other.terms:
             terms[monomial] = terms.get(monomial, 0.0) + coefficient
         error = self.error + other.error
         return _form(self.context, self.constant + other.constant, terms, error)
 
-    def __neg__(self) -> Form:
+    def __neg__(self) -> PolynomialForm:
         return self.times(-1.0)
 
-    def __sub__(self, other: Form) -> Form:
+    def __sub__(self, other: PolynomialForm) -> PolynomialForm:
         return self + (-other)
 
-    def __mul__(self, other: Form) -> Form:
+    def __mul__(self, other: PolynomialForm) -> PolynomialForm:
         # times a number: nothing is rounded until the form becomes a node
         if not other.terms:
             return self.times(other.constant).within(share(self.reach, other.error))
@@ -84,7 +84,7 @@ class Form:
             return _expanded(self, other)
         return self.context.product(self, other)
 
-    def times(self, factor: float) -> Form:
+    def times(self, factor: float) -> PolynomialForm:
         terms = {monomial: coefficient * factor for monomial, coefficient in self.terms}
         error = share(factor, self.error)
         return _form(self.context, self.constant * factor, terms, error)
@@ -94,11 +94,11 @@ _SHORT = 2
 """Terms of a form whose products are worth expanding."""
 
 
-def _is_short(form: Form) -> bool:
+def _is_short(form: PolynomialForm) -> bool:
     return form.degree == 1 and len(form.terms) <= _SHORT
 
 
-def _expanded(left: Form, right: Form) -> Form:
+def _expanded(left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
     terms: dict[Monomial, float] = {}
     for first, a in (((), left.constant), *left.terms):
         for second, b in (((), right.constant), *right.terms):
@@ -115,7 +115,7 @@ _NEGLIGIBLE = 1e-12
 
 def _form(
     context: FormContext, constant: float, terms: dict[Monomial, float], error: float
-) -> Form:
+) -> PolynomialForm:
     largest = max((abs(coefficient) for coefficient in terms.values()), default=0.0)
     kept: list[tuple[Monomial, float]] = []
     for monomial, coefficient in sorted(terms.items()):
@@ -124,4 +124,4 @@ def _form(
             kept.append((monomial, coefficient))
         else:
             error += share(coefficient, context.size(monomial))
-    return Form(context, constant, tuple(kept), error)
+    return PolynomialForm(context, constant, tuple(kept), error)

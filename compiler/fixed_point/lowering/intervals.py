@@ -49,9 +49,11 @@ def _scaled_from(nodes: Sequence[IntegerNode], node: int, ends: Interval) -> Int
     low, high = ends
     match nodes[node].op:
         case RoundShift(bits):
+            # all words that the rounded shift takes there, and half a unit more at both ends
             return (low - 1) << bits, (high + 1) << bits
         case WeightedSum(0, (factor,)) if factor > 0:
             finer = nodes[node].fraction - nodes[nodes[node].args[0]].fraction
+            # floor and ceiling: an interval may only widen
             return (low // factor, -(-high // factor)) if factor == 2**finer else None
         case _:
             return None
@@ -62,6 +64,7 @@ def _narrowed(node: IntegerNode, args: Sequence[Interval]) -> Interval | None:
     lows, highs = [low for low, _ in args], [high for _, high in args]
     match node.op:
         case RoundShift(bits):
+            # one unit at both ends covers the rounding of the shift
             return (lows[0] >> bits) - 1, (highs[0] >> bits) + 1
         case WeightedSum(constant, coefficients):
             ends = [
@@ -75,6 +78,7 @@ def _narrowed(node: IntegerNode, args: Sequence[Interval]) -> Interval | None:
             return max(lows), max(highs)
         case IntegerLookup(first, bits, values):
             cell, last = ((end - first) >> bits for end in (lows[0], highs[0]))
+            # entries at both ends of every cell that the interval touches
             inside = values[max(cell, 0) : max(last, 0) + 2]
             return (min(inside), max(inside)) if inside else None
         case _:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compiler.fixed_point.integers.builder import CannotFitError
 from compiler.fixed_point.integers.program import Width
 from compiler.fixed_point.lowering.elementwise import ElementwiseForms
-from compiler.fixed_point.lowering.forms import Form
+from compiler.fixed_point.lowering.forms import PolynomialForm
 from compiler.fixed_point.lowering.settle import Ramp, Settler
 from compiler.fixed_point.lowering.thresholds import Decided, IntegerCondition
 from compiler.interpreter.operations import NOWHERE, evaluator
@@ -64,6 +64,7 @@ class Lowering(ElementwiseForms):
             args = self._operands(current)
             missing = [arg for arg in args if arg not in self._values]
             if current in self._values or not missing:
+                # a node that two others were missing is on the stack twice
                 if current not in self._values:
                     self._values[current] = self._lowered(current)
                 pending.pop()
@@ -82,6 +83,7 @@ class Lowering(ElementwiseForms):
     def _operands(self, index: NodeId) -> tuple[NodeId, ...]:
         sets = self._sets.get(index)
         if sets is not None and self._as_ramps(sets):
+            # the points of ramps are numbers of the program, no operand
             return (sets.value,)
         return self.graph[index].args
 
@@ -156,11 +158,12 @@ class Lowering(ElementwiseForms):
 
     def _by_numpy(self, node: Node) -> Elements:
         types = tuple(self.graph[arg].type for arg in node.args)
+        # numpy adds, multiplies and moves forms as it does numbers
         evaluate = evaluator(node, types, {}, np.dtype(np.object_))
         values: Any = self._values
         return evaluate(values, NOWHERE)
 
-    def shortened(self, form: Form) -> Form:
+    def shortened(self, form: PolynomialForm) -> PolynomialForm:
         return self.form(self.node(form)) if len(form.terms) > _LONGEST else form
 
     def _hats(self, index: NodeId, sets: CompactSets) -> Elements:
@@ -173,11 +176,12 @@ class Lowering(ElementwiseForms):
         fraction = builder[node].fraction
         # the centres in units of the word, so that a value at a centre is exactly there
         knots = [round(math.ldexp(point, fraction)) for point in points.values]
-        ramps: list[Form] = []
+        ramps: list[PolynomialForm] = []
         for place, (low, high) in enumerate(pairwise(knots)):
             if high == low:
                 raise CannotFitError("has centres that are one number in this format")
             bounds = builder[node].low - low, builder[node].high - low
+            # x − p in units of the word, then cut to 0 … l: the ramp that rises over this interval
             shifted = builder.weighted_sum(-low, [(1, node)], fraction, bounds)
             ramp = builder.saturated(shifted, 0, high - low)
             # a degree is clip((x − p) / l): what x, p and l are off, each at most once
@@ -205,7 +209,7 @@ def _sure(condition: IntegerCondition | Decided) -> IntegerCondition | Decided:
     )
 
 
-def _square(form: Form) -> Form:
+def _square(form: PolynomialForm) -> PolynomialForm:
     return form * form
 
 
@@ -217,7 +221,7 @@ def _each(function: Callable[..., Any], *values: Elements) -> Elements:
     return found
 
 
-def _elements(forms: list[Form], shape: tuple[int, ...]) -> Elements:
+def _elements(forms: list[PolynomialForm], shape: tuple[int, ...]) -> Elements:
     found = np.empty(len(forms), np.object_)
     found[:] = forms
     return found.reshape((1, *shape))

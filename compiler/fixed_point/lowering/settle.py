@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from compiler.fixed_point.integers.builder import CannotFitError, IntegerBuilder, share
 from compiler.fixed_point.integers.program import Width
-from compiler.fixed_point.lowering.forms import Form, Monomial
+from compiler.fixed_point.lowering.forms import Monomial, PolynomialForm
 from compiler.fixed_point.lowering.thresholds import IntegerCondition, reach_beside
 
 _ROOM = 0.9
@@ -48,19 +48,19 @@ class Settler:
         self.indicators: dict[int, IntegerCondition] = {}
         self._settled: dict[_Key, tuple[int, float]] = {}
 
-    def form(self, node: int) -> Form:
-        return Form(self, 0.0, (((node,), 1.0),))
+    def form(self, node: int) -> PolynomialForm:
+        return PolynomialForm(self, 0.0, (((node,), 1.0),))
 
-    def number(self, value: float) -> Form:
-        return Form(self, value)
+    def number(self, value: float) -> PolynomialForm:
+        return PolynomialForm(self, value)
 
-    def is_thin(self, form: Form) -> bool:
+    def is_thin(self, form: PolynomialForm) -> bool:
         return all(n in self.ramps or n in self.indicators for m, _ in form.terms for n in m)
 
     def size(self, monomial: Monomial) -> float:
         return math.prod(self.builder.reach(node) + self.builder.errors[node] for node in monomial)
 
-    def product(self, left: Form, right: Form) -> Form:
+    def product(self, left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
         (one, mine), (other, its) = self._factor(left), self._factor(right)
         error = min(
             self._beside((left, one, mine), (right, other, its)),
@@ -71,7 +71,7 @@ class Settler:
         node = self.builder.product(first, second, error / abs(mine * its))
         return self.form(node).times(mine * its)
 
-    def _factor(self, form: Form) -> tuple[int, float]:
+    def _factor(self, form: PolynomialForm) -> tuple[int, float]:
         """The word that a factor of a product is a multiple of, and how many times."""
         if form.degree != 1 or len(form.terms) != 1 or form.constant != 0.0:
             return self.builder.as_word(self.node(form)), 1.0
@@ -83,7 +83,9 @@ class Settler:
             self.builder.allow(node, known + form.error / abs(coefficient))
         return self.builder.as_word(node), coefficient
 
-    def _beside(self, decided: tuple[Form, int, float], other: tuple[Form, int, float]) -> float:
+    def _beside(
+        self, decided: tuple[PolynomialForm, int, float], other: tuple[PolynomialForm, int, float]
+    ) -> float:
         """The error of a product d·r whose factor d is a sum of decisions, else inf.
 
         Each decision is wrong, by 1, only beside its threshold, where r may be small. The form, its
@@ -105,7 +107,7 @@ class Settler:
         by_right = share(times * reach(word), share(its, errors[factor]))
         return wrong + share(right.reach, rounding) + by_right
 
-    def node(self, form: Form) -> int:
+    def node(self, form: PolynomialForm) -> int:
         """The node that holds the form's value."""
         key = form.constant, form.terms
         if key not in self._settled:
@@ -114,7 +116,7 @@ class Settler:
         node, error = self._settled[key]
         return self.builder.allow(node, error + form.error)
 
-    def _degree_one(self, form: Form) -> list[tuple[int, float]]:
+    def _degree_one(self, form: PolynomialForm) -> list[tuple[int, float]]:
         """The terms with products computed; a factor that many share is taken out first."""
         linear = [(m[0], c) for m, c in form.terms if len(m) == 1]
         rest = {m: c for m, c in form.terms if len(m) > 1}
@@ -129,7 +131,9 @@ class Settler:
             for monomial in [m for m in rest if shared in m]:
                 other = monomial[1] if monomial[0] == shared else monomial[0]
                 inner[other,] = rest.pop(monomial)
-            found = self.product(self.form(shared), Form(self, 0.0, tuple(sorted(inner.items()))))
+            found = self.product(
+                self.form(shared), PolynomialForm(self, 0.0, tuple(sorted(inner.items())))
+            )
             linear += [(m[0], c) for m, c in found.terms]
         return linear
 

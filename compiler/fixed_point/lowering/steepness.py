@@ -19,6 +19,7 @@ def furthest(function: str, low: float, high: float, apart: float) -> float:
         return 0.0
     if not math.isfinite(apart):
         return math.inf
+    # y may lie outside low … high, by `apart` at most
     by_slope = apart * steepest(function, low - apart, high + apart)
     match function:
         case "sqrt":  # (√x − √y)² ≤ |x − y|
@@ -50,6 +51,7 @@ def _farthest(low: float, high: float) -> float:
 
 
 def _sigmoid(x: float) -> float:
+    # further below, exp(−x) comes near the largest float64; σ(−700) is about 1e-304
     return 1.0 / (1.0 + math.exp(-x)) if x > -700.0 else 0.0
 
 
@@ -64,6 +66,7 @@ _SLOPES: Mapping[str, Slope] = {
     "sqrt": lambda low, high: 0.5 * _of_root(low),
     "sin": lambda low, high: 1.0,
     "cos": lambda low, high: 1.0,
+    # the branch around 0 alone: the poles are at ±π/2
     "tan": lambda low, high: (
         1.0 / math.cos(_farthest(low, high)) ** 2
         if _farthest(low, high) < 0.5 * math.pi

@@ -20,7 +20,7 @@ _TOLERANCE = {"q15": 2.0**-10, "q31": 2.0**-19}
 """Largest error of the interpolation, relative to the span of the function's values."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FittedTable:
     """A table, the scale of its values and the part of the domain that it covers."""
 
@@ -44,6 +44,7 @@ def fitted_table(
     is to be moved to low … high. Raises CannotFitError where no table is close enough.
     """
     low, high, fraction = argument
+    # every word where there are at most 65,537, else as many of them evenly spread
     points = np.unique(np.round(np.linspace(low, high, 2**16 + 1)))
     with np.errstate(all="ignore"):
         values = np.asarray(function(np.ldexp(points, -fraction)), np.float64)
@@ -52,6 +53,7 @@ def fitted_table(
     reach = max(float(np.abs(values).max()), math.ldexp(1.0, -width.sum))
     scale = width.word - 1 - math.frexp(reach)[1]
     unit = math.ldexp(1.0, -scale)
+    # a table cannot be closer than its own words
     tolerance = max(_TOLERANCE[width.name] * float(np.ptp(values)), 2 * unit)
     low, high = _varying(points, values, min(unit / 2, tolerance / 4), low, high)
     every, exact = points, values
@@ -59,7 +61,9 @@ def fitted_table(
         points[(points >= low) & (points <= high)],
         values[(points >= low) & (points <= high)],
     )
+    # widest cells first: the first table that is close enough is the smallest
     for bits in range((high - low).bit_length(), -1, -1):
+        # cells begin at multiples of their width, so that a shift finds the cell of a word
         first = (low >> bits) << bits
         cells = ((high - first) >> bits) + 1
         if cells > _MOST_CELLS[width.name]:
@@ -78,7 +82,13 @@ def fitted_table(
             off = float(np.abs(table - exact).max()) + unit / 2
             steep = math.ldexp(float(np.abs(np.diff(whole)).max()), fraction - bits - scale)
             off += _between(name, every, fraction, steep)
-            return FittedTable(IntegerLookup(first, bits, entries, name), scale, low, high, off)
+            return FittedTable(
+                table=IntegerLookup(first, bits, entries, name),
+                fraction=scale,
+                low=low,
+                high=high,
+                error=off,
+            )
     raise CannotFitError(f"needs a table of more than {_MOST_CELLS[width.name]} cells")
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from compiler.fixed_point.integers.builder import IntegerBuilder, share
 from compiler.fixed_point.integers.program import Literal
-from compiler.fixed_point.lowering.forms import Form
+from compiler.fixed_point.lowering.forms import PolynomialForm
 from compiler.fixed_point.lowering.intervals import bounds_near
 from compiler.ir.ops import Relation
 
@@ -20,7 +20,7 @@ class IntegerCondition:
     relation: Relation
     left: int
     right: int
-    difference: Form
+    difference: PolynomialForm
     """left − right before they were rounded."""
 
 
@@ -32,7 +32,9 @@ class Decided:
     is_sure: bool
 
 
-def reach_beside(builder: IntegerBuilder, condition: IntegerCondition, form: Form) -> float:
+def reach_beside(
+    builder: IntegerBuilder, condition: IntegerCondition, form: PolynomialForm
+) -> float:
     """The largest magnitude of a form where rounding may decide the condition; 0 if nowhere.
 
     There |left − right| is at most the errors of both. form = κ (left − right) + rest for any κ:
@@ -46,6 +48,7 @@ def reach_beside(builder: IntegerBuilder, condition: IntegerCondition, form: For
     for this, other in ((left, right), (right, left)):
         if isinstance(builder[other].op, Literal) and math.isfinite(error):
             middle = builder[other].low
+            # the error in units of this node's words, rounded away from 0
             room = math.ceil(math.ldexp(error, builder[this].fraction))
             near = bounds_near(builder.nodes, this, (middle - room, middle + room))
     mine = dict(form.terms)
@@ -57,7 +60,9 @@ def reach_beside(builder: IntegerBuilder, condition: IntegerCondition, form: For
     )
 
 
-def _reach(builder: IntegerBuilder, form: Form, near: Mapping[int, tuple[float, float]]) -> float:
+def _reach(
+    builder: IntegerBuilder, form: PolynomialForm, near: Mapping[int, tuple[float, float]]
+) -> float:
     """The largest magnitude of a form where some nodes are within narrower bounds."""
     low = high = form.constant
     error = form.error
@@ -67,6 +72,7 @@ def _reach(builder: IntegerBuilder, form: Form, near: Mapping[int, tuple[float, 
             ends = near.get(node, builder.bounds(node))
             error += share(coefficient, builder.errors[node])
         else:
+            # a product of nodes is bounded by its size alone, errors included
             sizes = (
                 max(map(abs, near.get(node, builder.bounds(node)))) + builder.errors[node]
                 for node in monomial

@@ -137,6 +137,7 @@ def _check_signal(signal: Signal) -> None:
 
 def _check_range(what: str, bounds: tuple[float, float] | None) -> None:
     if bounds is not None:
+        # a bound that is NaN fails as well
         _require(bounds[0] < bounds[1], f"{what} has an empty range")
 
 

@@ -12,7 +12,7 @@ from compiler.kernels.trace.operations import (
     to_real,
     to_unsigned,
 )
-from compiler.kernels.trace.statements import Kind, Table
+from compiler.kernels.trace.statements import Table, ValueKind
 from compiler.kernels.trace.subroutine import Subroutine
 from compiler.kernels.trace.values import Real, Value
 
@@ -61,7 +61,7 @@ def scale_factors(count: Real) -> tuple[Real, Real]:
     n = to_unsigned(count + (1.0 - smallest))
     entries = (count.format.overflow_exponent - smallest) // 32 + 1
     powers = tuple(2.0 ** (smallest + 32 * i) for i in range(entries))
-    table = Table("powers", Kind.REAL, powers)
+    table = Table("powers", ValueKind.REAL, powers)
     # n counts from the smallest exponent − 1: the half takes the 1 back
     first = to_real(integer(count, 1) << (n & 31)) * 0.5
     return first, look_up(table, n >> 5)

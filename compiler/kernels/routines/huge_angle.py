@@ -20,21 +20,24 @@ from compiler.kernels.trace.operations import (
     to_real,
     to_unsigned,
 )
-from compiler.kernels.trace.statements import Kind, Table
+from compiler.kernels.trace.statements import Table, ValueKind
 from compiler.kernels.trace.values import Real, Unsigned, Value
 
 
 def reduce_huge(x: Real) -> tuple[Value, ...]:
     """high, low, quadrant of finite x ≥ 2^7 (float) or 2^10 (double), as `reduce_angle`."""
     mantissa, exponent = _integer_mantissa(x)
+    # words of the fraction that are kept: a float's product needs fewer than a double's
     kept = 2 if len(mantissa) == 1 else 4
     words = _aligned_words(exponent, kept + len(mantissa), x.format)
     digits = _product_fraction(mantissa, words)
     # half a quarter turn added, the two leading bits are the nearest quadrant
     shifted = digits[0] + 0x20000000
     quadrant = shifted >> 30
+    # a quarter turn is 2^30; less the half of one added above, this is the signed rest
     turned = shifted & 0x3FFFFFFF
     negative = turned < 0x20000000
+    # the complement of the digits negates the fraction but for one unit of the last digit
     magnitude = [select_word(negative, 0x1FFFFFFF - turned, turned - 0x20000000)]
     magnitude += [select_word(negative, 0xFFFFFFFF - digit, digit) for digit in digits[1:]]
     fraction, fraction_rest = _sum_digits(magnitude, x.format)
@@ -68,15 +71,17 @@ def _aligned_words(position: Unsigned, count: int, format: Format) -> list[Unsig
     leading = _leading_zeros(format)
     last = (32 * leading + format.overflow_exponent - 1 - format.digits - 1) // 32 + count
     entries = ((0,) * leading + TWO_OVER_PI_WORDS)[: last + 1]
-    table = Table("two_over_pi", Kind.UNSIGNED, entries)
+    table = Table("two_over_pi", ValueKind.UNSIGNED, entries)
+    # bits to words of 32 bits: which word, and how far into it
     index = position >> 5
-    shift = to_kind(position & 31, Kind.WIDE)
+    shift = to_kind(position & 31, ValueKind.WIDE)
     words = [look_up_word(table, index)]
     words += [look_up_word(table, index + i) for i in range(1, count + 1)]
     aligned: list[Unsigned] = []
     for i in range(count):
-        pair = (to_kind(words[i], Kind.WIDE) << 32) | to_kind(words[i + 1], Kind.WIDE)
-        aligned.append(to_kind((pair << shift) >> 32, Kind.UNSIGNED))
+        # two words side by side, shifted to the first bit that matters
+        pair = (to_kind(words[i], ValueKind.WIDE) << 32) | to_kind(words[i + 1], ValueKind.WIDE)
+        aligned.append(to_kind((pair << shift) >> 32, ValueKind.UNSIGNED))
     return aligned
 
 
@@ -88,12 +93,12 @@ def _product_fraction(mantissa: list[Unsigned], words: list[Unsigned]) -> list[U
     kept = len(words) - len(mantissa)
     columns: list[list[Unsigned]] = [[] for _ in range(kept)]
     for i, digit in enumerate(mantissa):
-        wide_digit = to_kind(digit, Kind.WIDE)
+        wide_digit = to_kind(digit, ValueKind.WIDE)
         for j, word in enumerate(words):
             column = j - i
             if column > kept:
                 continue
-            product = wide_digit * to_kind(word, Kind.WIDE)
+            product = wide_digit * to_kind(word, ValueKind.WIDE)
             if 0 <= column < kept:
                 columns[column].append(product & 0xFFFFFFFF)
             if 0 <= column - 1 < kept:
@@ -106,7 +111,7 @@ def _product_fraction(mantissa: list[Unsigned], words: list[Unsigned]) -> list[U
             total = total + term
         if carry is not None:
             total = total + carry
-        digits.insert(0, to_kind(total, Kind.UNSIGNED))
+        digits.insert(0, to_kind(total, ValueKind.UNSIGNED))
         carry = total >> 32
     return digits
 

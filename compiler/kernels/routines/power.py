@@ -20,7 +20,7 @@ from compiler.kernels.trace.operations import (
     to_real,
     to_unsigned,
 )
-from compiler.kernels.trace.statements import Kind
+from compiler.kernels.trace.statements import ValueKind
 from compiler.kernels.trace.subroutine import Subroutine
 from compiler.kernels.trace.values import Real, Truth, Value
 
@@ -82,7 +82,7 @@ def _finite_power(base: Real, y: Real) -> Real:
 
 def _split_exponent(size: Real) -> tuple[Truth, Truth]:
     """Whether size ≥ 0 has a fraction, and whether it is odd; large numbers are even."""
-    kind = Kind.UNSIGNED if size.format.digits < 32 else Kind.WIDE
+    kind = ValueKind.UNSIGNED if size.format.digits < 32 else ValueKind.WIDE
 
     def small() -> tuple[Value, ...]:
         whole = to_unsigned(size, kind)

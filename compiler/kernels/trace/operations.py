@@ -10,11 +10,11 @@ from compiler.kernels.trace.statements import (
     Constant,
     Convert,
     Function,
-    Kind,
     Lookup,
     Select,
     Table,
     Unary,
+    ValueKind,
 )
 from compiler.kernels.trace.values import Real, Truth, Unsigned, Value, real_constant, symbolic
 
@@ -26,37 +26,37 @@ def constant(like: Real, value: float) -> Real:
 
 def integer(like: Value, value: int) -> Unsigned:
     """A 32-bit integer constant."""
-    return Unsigned(like.tracer, Constant(Kind.UNSIGNED, value))
+    return Unsigned(like.tracer, Constant(ValueKind.UNSIGNED, value))
 
 
 def square_root(x: Real) -> Real:
     """√x, correctly rounded; NaN below zero."""
-    return Real(x.tracer, x.tracer.assign(Unary(Function.SQUARE_ROOT, x.operand), Kind.REAL))
+    return Real(x.tracer, x.tracer.assign(Unary(Function.SQUARE_ROOT, x.operand), ValueKind.REAL))
 
 
-def to_unsigned(x: Real, kind: Kind = Kind.UNSIGNED) -> Unsigned:
+def to_unsigned(x: Real, kind: ValueKind = ValueKind.UNSIGNED) -> Unsigned:
     """The integer part of x, which must lie in the range of the integer."""
     return Unsigned(x.tracer, x.tracer.assign(Convert(x.operand), kind))
 
 
 def to_real(n: Unsigned) -> Real:
     """The integer as a real; kernels convert only what the format holds exactly."""
-    return Real(n.tracer, n.tracer.assign(Convert(n.operand), Kind.REAL))
+    return Real(n.tracer, n.tracer.assign(Convert(n.operand), ValueKind.REAL))
 
 
-def to_kind(n: Unsigned, kind: Kind) -> Unsigned:
+def to_kind(n: Unsigned, kind: ValueKind) -> Unsigned:
     """The integer in 64 bits, or its low 32 bits."""
     return Unsigned(n.tracer, n.tracer.assign(Convert(n.operand), kind))
 
 
 def look_up(table: Table, index: Unsigned) -> Real:
     """An entry of a table of reals."""
-    return Real(index.tracer, index.tracer.assign(Lookup(table, index.operand), Kind.REAL))
+    return Real(index.tracer, index.tracer.assign(Lookup(table, index.operand), ValueKind.REAL))
 
 
 def look_up_word(table: Table, index: Unsigned) -> Unsigned:
     """An entry of a table of 32-bit integers."""
-    operand = index.tracer.assign(Lookup(table, index.operand), Kind.UNSIGNED)
+    operand = index.tracer.assign(Lookup(table, index.operand), ValueKind.UNSIGNED)
     return Unsigned(index.tracer, operand)
 
 
@@ -65,7 +65,7 @@ def select(condition: Truth, then: Real | float, otherwise: Real | float) -> Rea
     tracer = condition.tracer
     first = then if isinstance(then, Real) else Real(tracer, real_constant(then, tracer.format))
     operation = Select(condition.operand, first.operand, first.lift(otherwise))
-    return Real(tracer, tracer.assign(operation, Kind.REAL))
+    return Real(tracer, tracer.assign(operation, ValueKind.REAL))
 
 
 def select_word(condition: Truth, then: Unsigned, otherwise: Unsigned | int) -> Unsigned:

@@ -19,7 +19,6 @@ from compiler.kernels.trace.statements import (
     Constant,
     Convert,
     Function,
-    Kind,
     Local,
     Lookup,
     Operand,
@@ -28,6 +27,7 @@ from compiler.kernels.trace.statements import (
     Routine,
     Select,
     Unary,
+    ValueKind,
 )
 
 Array = NDArray[Any]
@@ -99,6 +99,7 @@ class _Watch:
         return _Watch(self.note, self.present & condition, self.joined)
 
     def called(self) -> _Watch:
+        # the locals of the called routine are numbered anew, so nothing joined here is known there
         return _Watch(self.note, self.present, {})
 
     def operation(self, statement: Assign, values: dict[int, Array], format: Format) -> None:
@@ -123,6 +124,7 @@ class _Watch:
             # C stops at the first operand that decides: the second counts as looked at only
             # elsewhere
             watch.tell((*which, number), _read(operand, values, format))
+            # an operand that is itself made by && or || is decided operand by operand too
             if operand in self.joined:
                 watch._decide((*which, number), self.joined[operand], values, format)
 
@@ -176,7 +178,9 @@ def _store(
         values[target.index] = result
 
 
-def _apply(operation: Operation, kind: Kind, values: dict[int, Array], format: Format) -> Array:
+def _apply(
+    operation: Operation, kind: ValueKind, values: dict[int, Array], format: Format
+) -> Array:
     match operation:
         case Unary(function, operand):
             return _FUNCTIONS[function](_read(operand, values, format))
@@ -208,15 +212,15 @@ def _read(operand: Operand, values: dict[int, Array], format: Format) -> Array:
             assert_never(operand)
 
 
-def _dtype(kind: Kind, format: Format) -> np.dtype[Any]:
+def _dtype(kind: ValueKind, format: Format) -> np.dtype[Any]:
     match kind:
-        case Kind.REAL:
+        case ValueKind.REAL:
             return format.dtype
-        case Kind.UNSIGNED:
+        case ValueKind.UNSIGNED:
             return np.dtype(np.uint32)
-        case Kind.WIDE:
+        case ValueKind.WIDE:
             return np.dtype(np.uint64)
-        case Kind.TRUTH:
+        case ValueKind.TRUTH:
             return np.dtype(np.bool_)
         case _:
             assert_never(kind)

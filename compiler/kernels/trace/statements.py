@@ -14,7 +14,7 @@ from typing import assert_never
 from compiler.kernels.tables.formats import Format
 
 
-class Kind(Enum):
+class ValueKind(Enum):
     """The type of a value; REAL is the format of the routine."""
 
     REAL = "real"
@@ -61,7 +61,7 @@ class Local:
     """A value of the routine; `hint` is its name in the C text, empty for a nameless one."""
 
     index: int
-    kind: Kind
+    kind: ValueKind
     hint: str
 
 
@@ -69,7 +69,7 @@ class Local:
 class Constant:
     """A number, exactly representable in its kind."""
 
-    kind: Kind
+    kind: ValueKind
     value: float | int
 
 
@@ -81,7 +81,7 @@ class Table:
     """Constant numbers that are looked up by index."""
 
     name: str
-    kind: Kind
+    kind: ValueKind
     values: tuple[float, ...] | tuple[int, ...]
 
 

@@ -8,7 +8,7 @@ from functools import cache
 
 from compiler.kernels.tables.formats import Format
 from compiler.kernels.trace.drop_unused import drop_unused
-from compiler.kernels.trace.statements import Call, Kind, Routine
+from compiler.kernels.trace.statements import Call, Routine, ValueKind
 from compiler.kernels.trace.values import Real, Tracer, Value, symbolic
 
 
@@ -46,7 +46,7 @@ def call(subroutine: Subroutine, *arguments: Real) -> Real:
 def trace(subroutine: Subroutine, format: Format) -> Routine:
     """The statements of a kernel in one format."""
     tracer = Tracer(format)
-    parameters = tuple(tracer.new_local(Kind.REAL, name) for name in subroutine.parameters)
+    parameters = tuple(tracer.new_local(ValueKind.REAL, name) for name in subroutine.parameters)
     arguments = tuple(Real(tracer, parameter) for parameter in parameters)
     body = drop_unused(tracer.block(lambda: subroutine.build(*arguments)))
     return Routine(subroutine.name, subroutine.doc, format, parameters, subroutine.results, body)

@@ -12,13 +12,13 @@ from compiler.kernels.trace.statements import (
     Block,
     Constant,
     Function,
-    Kind,
     Local,
     Operand,
     Operation,
     Operator,
     Statement,
     Unary,
+    ValueKind,
 )
 
 
@@ -30,11 +30,11 @@ class Tracer:
         self._blocks: list[list[Statement]] = [[]]
         self._count = 0
 
-    def new_local(self, kind: Kind, hint: str = "") -> Local:
+    def new_local(self, kind: ValueKind, hint: str = "") -> Local:
         self._count += 1
         return Local(self._count, kind, hint)
 
-    def assign(self, operation: Operation, kind: Kind, hint: str = "") -> Operand:
+    def assign(self, operation: Operation, kind: ValueKind, hint: str = "") -> Operand:
         target = self.new_local(kind, hint)
         self.append(Assign(target, operation))
         return target
@@ -65,7 +65,9 @@ class Value:
     tracer: Tracer
     operand: Operand
 
-    def _binary(self, operator: Operator, left: Operand, right: Operand, kind: Kind) -> Operand:
+    def _binary(
+        self, operator: Operator, left: Operand, right: Operand, kind: ValueKind
+    ) -> Operand:
         return self.tracer.assign(Binary(operator, left, right), kind)
 
 
@@ -74,16 +76,16 @@ class Truth(Value):
     """A condition."""
 
     def __and__(self, other: Truth) -> Truth:
-        operand = self._binary(Operator.BOTH, self.operand, other.operand, Kind.TRUTH)
+        operand = self._binary(Operator.BOTH, self.operand, other.operand, ValueKind.TRUTH)
         return Truth(self.tracer, operand)
 
     def __or__(self, other: Truth) -> Truth:
-        operand = self._binary(Operator.EITHER, self.operand, other.operand, Kind.TRUTH)
+        operand = self._binary(Operator.EITHER, self.operand, other.operand, ValueKind.TRUTH)
         return Truth(self.tracer, operand)
 
     def __invert__(self) -> Truth:
         operation = Unary(Function.NOT, self.operand)
-        return Truth(self.tracer, self.tracer.assign(operation, Kind.TRUTH))
+        return Truth(self.tracer, self.tracer.assign(operation, ValueKind.TRUTH))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +93,7 @@ class Unsigned(Value):
     """An unsigned integer of 32 bits, or of 64 where its operand is WIDE."""
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> ValueKind:
         return self.operand.kind
 
     def lift(self, other: Unsigned | int) -> Operand:
@@ -131,11 +133,11 @@ class Unsigned(Value):
         return self._compute(Operator.SHIFT_RIGHT, other)
 
     def __lt__(self, other: Unsigned | int) -> Truth:
-        operand = self._binary(Operator.LESS, self.operand, self.lift(other), Kind.TRUTH)
+        operand = self._binary(Operator.LESS, self.operand, self.lift(other), ValueKind.TRUTH)
         return Truth(self.tracer, operand)
 
     def __gt__(self, other: Unsigned | int) -> Truth:
-        operand = self._binary(Operator.GREATER, self.operand, self.lift(other), Kind.TRUTH)
+        operand = self._binary(Operator.GREATER, self.operand, self.lift(other), ValueKind.TRUTH)
         return Truth(self.tracer, operand)
 
 
@@ -152,10 +154,10 @@ class Real(Value):
         return other.operand if isinstance(other, Real) else real_constant(other, self.format)
 
     def _compute(self, operator: Operator, left: Operand, right: Operand) -> Real:
-        return Real(self.tracer, self._binary(operator, left, right, Kind.REAL))
+        return Real(self.tracer, self._binary(operator, left, right, ValueKind.REAL))
 
     def _compare(self, operator: Operator, other: Real | float) -> Truth:
-        operand = self._binary(operator, self.operand, self.lift(other), Kind.TRUTH)
+        operand = self._binary(operator, self.operand, self.lift(other), ValueKind.TRUTH)
         return Truth(self.tracer, operand)
 
     def __add__(self, other: Real | float) -> Real:
@@ -184,11 +186,11 @@ class Real(Value):
 
     def __neg__(self) -> Real:
         operation = Unary(Function.NEGATE, self.operand)
-        return Real(self.tracer, self.tracer.assign(operation, Kind.REAL))
+        return Real(self.tracer, self.tracer.assign(operation, ValueKind.REAL))
 
     def __abs__(self) -> Real:
         operation = Unary(Function.MAGNITUDE, self.operand)
-        return Real(self.tracer, self.tracer.assign(operation, Kind.REAL))
+        return Real(self.tracer, self.tracer.assign(operation, ValueKind.REAL))
 
     def __lt__(self, other: Real | float) -> Truth:
         return self._compare(Operator.LESS, other)
@@ -209,15 +211,15 @@ class Real(Value):
 
 def real_constant(value: float, format: Format) -> Constant:
     """The number rounded to the format, so that every reader has the same one."""
-    return Constant(Kind.REAL, float(format.dtype.type(value)))
+    return Constant(ValueKind.REAL, float(format.dtype.type(value)))
 
 
 def symbolic(tracer: Tracer, target: Local) -> Value:
     """A local variable as a value of its kind."""
     match target.kind:
-        case Kind.REAL:
+        case ValueKind.REAL:
             return Real(tracer, target)
-        case Kind.TRUTH:
+        case ValueKind.TRUTH:
             return Truth(tracer, target)
-        case Kind.UNSIGNED | Kind.WIDE:
+        case ValueKind.UNSIGNED | ValueKind.WIDE:
             return Unsigned(tracer, target)

@@ -14,7 +14,6 @@ from compiler.kernels.trace.statements import (
     Constant,
     Convert,
     Function,
-    Kind,
     Local,
     Lookup,
     Operand,
@@ -24,9 +23,10 @@ from compiler.kernels.trace.statements import (
     Select,
     Statement,
     Unary,
+    ValueKind,
 )
 
-_BITS = {Kind.UNSIGNED: 32, Kind.WIDE: 64}
+_BITS = {ValueKind.UNSIGNED: 32, ValueKind.WIDE: 64}
 
 
 def without_branches(routine: Routine) -> Routine:
@@ -44,6 +44,7 @@ def without_branches(routine: Routine) -> Routine:
 class _Flattening:
     def __init__(self, routine: Routine) -> None:
         self._routine = routine
+        # new locals are numbered on from those of the routine
         self._count = max(local.index for local in _locals_within(routine))
         self._statements: list[Statement] = []
 
@@ -71,11 +72,11 @@ class _Flattening:
                     assert_never(statement)
         return block.values
 
-    def _guarded(self, operation: Operation, kind: Kind) -> Operation:
+    def _guarded(self, operation: Operation, kind: ValueKind) -> Operation:
         match operation:
             # a real beyond the integers, an index beyond a table, a shift by the width or more: C
             # leaves them undefined, and a block that is not chosen may now meet them
-            case Convert(Local(_, Kind.REAL) as real):
+            case Convert(Local(_, ValueKind.REAL) as real):
                 return Convert(self._within(real, 2.0 ** _BITS[kind]))
             case Lookup(table, Local() as index):
                 return Lookup(table, self._below(index, len(table.values)))
@@ -88,25 +89,29 @@ class _Flattening:
 
     def _within(self, real: Local, limit: float) -> Operand:
         """The number if it lies in 0 ≤ x < limit, else 0."""
-        above = self._new(Binary(Operator.GREATER_EQUAL, real, _ZERO), Kind.TRUTH)
-        below = self._new(Binary(Operator.LESS, real, Constant(Kind.REAL, limit)), Kind.TRUTH)
-        inside = self._new(Binary(Operator.BOTH, above, below), Kind.TRUTH)
-        return self._new(Select(inside, real, _ZERO), Kind.REAL)
+        above = self._new(Binary(Operator.GREATER_EQUAL, real, _ZERO), ValueKind.TRUTH)
+        below = self._new(
+            Binary(Operator.LESS, real, Constant(ValueKind.REAL, limit)), ValueKind.TRUTH
+        )
+        inside = self._new(Binary(Operator.BOTH, above, below), ValueKind.TRUTH)
+        return self._new(Select(inside, real, _ZERO), ValueKind.REAL)
 
     def _below(self, index: Local, limit: int) -> Operand:
         """The integer if it is less than the limit, else 0."""
-        inside = self._new(Binary(Operator.LESS, index, Constant(index.kind, limit)), Kind.TRUTH)
+        inside = self._new(
+            Binary(Operator.LESS, index, Constant(index.kind, limit)), ValueKind.TRUTH
+        )
         return self._new(Select(inside, index, Constant(index.kind, 0)), index.kind)
 
     def _root(self, real: Local) -> Operation:
         """√x without a library's detour below zero: there it is 0 / 0, elsewhere √x / 1."""
-        negative = self._new(Binary(Operator.LESS, real, _ZERO), Kind.TRUTH)
-        radicand = self._new(Select(negative, _ZERO, real), Kind.REAL)
-        root = self._new(Unary(Function.SQUARE_ROOT, radicand), Kind.REAL)
-        divisor = self._new(Select(negative, _ZERO, _ONE), Kind.REAL)
+        negative = self._new(Binary(Operator.LESS, real, _ZERO), ValueKind.TRUTH)
+        radicand = self._new(Select(negative, _ZERO, real), ValueKind.REAL)
+        root = self._new(Unary(Function.SQUARE_ROOT, radicand), ValueKind.REAL)
+        divisor = self._new(Select(negative, _ZERO, _ONE), ValueKind.REAL)
         return Binary(Operator.DIVIDE, root, divisor)
 
-    def _new(self, operation: Operation, kind: Kind) -> Local:
+    def _new(self, operation: Operation, kind: ValueKind) -> Local:
         self._count += 1
         target = Local(self._count, kind, "")
         self._statements.append(Assign(target, operation))
@@ -134,4 +139,4 @@ def _assigned(block: Block) -> Iterator[Local]:
                 assert_never(statement)
 
 
-_ZERO, _ONE = Constant(Kind.REAL, 0.0), Constant(Kind.REAL, 1.0)
+_ZERO, _ONE = Constant(ValueKind.REAL, 0.0), Constant(ValueKind.REAL, 1.0)

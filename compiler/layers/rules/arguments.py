@@ -107,6 +107,7 @@ def _joined(context: LayerContext, nodes: list[NodeId], time_axis: tuple[Axis, .
     builder = context.builder
     units = [builder.type(node).unit for node in nodes]
     unit = units[0]
+    # side by side they are one array, and an array has one unit
     if any(unit is None or other is None or not same_unit(unit, other) for other in units):
         unit = None
     parts: list[NodeId] = []

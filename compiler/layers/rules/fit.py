@@ -48,6 +48,7 @@ def declare_fit(
     if owner_of(name) and _is_connected(context):
         return
     arrays = filter_arrays(orders.kind, orders.feedthrough)
+    # weights that are given or frozen are not to be found
     if any(lowering.given.settles(f"{name}.{array}") for array in arrays):
         return
     if context.cells:
@@ -70,6 +71,7 @@ def declare_fit(
         feedthrough=orders.feedthrough,
         radius=orders.radius,
     )
+    # called twice with the same argument it is one system still
     if context.stores.fits.setdefault(name, fit) != fit:
         problem = f"`fit` is for one argument, and `{name}` is called with two"
         _refuse(context, problem, context.call.arguments[0].span, "this argument")
@@ -79,6 +81,7 @@ def _graph_of(context: LayerContext, argument: NodeId) -> Graph:
     """What the layer is called with, in a graph of its own."""
     graph, own = context.builder.graph(), GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
+    # nodes stand after their operands: none that comes later is needed
     for index, is_needed in enumerate(needed(graph, [argument])[: argument + 1]):
         if not is_needed:
             continue

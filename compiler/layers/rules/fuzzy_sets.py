@@ -63,6 +63,7 @@ def triangular(sets: FuzzySets) -> NodeId:
     if last == 1:
         return sets.numbers(1.0)
     slopes = sets.slopes()
+    # beyond the outermost centres nothing rises or falls: a slope of 0 there
     flat = builder.constant([0.0], (Axis(name, 1),), builder.type(slopes).unit)
     first, final = (
         builder.slice(sets.centers, name, 0, 1),
@@ -106,6 +107,7 @@ def beyond(sets: FuzzySets) -> NodeId:
     left = builder.minimum(zero, builder.subtract(value, end(sets.centers, 0)))
     right = builder.maximum(builder.subtract(value, end(sets.centers, last - 1)), zero)
     lost, gained = np.zeros(last), np.zeros(last)
+    # below c₀ `below` is negative: the first set gains what the second loses
     lost[:2] = -1.0, 1.0
     gained[-2:] = -1.0, 1.0
     below = builder.multiply(left, end(slopes, 0))
@@ -139,6 +141,7 @@ def between(bounds: FuzzySets) -> NodeId:
     reached = builder.select(above, bounds.numbers(1.0), bounds.numbers(0.0))
     one = builder.broadcast(builder.constant(1.0), edge)
     zero = builder.broadcast(builder.constant(0.0), edge)
+    # interval i is what reaches bound i − 1 and does not reach bound i
     lower = builder.concat([one, reached], name)
     upper = builder.concat([reached, zero], name)
     return builder.subtract(lower, upper)
@@ -158,6 +161,7 @@ def neighbour_widths(centers: Array) -> Array:
     if len(centers) == 1:
         return np.ones(1)
     gaps = np.diff(centers)
+    # an outermost centre has one neighbour, whose distance counts twice
     left = np.concatenate([gaps[:1], gaps])
     right = np.concatenate([gaps, gaps[-1:]])
     return (left + right) / 4

@@ -134,6 +134,7 @@ class LayerContext:
         type = self.stores.arrays.declare(
             f"{self.name}.{suffix}", full, values, unit, doc, self.span, (low, high)
         )
+        # declared by the first call, with the axes that its arguments had
         if type.axes != full:
             self._called_differently()
         return self.stores.arrays.read(self.builder, f"{self.name}.{suffix}")

@@ -107,6 +107,7 @@ def _in_the_step(context: LayerContext) -> LayerContext:
     if environment.arguments:
         where = "a function that a vector field calls"
         context.refuse(names.misplaced(context.name, where, call.function.span))
+    # a layer remembers samples, and stages of an integrator lie between these
     return replace(context, environment=replace(environment, stage=None))
 
 

@@ -40,6 +40,7 @@ def initial_values(
             return uniform_draws(name, uniform.min, uniform.max, shape, context.draw)
         case ExpInitializer() | NegexpInitializer() | LinInitializer() as shaped:
             position = _position(context, name, shaped, axes)
+            # the profile runs along one axis and is repeated along all others
             along = [1] * len(axes)
             along[position : position + 1] = shape[position : position + 1]
             count = shape[position] if axes else 1
@@ -98,6 +99,7 @@ def _with_indices(context: Context, array: str, axes: tuple[Axis, ...], span: Sp
     builder = context.builder(plain)
     values = {
         index: builder.constant(np.arange(axis.size), (axis,))
+        # the first axes have an index each; the language names no more of them than these
         for index, axis in zip(INDICES, axes, strict=False)
     }
     values[LENGTH] = builder.constant(axes[-1].size)
@@ -118,6 +120,7 @@ def _from_file(context: Context, file: Located[str], axes: tuple[Axis, ...]) -> 
         raise LoweringFailed from None
     shape = tuple(axis.size for axis in axes)
     rows = (int(np.prod(shape[:-1], dtype=int)), shape[-1]) if axes else (1, 1)
+    # a vector may be written as one row or as one column
     if numbers.shape != rows and not (rows[0] == 1 and numbers.shape == rows[::-1]):
         found, wanted = _described(numbers.shape), _described(rows)
         reason = f"it has {found}, and {describe_axes(axes)} needs {wanted}"

@@ -12,7 +12,7 @@ from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import WINDOW, Axis
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Sampled:
     """The samples of a buffer's window that a value is made of, the oldest of them 0."""
 
@@ -50,7 +50,12 @@ def samplewise(graph: Graph, buffers: frozenset[str], *, parameters: bool) -> Sa
             case ops.Window(name) | ops.ReadState(name):
                 if name in buffers:
                     count = node.type.axes[-1].size
-                    sampled[index] = Sampled(name, 0, count, isinstance(node.op, ops.Window))
+                    sampled[index] = Sampled(
+                        buffer=name,
+                        first=0,
+                        count=count,
+                        with_newest=isinstance(node.op, ops.Window),
+                    )
             # a log is not shifted by the step: what is made of it is no function of buffered
             # samples
             case ops.ReadSamples():

@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Expected, Graph, Node, NodeId
-from compiler.ir.types import WINDOW, Axis
+from compiler.ir.types import WINDOW
+from compiler.passes.analyses.element_parts import (
+    gathered,
+    kept_axes,
+    moved,
+    read_parameter,
+    read_samples,
+    size_along,
+    spread,
+)
 from compiler.passes.analyses.kept_slices import Kept
 from compiler.passes.analyses.zero_slices import contracted_zeros, renamed, zero_slices
 
@@ -103,10 +112,10 @@ class SelectedElements:
                 old = {new: name for name, new in names.items()}
                 return [frozenset((old[axis], kept) for axis, kept in selection)]
             case ops.Slice(axis, start, _):
-                moved = {a: _moved(kept, start) if a == axis else kept for a, kept in selection}
+                shifted = {a: moved(kept, start) if a == axis else kept for a, kept in selection}
                 # the slice takes its part of the operand: wanted elements are counted from the
                 # operand's first
-                return [frozenset(moved.items())]
+                return [frozenset(shifted.items())]
             case ops.Concat(axis):
                 return self._parts(node, axis, selection)
             case _:
@@ -134,7 +143,7 @@ class SelectedElements:
         found: list[Selection] = []
         begin = 0
         for arg in node.args:
-            size = _size(self._graph[arg], axis)
+            size = size_along(self._graph[arg], axis)
             own = tuple(i - begin for i in kept if begin <= i < begin + size)
             # a part of which nothing is kept is asked whole, and then left out of the new array:
             # its shape is not that of nothing
@@ -154,12 +163,12 @@ class SelectedElements:
         cuts: Mapping[tuple[str, int], Kept],
     ) -> NodeId:
         node, chosen = self._graph[index], dict(selection)
-        axes = _axes(node, chosen)
+        axes = kept_axes(node, chosen)
         match node.op:
             case ops.ReadParameter(name):
-                return _parameter(builder, node, name, chosen, cuts)
+                return read_parameter(builder, node, name, chosen, cuts)
             case ops.ReadSignal() | ops.ReadLog() if WINDOW in chosen:
-                return _samples(builder, node, node.op, chosen)
+                return read_samples(builder, node, node.op, chosen)
             case ops.Reduction():
                 return self._reduced(builder, index, selection, args)
             case ops.Elementwise():
@@ -176,25 +185,25 @@ class SelectedElements:
                 return self._joined(builder, node, axis, chosen, args)
             case _:
                 found = builder.emit(node.op, tuple(args), node.type, node.span)
-                return _gathered(builder, found, chosen)
+                return gathered(builder, found, chosen)
 
     def _reduced(
         self, builder: GraphBuilder, index: NodeId, selection: Selection, args: Sequence[NodeId]
     ) -> NodeId:
         """A sum of the terms that are not 0, with zeros where all of its terms are."""
         node, chosen = self._graph[index], dict(selection)
-        axes = _axes(node, chosen)
+        axes = kept_axes(node, chosen)
         zero = builder.constant(0.0, unit=node.type.unit)
         rows = dict(self._rows(index, selection))
         # a sum without terms is 0, and there is no operation for it
         if not args or not all(rows.values()):
             return builder.broadcast(zero, axes)
         found = builder.emit(
-            node.op, tuple(args), node.type.with_axes(_axes(node, rows)), node.span
+            node.op, tuple(args), node.type.with_axes(kept_axes(node, rows)), node.span
         )
         for axis, kept in rows.items():
-            wanted = chosen.get(axis, tuple(range(_size(node, axis))))
-            found = _spread(builder, found, axis, wanted, kept)
+            wanted = chosen.get(axis, tuple(range(size_along(node, axis))))
+            found = spread(builder, found, axis, wanted, kept)
         return found
 
     def _joined(
@@ -212,100 +221,12 @@ class SelectedElements:
         begin = 0
         used: list[NodeId] = []
         for arg, made in zip(node.args, args, strict=True):
-            size = _size(self._graph[arg], axis)
+            size = size_along(self._graph[arg], axis)
             if any(begin <= i < begin + size for i in kept):
                 used.append(made)
             begin += size
         return builder.concat(used, axis) if len(used) > 1 else used[0]
 
 
-def _size(node: Node, axis: str) -> int:
-    return node.type.axes[node.type.position(axis)].size
-
-
-def _axes(node: Node, chosen: Mapping[str, Kept]) -> tuple[Axis, ...]:
-    return tuple(
-        Axis(axis.name, len(chosen[axis.name])) if axis.name in chosen else axis
-        for axis in node.type.axes
-    )
-
-
 def _within(node: Node, selection: Selection) -> Selection:
     return frozenset((axis, kept) for axis, kept in selection if node.type.axis(axis))
-
-
-def _moved(kept: Kept, distance: int) -> Kept:
-    return tuple(index + distance for index in kept)
-
-
-def _parameter(
-    builder: GraphBuilder,
-    node: Node,
-    name: str,
-    chosen: Mapping[str, Kept],
-    cuts: Mapping[tuple[str, int], Kept],
-) -> NodeId:
-    named = [axis.name for axis in node.type.axes]
-    cut = {axis: cuts[name, at] for at, axis in enumerate(named) if (name, at) in cuts}
-    # what is cut from the file of weights is not cut here again
-    found = builder.parameter(name, node.type.with_axes(_axes(node, cut)))
-    return _gathered(builder, found, {a: kept for a, kept in chosen.items() if a not in cut})
-
-
-def _samples(
-    builder: GraphBuilder,
-    node: Node,
-    op: ops.ReadSignal | ops.ReadLog,
-    chosen: Mapping[str, Kept],
-) -> NodeId:
-    """Samples of a signal, read no farther back than they are needed."""
-    # between its oldest and newest needed sample a window stays without holes: ports are windows
-    oldest, newest = chosen[WINDOW][0], chosen[WINDOW][-1]
-    near = {WINDOW: tuple(range(oldest, newest + 1))}
-    # a window that reads less of the past needs less memory in what is exported
-    read = replace(op, first=op.first + oldest, last=op.first + newest)
-    found = builder.emit(read, (), node.type.with_axes(_axes(node, near)), node.span)
-    return _gathered(builder, found, {**chosen, WINDOW: _moved(chosen[WINDOW], -oldest)})
-
-
-def _gathered(builder: GraphBuilder, value: NodeId, chosen: Mapping[str, Kept]) -> NodeId:
-    for axis, kept in chosen.items():
-        parts = [builder.slice(value, axis, *run) for run in _runs(kept)]
-        value = builder.concat(parts, axis) if len(parts) > 1 else parts[0]
-    return value
-
-
-# zeros come back where a sum of nothing stands between others
-def _spread(builder: GraphBuilder, value: NodeId, axis: str, wanted: Kept, kept: Kept) -> NodeId:
-    """The kept elements at their places among the wanted ones, zeros at the others."""
-    if wanted == kept:
-        return value
-    type = builder.type(value)
-    places = {element: place for place, element in enumerate(kept)}
-    parts: list[NodeId] = []
-    begin = 0
-    while begin < len(wanted):
-        there = wanted[begin] in places
-        end = begin
-        while end < len(wanted) and (wanted[end] in places) == there:
-            end += 1
-        if there:
-            first = places[wanted[begin]]
-            parts.append(builder.slice(value, axis, first, first + end - begin))
-        else:
-            axes = tuple(Axis(a.name, end - begin) if a.name == axis else a for a in type.axes)
-            zero = builder.constant(0.0, unit=type.unit)
-            parts.append(builder.broadcast(zero, axes))
-        begin = end
-    return builder.concat(parts, axis) if len(parts) > 1 else parts[0]
-
-
-def _runs(kept: Kept) -> list[tuple[int, int]]:
-    """Indices that follow each other, as the first of them and the end."""
-    runs: list[tuple[int, int]] = []
-    for index in kept:
-        if runs and runs[-1][1] == index:
-            runs[-1] = (runs[-1][0], index + 1)
-        else:
-            runs.append((index, index + 1))
-    return runs

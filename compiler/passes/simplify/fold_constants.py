@@ -45,6 +45,7 @@ def folded(
     known: list[Any] = []
     for index, node in graph:
         value = _value(graph, node, known, largest)
+        # known also where the node stays, so that what is made of it can be folded
         known.append(value)
         chosen = _chosen(node, known) if index >= exact else None
         if chosen is not None:
@@ -76,6 +77,7 @@ def _chosen(node: Node, known: list[Any]) -> NodeId | None:
         return None
     condition, then, otherwise = node.args
     holds = known[condition]
+    # elements whose conditions differ still need the selection
     if holds is None or holds.any() != holds.all():
         return None
     return then if holds.all() else otherwise

@@ -35,8 +35,7 @@ class ShownReport(Shown, ValidationReport):
 
     def _columns(self) -> Mapping[str, Sequence[object]]:
         limit = {
-            (row.of, row.metric, row.horizon, row.closed, row.data): limits(row)
-            for row in self.rows
+            (row.of, row.metric, rollout_text(row), row.data): limits(row) for row in self.rows
         }
         found = [
             (
@@ -44,7 +43,7 @@ class ShownReport(Shown, ValidationReport):
                 metric,
                 each.metrics[metric].value,
                 unit_text(each.unit) if metric in METRICS[:3] else "",
-                limit.get((each.of, metric, each.horizon, each.closed, each.data), ""),
+                limit.get((each.of, metric, rollout_text(each), each.data), ""),
                 rollout_text(each),
                 each.data,
                 each.scored,

@@ -98,12 +98,18 @@ def export(
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     exports: list[tuple[AnyPlan, Written]] = []
+    # a target that cannot be written keeps no other from being written and compared
+    failures: list[Exception] = []
     for plan in plans:
         target = plan.target
         try:
             written = write_export(plan, chosen.weights, out / target.name)
         except SpecError as error:
-            raise SpecError(error.diagnostics, model.sources) from None
+            failures.append(SpecError(error.diagnostics, model.sources))
+            continue
+        except Exception as error:  # noqa: BLE001  (raised again once the others are there)
+            failures.append(error)
+            continue
         exports.append((plan, written))
         if format is ResultFormat.TEXT:
             result(f"{target.name}: {count(len(written.files), 'file')} in {written.folder}")
@@ -115,7 +121,7 @@ def export(
         "files": {plan.target.name: [str(p) for p in to.files] for plan, to in exports}
     }
     found = None
-    if check:
+    if check and exports:
         from msnn.agreement.report import (
             agreement_diagnostics,
             agreement_table,
@@ -131,7 +137,9 @@ def export(
     if format is ResultFormat.JSON:
         json_result("export", record)
     if found is not None and found.first_error is not None:
-        raise found.first_error
+        failures.append(found.first_error)
+    if failures:
+        raise failures[0]
     if found is not None and found.missing:
         report([error.diagnostic for error in found.missing], ())
         raise typer.Exit(ExitCode.MISSING_EXTRA)

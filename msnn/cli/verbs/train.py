@@ -117,8 +117,8 @@ def _train(
         zeros_note,
     )
     from msnn.terminals import is_live
-    from msnn.training.black_boxes import black_boxes
-    from msnn.training.parameter_warnings import parameter_warnings
+    from msnn.training.records.learned.black_boxes import black_boxes
+    from msnn.training.records.learned.parameter_warnings import parameter_warnings
     from msnn.training.records.progress import Lines
     from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
     from spec_schema.diagnostics.diagnostic import SpecError

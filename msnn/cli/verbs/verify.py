@@ -80,7 +80,9 @@ def verify(
             message = f"`{name}` is none of {', '.join(TARGETS)} and all"
             raise typer.BadParameter(message, param_hint="'--targets'")
     chosen = frozenset(TARGETS if "all" in names else names)
-    wanted = WantedSteps(chosen, proof, misra, fuzz, _link(board), _ram(ram))
+    wanted = WantedSteps(
+        targets=chosen, proof=proof, misra=misra, fuzz=fuzz, board=_link(board), ram=_ram(ram)
+    )
     if serve is not None:
         for path in write_serve_files(folder, serve):
             result(str(path))

@@ -25,7 +25,7 @@ from compiler.state_estimation.kalman_filter import KalmanFilter
 from compiler.state_estimation.problem import EstimationProblem
 from msnn.control.control_range import ControlRange
 from msnn.control.estimation.window_data import WindowData
-from msnn.control.horizon_functions import HorizonFunctions
+from msnn.control.interior_point.horizon_functions import HorizonFunctions
 from msnn.control.method import Found, Method
 from msnn.control.solution import Status
 
@@ -45,8 +45,6 @@ class MovingHorizon:
         self,
         problem: EstimationProblem,
         weights: Mapping[str, ArrayLike],
-        # each is what was known at the first sample of the window, before it: not yet what was
-        # measured
         method: Callable[[ControlProblem, HorizonFunctions], Method],
     ) -> None:
         """`method` solves the problem of a window."""
@@ -54,6 +52,7 @@ class MovingHorizon:
         # where a window fails, its estimate stands
         self.filter = KalmanFilter(problem, weights)
         """It runs along."""
+        # what is known of the window's first sample before what was measured there
         self._arrival = KalmanFilter(problem, weights)
         self._window = window_problem(problem)
         self.control = trained_window(self._window, weights)
@@ -73,7 +72,8 @@ class MovingHorizon:
         """Begins anew, from states where they are given; others as `init` says without a log."""
         self.filter.reset(x)
         self._arrival.reset(x)
-        self._x = dict(x or {})
+        # NaN is what is not given, so that the first inputs may fill it
+        self._x = {name: v for name, v in (x or {}).items() if np.all(np.isfinite(v))}
         self._data = WindowData(self._window)
         self._method.forget(None)
         self.vector: Array = self.filter.vector.copy()
@@ -91,8 +91,9 @@ class MovingHorizon:
         `inputs` at t are wanted where measured outputs read them. Raises ValueError where one of
         these is missing, and for a name or a shape that the problem does not have.
         """
-        # first: where it refuses, the window has no new sample
-        filtered = self.filter.correct(measured, inputs)
+        # first: where it refuses, the window has no new sample. The window takes the newest of
+        # numbers of a sample, the filter each once
+        filtered = self.filter.correct(self._data.fresh(measured), inputs)
         self.found = None
         if filtered.status in _REFUSED:
             self.vector = self.filter.vector.copy()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from compiler.ir.types import Type
 from compiler.moving_horizon.window_problem import RUNS, SPREAD, STARTS, WindowProblem
@@ -43,6 +44,16 @@ class WindowData:
             kept[-1] = np.where(seen, value, kept[-1])
             marks = self.references[self._window.seen(signal)]
             marks[-1] = np.where(seen, 1.0, marks[-1])
+
+    def fresh(self, measured: Mapping[str, ArrayLike]) -> dict[str, Array]:
+        """What of it was not measured at the newest sample before; NaN stands for the rest."""
+        found = {name: np.asarray(value, float) for name, value in measured.items()}
+        for name, value in found.items():
+            marks = self.references.get(self._window.seen(name))
+            # names and shapes that are wrong, and what is infinite, are for the filter to refuse
+            if marks is not None and marks[-1].shape == value.shape:
+                found[name] = np.where((marks[-1] > 0) & np.isfinite(value), np.nan, value)
+        return found
 
     def give(self, inputs: Mapping[str, Array]) -> None:
         """Takes inputs of the newest sample; the first ones stand for all before them too."""

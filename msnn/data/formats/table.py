@@ -32,7 +32,7 @@ class WantedColumns:
     """Columns of time, which may have dates in place of numbers."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ColumnTable:
     """Columns of equal length; row 0 is the first."""
 

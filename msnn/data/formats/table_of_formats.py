@@ -12,8 +12,8 @@ from msnn.errors.failures import MissingExtraError
 from msnn.packages import ASAMMDF, H5PY, OPENPYXL, PYARROW, ROSBAGS, SCIPY, OptionalPackage
 
 if TYPE_CHECKING:
-    from msnn.data.formats.csv_header import Dialect
     from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
+    from msnn.data.formats.text.csv_header import Dialect
 
     Reader = Callable[[Path, str, WantedColumns, Dialect], ColumnTable | Streams]
     """(path, its name in messages, what is wanted, layout of text) → columns; raises SpecError."""
@@ -44,7 +44,7 @@ class FileFormat:
 TEXT = FileFormat(
     name="CSV",
     suffixes=(".csv", ".txt", ".tsv", ".dat"),
-    module="msnn.data.formats.csv_file",
+    module="msnn.data.formats.text.csv_file",
     is_text=True,
 )
 
@@ -53,39 +53,39 @@ FORMATS = (
     FileFormat(
         name="Excel",
         suffixes=(".xlsx",),
-        module="msnn.data.formats.xlsx_file",
+        module="msnn.data.formats.text.xlsx_file",
         packages=(OPENPYXL,),
     ),
-    FileFormat(name="NPZ", suffixes=(".npz",), module="msnn.data.formats.npz_file"),
+    FileFormat(name="NPZ", suffixes=(".npz",), module="msnn.data.formats.arrays.npz_file"),
     FileFormat(
         name="Parquet",
         suffixes=(".parquet",),
-        module="msnn.data.formats.parquet_file",
+        module="msnn.data.formats.arrays.parquet_file",
         packages=(PYARROW,),
     ),
     FileFormat(
         name="MAT",
         suffixes=(".mat",),
-        module="msnn.data.formats.mat_file",
+        module="msnn.data.formats.arrays.mat_file",
         packages=(SCIPY, H5PY),
     ),
     FileFormat(
         name="HDF5",
         suffixes=(".h5", ".hdf5"),
-        module="msnn.data.formats.hdf5_file",
+        module="msnn.data.formats.arrays.hdf5_file",
         packages=(H5PY,),
     ),
     FileFormat(
         name="MDF",
         suffixes=(".mf4", ".mdf"),
-        module="msnn.data.formats.mdf_file",
+        module="msnn.data.formats.streams.mdf_file",
         packages=(ASAMMDF,),
         keeps_time=True,
     ),
     FileFormat(
         name="ROS bag",
         suffixes=(".bag", ".db3", ".mcap"),
-        module="msnn.data.formats.rosbag_file",
+        module="msnn.data.formats.streams.rosbag_file",
         packages=(ROSBAGS,),
         keeps_time=True,
     ),

@@ -20,7 +20,7 @@ from spec_schema.units.unit import Unit
 LOG_SUFFIX = ".meas"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Feed:
     """A signal's columns, one an element in C order; value = factor · cell + offset."""
 
@@ -63,7 +63,9 @@ def feeds(
         if len(keys) != size:
             findings.report(errors.wrong_column_count(signal.name, len(keys), size, span))
         else:
-            found.append(Feed(signal, keys, factor, offset, column))
+            found.append(
+                Feed(signal=signal, keys=keys, factor=factor, offset=offset, column=column)
+            )
     return found
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from msnn.data.formats.array_columns import NamedArrays
+from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.table_of_formats import (
     SUFFIXES,
     FileFormat,
@@ -85,7 +85,7 @@ def _records(file: DataFile, records: str | None, findings: Findings) -> list[Da
         return [file]
     require_reader(file.path)
     # pyarrow takes long to load: only for those who have such files
-    from msnn.data.formats.parquet_groups import row_groups
+    from msnn.data.formats.arrays.parquet_groups import row_groups
 
     try:
         groups = row_groups(file.path, file.shown)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import Dataset
-from msnn.data.formats.array_columns import NamedArrays
+from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.reading.files import GIVEN, DataFile
 from msnn.data.reading.load import joined_files
 from msnn.data.reading.row_filter import RowFilter

@@ -10,8 +10,8 @@ import numpy as np
 
 from compiler.ir.program import Program, Role, Signal
 from msnn.data.dataset import BoolArray, FileRows, FloatArray
-from msnn.data.formats.csv_header import Dialect
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, WantedColumns
+from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.reading.columns import (
     Feed,
     feeds,

@@ -89,7 +89,9 @@ def _one_table(streams: Streams, beside: Collection[ColumnKey]) -> ColumnTable |
     alike = {key for key, time in times.items() if np.array_equal(time, first)}
     if not alike >= times.keys() - set(beside):
         return None
-    return ColumnTable({key: v for key, (_, v) in streams.columns.items() if key in alike}, first)
+    return ColumnTable(
+        columns={key: v for key, (_, v) in streams.columns.items() if key in alike}, time=first
+    )
 
 
 def _picked(

@@ -81,8 +81,10 @@ def _in_holes(grid: FloatArray, time: FloatArray, sample_time: float) -> BoolArr
     steps = np.diff(time)
     if not len(steps):
         return np.zeros(len(grid), dtype=np.bool_)
+    # a slow column has no holes between all of its rows
     longest = LONGEST_STEP * max(sample_time, float(np.median(steps)))
     inside = np.zeros(len(grid), dtype=np.bool_)
+    # rows at the ends of a hole are data, whatever rounding has made of the grid
     slack = 1e-9 * max(abs(float(time[0])), abs(float(time[-1])), sample_time)
     holes = np.flatnonzero(steps > longest)
     first = np.searchsorted(grid, time[holes] + slack, side="right")

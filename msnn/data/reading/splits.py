@@ -128,6 +128,7 @@ def _fractions(split: Split) -> dict[str, float]:
 
 def _files(shares: Mapping[str, float], count: int) -> list[str]:
     """A set for each file, spread evenly over the files in their order: no chance involved."""
+    # what belongs to no set takes its turn like a set
     shares = {**shares, "": max(1.0 - sum(shares.values()), 0.0)}
     owed = dict.fromkeys(shares, 0.0)
     chosen: list[str] = []

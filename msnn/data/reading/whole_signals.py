@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compiler.ir.program import Signal
-from msnn.data.formats.array_columns import NamedArrays
+from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.reading.columns import LOG_SUFFIX
 from msnn.errors.data.formats import unusable_array
 from spec_schema.diagnostics.diagnostic import Findings

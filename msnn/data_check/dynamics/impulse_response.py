@@ -139,4 +139,5 @@ def power_series(denominator: FloatArray, count: int) -> FloatArray:
 
 
 def _later(series: FloatArray, lags: int) -> FloatArray:
-    return np.concatenate((np.zeros(lags), series[: len(series) - lags]))
+    # of a series that is shorter than the lags nothing is left
+    return np.concatenate((np.zeros(lags), series))[: len(series)]

@@ -21,7 +21,9 @@ def not_a_number(file: str, row: int, column: str, text: str, more: int, place: 
     """E0807: text where a number belongs."""
     message = f"`{text}` in column `{column}` is not a number (row {row} of {file})"
     notes = and_more(more, "cell")
-    return error("E0807", place, message, "not a number", notes=notes, help=_repair_of(text))
+    return error(
+        "E0807", place, message, "not a number", notes=notes, help=_repair_of(text, column)
+    )
 
 
 def decimal_comma(
@@ -60,8 +62,17 @@ def unbalanced_quote(file: str, row: int, more: int, place: Span) -> Diagnostic:
     return error("E0822", place, message, "opened here", notes=and_more(more, "row"))
 
 
-def _repair_of(text: str) -> str | None:
+def _repair_of(text: str, column: str) -> str | None:
     """What to write in place of a text that people often have in a table."""
+    if text == column:
+        return "remove this line: a second header, as where two logs were joined"
+    if text.upper() in _TRUTHS:
+        return f"write `{_TRUTHS[text.upper()]}`: 1 for true, 0 for false"
+    if (thousands := text.replace("'", "")) != text and _NUMBER.fullmatch(thousands):
+        return f"write the number without apostrophes: `{thousands}`"
+    if united := _WITH_UNIT.fullmatch(text):
+        number, unit = united.groups()
+        return f"write `{number}` and the unit in the header: `{column} [{unit}]`"
     if _DATE.match(text):
         return "write times as `2026-11-22 17:00:00.25` (ISO 8601), or as numbers"
     if text.upper() in _NOT_MEASURED:
@@ -81,6 +92,8 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d\d(
 _NOT_MEASURED = frozenset(
     ["N/A", "#N/A", "NONE", "#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "-", "--"]
 )
+_TRUTHS = {"TRUE": "1", "ON": "1", "YES": "1", "FALSE": "0", "OFF": "0", "NO": "0"}
+_WITH_UNIT = re.compile(r"([+-]?\d+(?:[.]\d*)?(?:[eE][+-]?\d+)?)\s*([A-Za-zµμΩ°%][^\s\d]*)")
 _BLANKS = re.compile(r"[\s\u00a0\u2009\u202f]")
 _NUMBER = re.compile(r"[+-]?\d+([.]\d*)?([eE][+-]?\d+)?")
 _COMMA_HELP = 'a file with decimal commas needs `csv: {delimiter: ";", decimal: ","}`'

@@ -75,7 +75,8 @@ def stays_at_limit(
     relation = "<" if side == "largest" else ">"
     repair = (
         f"a sensor that saturates: `filter: {signal} {relation} {value:.6g}` under `data:`; "
-        f"an actuator: `clip({signal}, low, high)` where the model reads it"
+        f"an actuator: `clip({signal}, low, high)` where the model reads it; "
+        "what rests there, as a reference does, may stay"
     )
     return warning("W0816", None, message, help=repair)
 

@@ -1,4 +1,4 @@
-"""E0801-E0805, E0814-E0817, E0826, E1326: data files and their columns."""
+"""E0801-E0805, E0814-E0817, E0826, E1228, E1326: data files and their columns."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -108,6 +108,13 @@ def wrong_delimiter(file: str, used: str, meant: str, place: Span) -> Diagnostic
     message = f"{file} is not separated by {_shown(used)}: its header is one column"
     repair = f"write `csv: {{delimiter: {_written(meant)}}}` under `data:`"
     return error("E0805", place, message, f"this line has {_shown(meant)}", help=repair)
+
+
+def late_header(file: str, line: int, place: Span) -> Diagnostic:
+    """E1228: a header below lines that a logger writes about itself."""
+    message = f"the header of {file} is its line {line}: it stands below other lines"
+    repair = f"write `csv: {{skip: {line - 1}}}` under `data:`"
+    return error("E1228", place, message, "names of the columns", help=repair)
 
 
 def duplicate_column(

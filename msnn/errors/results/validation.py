@@ -11,8 +11,8 @@ def extrapolates(name: str, signal: str, share: float, low: float, high: float) 
         f"{low:.4g} … {high:.4g} that was trained on: there the model extrapolates"
     )
     repair = (
-        "train on records that reach as far, or let the spec say how far the model is meant to "
-        "reach: `range:` of the input"
+        "train on records that reach as far, or choose the sets by `split` under `data:` so that "
+        "each has its share"
     )
     return warning("W1004", None, message, help=repair)
 

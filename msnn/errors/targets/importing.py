@@ -101,7 +101,7 @@ def rounded_window(name: str, seconds: float, samples: int, place: Span) -> Diag
 
 def starts_at_zero(name: str, place: Span) -> Diagnostic:
     """W1307: a fed-back input that cannot start from the log."""
-    message = f"`{name}` starts at 0: what feeds it back is not one value for each next sample"
+    message = f"`{name}` starts at 0: the log does not begin what feeds it back"
     return warning("W1307", place, message, "this input")
 
 

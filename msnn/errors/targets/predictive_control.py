@@ -1,4 +1,4 @@
-"""E1126, E1140-E1149, E1224, W1120: controllers that cannot be exported or compiled."""
+"""E1117, E1140-E1149, E1224, W1120: controllers that cannot be exported or compiled."""
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
@@ -32,11 +32,11 @@ def platforms_without_units(place: Span | None) -> Diagnostic:
     return error("E1224", place, message, "without `with: fmu`", help=repair)
 
 
-def units_of_window(place: Span | None) -> Diagnostic:
-    """E1126: a unit for co-simulation of moving-horizon estimation."""
-    message = "moving-horizon estimation is not written as a unit for co-simulation"
-    repair = "leave `with: fmu` out and call its C, or estimate by `ekf`"
-    return error("E1126", place, message, "`mhe` here", help=repair)
+def variance_of_single(name: str, variance: float, place: Span | None) -> Diagnostic:
+    """E1117: a variance that single precision takes for infinite, or for 0."""
+    message = f"`{name}` has a variance of {variance:.2g} in the estimator, beyond single precision"
+    repair = f"export `dtype: float64`, or write `{name}` in a unit that suits its size"
+    return error("E1117", place, message, "`float32` here", help=repair)
 
 
 def nothing_compiles(reason: str) -> Diagnostic:

@@ -13,7 +13,7 @@ from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
-from msnn.agreement.judgement import NumberType, Promise
+from msnn.agreement.judging.judgement import NumberType, Promise
 from msnn.agreement.loaded import Loaded
 from msnn.errors import workflow
 from msnn.exports.prepare import MOST_ENTRIES, name_prefix, step_program
@@ -82,8 +82,8 @@ def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[
 @contextmanager
 def _load(plan: ExportPlan[COptions], written: Written) -> Generator[Loaded]:
     from backends.c.interface.interface import c_interface
-    from msnn.exports.built_c import built_c
-    from msnn.exports.loaded_c import loaded_c
+    from msnn.exports.running.built_c import built_c
+    from msnn.exports.running.loaded_c import loaded_c
 
     with built_c(written) as step:
         yield loaded_c(step, c_interface(plan.program, _named(plan)))

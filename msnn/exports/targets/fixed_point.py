@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from compiler.ir.program import Declared, State
 from compiler.passes.limit_expected import limit_expected
-from msnn.agreement.judgement import Arrays, Beginning, Judgement, NumberType, Promise
+from msnn.agreement.judging.judgement import Arrays, Beginning, Judgement, NumberType, Promise
+from msnn.agreement.judging.record import AgreementRecord
 from msnn.agreement.loaded import Loaded
-from msnn.agreement.record import AgreementRecord
 from msnn.exports.prepare import name_prefix, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written, interpreted
 from msnn.tables import table_text
@@ -80,7 +80,7 @@ def _write(plan: ExportPlan[None], weights: Weights, folder: Path) -> tuple[Path
 
 @contextmanager
 def _load(plan: ExportPlan[None], written: Written) -> Generator[Loaded]:
-    from msnn.exports.built_c import built_c
+    from msnn.exports.running.built_c import built_c
 
     about = json.loads((written.folder / f"{plan.prefix}.json").read_text(encoding="utf-8"))
     scales = {name: _Scale.of(fields) for name, fields in about["c"]["structs"].items()}
@@ -126,7 +126,7 @@ def _judge(
     floating = interpreted(plan, weights, record, "float64")
     if dtype == "float64":
         return floating
-    from msnn.agreement.judged_words import judged_words
+    from msnn.agreement.judging.judged_words import judged_words
 
     return judged_words(plan.program, weights, dtype, floating, MOST_STEPS)
 

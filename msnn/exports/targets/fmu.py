@@ -12,7 +12,7 @@ from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
-from msnn.agreement.judgement import NumberType, Promise
+from msnn.agreement.judging.judgement import NumberType, Promise
 from msnn.agreement.loaded import Loaded
 from msnn.errors.failures import MissingExtraError
 from msnn.exports.prepare import MOST_ENTRIES, name_prefix, step_program
@@ -71,7 +71,7 @@ def _tell(plan: ExportPlan[COptions], folder: Path) -> str:
 @contextmanager
 def _load(plan: ExportPlan[COptions], written: Written) -> Generator[Loaded]:
     from backends.c.interface.interface import c_interface
-    from msnn.exports.loaded_fmu import loaded_fmu
+    from msnn.exports.running.loaded_fmu import loaded_fmu
 
     with loaded_fmu(plan.program, c_interface(plan.program, _named(plan)), written) as loaded:
         yield loaded

@@ -22,6 +22,9 @@ from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
 from msnn.packages import FMPY, ZIGLANG
 from spec_schema.sections.exports import MpcExport, OnlineExtra
 
+_LEAST_SINGLE, _MOST_SINGLE = 2.0**-126, (2 - 2.0**-23) * 2.0**127
+"""The normal numbers of single precision."""
+
 
 @dataclass(frozen=True, slots=True)
 class Online:
@@ -53,20 +56,22 @@ def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | 
         report(predictive_control.unsuited_key(key, entry.place.key))
         return None
     extras = _extras(request, entry)
-    if extras and estimation is not None and estimation.window is not None:
-        estimator = request.model.spec.estimator
-        report(
-            predictive_control.units_of_window(None if estimator is None else estimator.place.key)
-        )
-        return None
     if entry is not None and entry.platforms and "fmu" not in extras:
         report(predictive_control.platforms_without_units(entry.place.key))
         return None
+    dtype = TARGET.dtype if entry is None or entry.dtype is None else entry.dtype
+    if estimation is not None and dtype == "float32":
+        for name, variance in estimation.variances:
+            # below the least normal number digits are lost, down to the 0 of what is known
+            if not _LEAST_SINGLE <= variance <= _MOST_SINGLE:
+                at = None if entry is None else entry.place.key
+                report(predictive_control.variance_of_single(name, variance, at))
+                return None
     return ExportPlan(
         target=TARGET,
         program=program,
         prefix=name_prefix(request, None if entry is None else entry.prefix),
-        dtype=TARGET.dtype if entry is None or entry.dtype is None else entry.dtype,
+        dtype=dtype,
         options=Online(control, estimation, extras),
         platforms=() if entry is None else tuple(entry.platforms),
     )
@@ -80,8 +85,7 @@ def _extras(request: Request, entry: MpcExport | None) -> tuple[OnlineExtra, ...
 def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Path, ...]:
     from backends.files.atomic_write import write_text
     from backends.predictive_control import write_controller
-    from backends.predictive_control.estimation import write_filter
-    from backends.predictive_control.moving_horizon import write_horizon
+    from backends.predictive_control.write_estimator import write_estimator
 
     files: tuple[Path, ...] = ()
     prefix, dtype = plan.prefix, plan.float_type
@@ -91,8 +95,7 @@ def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Pa
         files += write_controller(control, own, folder, prefix=prefix, dtype=dtype)
     if estimation is not None:
         own = _own(estimation.program, weights)
-        write = write_filter if estimation.window is None else write_horizon
-        files += write(estimation, own, folder, prefix=prefix, dtype=dtype)
+        files += write_estimator(estimation, own, folder, prefix=prefix, dtype=dtype)
     if "fmu" in plan.options.extras:
         files += _write_units(plan, weights, folder, files)
     return (*files, write_text(folder / "README.md", _readme(plan)))
@@ -103,9 +106,9 @@ def _write_units(
 ) -> tuple[Path, ...]:
     """Units of the C that was written into the folder."""
     from backends.c.host.build import CompilerFailedError
-    from backends.fmu.controller_unit import controller_unit
-    from backends.fmu.filter_unit import filter_unit
-    from backends.fmu.online_unit import write_online_unit
+    from backends.fmu.online.controller_unit import controller_unit
+    from backends.fmu.online.filter_unit import filter_unit
+    from backends.fmu.online.online_unit import write_online_unit
     from backends.fmu.write_units import write_headers
     from compiler.optimal_control.trained import trained
 
@@ -126,7 +129,7 @@ def _write_units(
             unit = controller_unit(known, name, plan.float_type)
             written += write_online_unit(control.program, unit, sources(name), place, platforms)
         if estimation is not None:
-            name = f"{plan.prefix}_ekf"
+            name = f"{plan.prefix}_{'ekf' if estimation.window is None else 'mhe'}"
             own = _own(estimation.program, weights)
             about = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
             unit = filter_unit(estimation, own, about)
@@ -198,7 +201,7 @@ def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Ag
     from msnn.exports.judged_controller import compare_controller
     from msnn.exports.judged_filter import compare_filter, joined
     from msnn.exports.judged_horizon import compare_horizon
-    from msnn.exports.judged_units import compare_controller_units, compare_filter_units
+    from msnn.exports.judged_units import compare_controller_units, compare_estimator_units
 
     units = "fmu" in plan.options.extras
     if units:
@@ -212,12 +215,10 @@ def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Ag
             found += [judge(control, own, folder, plan.float_type, TARGET.name) for judge in judges]
         if estimation is not None:
             own = _own(estimation.program, weights)
-            if estimation.window is None:
-                filters = [compare_filter, *([compare_filter_units] if units else [])]
-            else:
-                filters = [compare_horizon]
+            compare = compare_filter if estimation.window is None else compare_horizon
+            judges = [compare, *([compare_estimator_units] if units else [])]
             kind = plan.float_type
-            found += [judge(estimation, own, folder, kind, TARGET.name) for judge in filters]
+            found += [judge(estimation, own, folder, kind, TARGET.name) for judge in judges]
     return joined(found)
 
 

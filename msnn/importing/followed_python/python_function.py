@@ -33,7 +33,7 @@ from msnn.importing.followed_python.torch_calls import (
 )
 from msnn.importing.followed_python.torch_names import negative
 from msnn.importing.terms import arrays
-from msnn.importing.terms.arrays import RefusedError
+from msnn.importing.terms.arrays import NotTranslatedError
 from msnn.importing.terms.terms import Term, larger, minus, power, quotient, times
 
 _MOST_STEPS = 400_000
@@ -96,6 +96,7 @@ class _Run:
                     self._assign(target, self._expression(value))
                 case ast.AugAssign(target=ast.Name() as target, op=op, value=value):
                     left = self._name(target)
+                    # in torch `a += 1` changes the tensor, whoever else holds it
                     others = [held for name, held in self._names.items() if name != target.id]
                     if shares(left, [*self._given, *others]):
                         raise self._refused("an assignment in place to what others share")
@@ -113,7 +114,7 @@ class _Run:
                 case ast.Import() | ast.ImportFrom():
                     try:
                         self._names |= imported(statement)
-                    except RefusedError as fault:
+                    except NotTranslatedError as fault:
                         raise self._refused(str(fault)) from None
                 case _:
                     raise self._refused(f"a statement `{kind_of(statement)}`")
@@ -123,12 +124,13 @@ class _Run:
         self._count()
         try:
             found = self._evaluated(node)
-        except RefusedError as fault:
+        except NotTranslatedError as fault:
             raise self._refused(str(fault)) from None
         except (IndexError, ValueError, TypeError, ZeroDivisionError, OverflowError, KeyError):
             raise self._refused("operands that do not fit") from None
         except RecursionError:
             raise self._refused("it is nested too deep") from None
+        # large tensors take as long as many statements
         self._count(cast("arrays.Elements", found).size if isinstance(found, np.ndarray) else 0)
         return cast("Any", found)
 
@@ -233,6 +235,7 @@ class _Run:
                 return value
             case ast.Not() if is_number(value) or value is None:
                 return not value
+            # truth is 0 or 1 in terms: `~a` is 1 − a
             case ast.Invert() if not is_number(value):
                 return elementwise(minus, 1, value)
             case _:
@@ -250,6 +253,7 @@ class _Run:
     def _known(self, test: ast.expr) -> bool:
         found = self._expression(test)
         if is_tensor(found) or isinstance(found, Module):
+            # the source is followed once, for all values of the data
             raise self._refused("a choice by values of the data; `torch.where` is translated")
         return bool(found)
 
@@ -288,6 +292,7 @@ class _Run:
 
     def _count(self, elements: int = 0) -> None:
         self._steps += 1 + elements
+        # source of a file may loop as long as it likes; what is followed ends
         if self._steps > _MOST_STEPS * self._rows:
             raise self._refused(f"it takes more than {_MOST_STEPS:,} steps")
 

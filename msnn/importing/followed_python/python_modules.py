@@ -6,7 +6,7 @@ import ast
 from dataclasses import dataclass
 
 from msnn.importing.followed_python.torch_names import NUMBERS
-from msnn.importing.terms.arrays import RefusedError
+from msnn.importing.terms.arrays import NotTranslatedError
 
 MODULES = frozenset({"torch", "math"})
 """Those of which functions are translated; without an import, functions of a file know them too."""
@@ -25,12 +25,12 @@ class Module:
 
 
 def imported(statement: ast.Import | ast.ImportFrom) -> dict[str, Module | float]:
-    """What a statement gives names to. Raises RefusedError of other modules than are translated."""
+    """What a statement gives names to. Raises NotTranslatedError of modules not translated."""
     if isinstance(statement, ast.ImportFrom):
         module = _known("." * statement.level + (statement.module or ""))
         for one in statement.names:
             if one.name == "*":
-                raise RefusedError(f"an import of `{module.path}.*`")
+                raise NotTranslatedError(f"an import of `{module.path}.*`")
         return {one.asname or one.name: module.member(one.name) for one in statement.names}
     found: dict[str, Module | float] = {}
     for one in statement.names:
@@ -43,4 +43,4 @@ def imported(statement: ast.Import | ast.ImportFrom) -> dict[str, Module | float
 def _known(path: str) -> Module:
     if path.partition(".")[0] in MODULES:
         return Module(path)
-    raise RefusedError(f"an import of `{path}`")
+    raise NotTranslatedError(f"an import of `{path}`")

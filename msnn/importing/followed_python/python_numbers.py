@@ -15,7 +15,7 @@ from msnn.importing.followed_python.torch_calls import (
     method,
     shape_of,
 )
-from msnn.importing.terms.arrays import RefusedError
+from msnn.importing.terms.arrays import NotTranslatedError
 
 LARGEST = 10**15
 """Whole numbers; beyond them, products of products would fill the memory."""
@@ -56,9 +56,9 @@ def folded(op: ast.operator, left: Any, right: Any) -> float:
         case ast.Pow():
             found = _power(left, right)
         case _:
-            raise RefusedError(f"the operator `{kind_of(op)}`")
+            raise NotTranslatedError(f"the operator `{kind_of(op)}`")
     if isinstance(found, int) and abs(found) > LARGEST:
-        raise RefusedError("a whole number is too large")
+        raise NotTranslatedError("a whole number is too large")
     return found
 
 
@@ -70,7 +70,7 @@ def has_length(value: Any, count: int) -> bool:
 def lengthened(left: list[Any], right: list[Any]) -> list[Any]:
     """Two lists as one."""
     if len(left) + len(right) > LONGEST:
-        raise RefusedError("a list is too long")
+        raise NotTranslatedError("a list is too long")
     return [*left, *right]
 
 
@@ -90,7 +90,7 @@ def compared(op: ast.cmpop, left: Any, right: Any) -> bool:
         case ast.GtE():
             return bool(left >= right)
         case _:
-            raise RefusedError(f"the comparison `{kind_of(op)}`")
+            raise NotTranslatedError(f"the comparison `{kind_of(op)}`")
 
 
 def shares(value: Any, held: Any) -> bool:
@@ -109,7 +109,7 @@ def called(name: str, arguments: Sequence[Any]) -> Any:
     if name == "range" and all_numbers and not any(isinstance(a, float) for a in arguments):
         found = range(*cast("Sequence[int]", arguments))
         if len(found) > LONGEST:
-            raise RefusedError("a loop is too long")
+            raise NotTranslatedError("a loop is too long")
         return list(found)
     if name == "len" and isinstance(first, list):
         return len(cast("list[Any]", first))
@@ -130,7 +130,7 @@ def called(name: str, arguments: Sequence[Any]) -> Any:
     if all_numbers and name in {"float", "int", "abs", "min", "max"}:
         made = {"float": float, "int": int, "abs": abs, "min": min, "max": max}[name]
         return cast("Any", made)(*arguments)
-    raise RefusedError(f"the call of `{name}`")
+    raise NotTranslatedError(f"the call of `{name}`")
 
 
 def kind_of(node: ast.AST) -> str:
@@ -141,6 +141,6 @@ def kind_of(node: ast.AST) -> str:
 def _power(left: Any, right: Any) -> float:
     found = float(left) ** float(right)
     if isinstance(found, complex):
-        raise RefusedError("a complex number")
+        raise NotTranslatedError("a complex number")
     whole = isinstance(left, int) and isinstance(right, int) and right >= 0
     return int(found) if whole and abs(found) <= LARGEST else found

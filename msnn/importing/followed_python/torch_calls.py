@@ -13,7 +13,7 @@ import numpy as np
 from msnn.importing.followed_python.torch_moves import MAKERS, MOVES
 from msnn.importing.followed_python.torch_names import ARGUMENTS, SCALAR
 from msnn.importing.terms import arrays
-from msnn.importing.terms.arrays import Elements, RefusedError
+from msnn.importing.terms.arrays import Elements, NotTranslatedError
 from msnn.importing.terms.terms import (
     Call,
     Infix,
@@ -92,7 +92,7 @@ def elementwise(make: Callable[..., Term], *operands: Any) -> Tensor:
     try:
         return Whole(make(*terms), np.broadcast_shapes(*shapes))
     except ValueError:
-        raise RefusedError("tensors whose shapes do not go together") from None
+        raise NotTranslatedError("tensors whose shapes do not go together") from None
 
 
 def condition(value: Term) -> Term:
@@ -147,7 +147,7 @@ def _refuse_other_types(name: str, kinds: Sequence[Any]) -> None:
     for kind in kinds:
         path = getattr(kind, "path", None)
         if path is not None and path not in _FLOATS:
-            raise RefusedError(f"`{name}` to `{path}`")
+            raise NotTranslatedError(f"`{name}` to `{path}`")
 
 
 def _converted(name: str, value: Any, kinds: Sequence[Any]) -> Any:
@@ -170,10 +170,10 @@ def torch_function(
     if owner == "math":
         numbers = [a for a in arguments if isinstance(a, bool | int | float)]
         if name not in _MATH or len(numbers) != len(arguments) or keywords:
-            raise RefusedError(f"the call of `math.{name}`")
+            raise NotTranslatedError(f"the call of `math.{name}`")
         return float(getattr(np, name)(*(float(a) for a in numbers)))
     if owner not in {"torch", "torch.nn.functional", "torch.special", "torch.linalg"}:
-        raise RefusedError(f"the call of `{owner}.{name}`")
+        raise NotTranslatedError(f"the call of `{owner}.{name}`")
     made = MAKERS.get(name)
     if made is not None:
         if name in {"tensor", "as_tensor"} and _has_whole(list(arguments)):
@@ -183,7 +183,7 @@ def torch_function(
             _refuse_other_types(name, [keywords[key] for key in keywords if key == "dtype"])
         return out
     if not arguments:
-        raise RefusedError(f"the call of `{owner}.{name}`")
+        raise NotTranslatedError(f"the call of `{owner}.{name}`")
     return method(name, list(arguments), keywords)
 
 
@@ -216,7 +216,7 @@ def method(name: str, arguments: list[Any], keywords: Mapping[str, Any]) -> Any:
         return _size(name, shape_of(arguments[0]), *arguments[1:], **words)
     moved = MOVES.get(name)
     if moved is None:
-        raise RefusedError(f"the call of `torch.{name}`")
+        raise NotTranslatedError(f"the call of `torch.{name}`")
     if _has_whole(arguments):
         raise NeedsElementsError
     return moved(*arguments, **words)
@@ -262,7 +262,7 @@ def _equal(is_same: bool, left: Any, right: Any) -> Tensor:
 def _clamped(value: Any, low: Any = None, high: Any = None, **words: Any) -> Tensor:
     low, high = words.pop("min", low), words.pop("max", high)
     if words:
-        raise RefusedError("`clamp` with other arguments")
+        raise NotTranslatedError("`clamp` with other arguments")
     if low is not None:
         value = elementwise(larger, value, low)
     if high is not None:

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from msnn.importing.terms import arrays
-from msnn.importing.terms.arrays import Elements, RefusedError
+from msnn.importing.terms.arrays import Elements, NotTranslatedError
 from msnn.importing.terms.terms import root, times
 
 
@@ -17,7 +17,7 @@ def _shape(sizes: Sequence[Any]) -> list[int]:
     if len(flat) == 1 and isinstance(flat[0], list):
         flat = cast("list[Any]", flat[0])
     if not all(isinstance(one, int) for one in flat):
-        raise RefusedError("a shape that is not made of whole numbers")
+        raise NotTranslatedError("a shape that is not made of whole numbers")
     arrays.refuse_large(float(np.prod([abs(float(one)) for one in flat] or [1.0])))
     return flat
 
@@ -63,6 +63,7 @@ def _linspace(start: float, end: float, steps: int) -> Elements:
 
 def _eye(n: int) -> Elements:
     [count] = _shape([n])
+    # its size is judged before it is made
     _shape([count, count])
     return arrays.tensor(np.eye(count))
 
@@ -155,6 +156,7 @@ def _roll(array: Elements, shifts: int, dims: int) -> Elements:
 
 
 def _chunk(array: Elements, chunks: int, dim: int = 0) -> list[Elements]:
+    # chunks of torch are as large as they have to be, the last one smaller
     return arrays.parts(array, -(-array.shape[dim] // chunks), dim)
 
 
@@ -168,7 +170,8 @@ def _einsum(equation: str, *operands: Elements) -> Elements:
     letters = given.split(",")
     fits = all(len(one) == array.ndim for one, array in zip(letters, operands, strict=True))
     if not (arrow and fits and all(len(set(one)) == len(one) for one in [*letters, result])):
-        raise RefusedError("an `einsum` of this form")
+        raise NotTranslatedError("an `einsum` of this form")
+    # axes of the result first, behind them those that are summed
     order = [*result, *sorted(set("".join(letters)) - set(result))]
     spread: list[Elements] = []
     for one, array in zip(letters, operands, strict=True):

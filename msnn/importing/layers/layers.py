@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from msnn.importing.parameters import Parameters
 from msnn.importing.terms.dims import Dims
-from msnn.importing.terms.names import Names
+from msnn.importing.terms.names import TakenNames
 from msnn.importing.terms.terms import Call, Named, Term, call, infix, number
-from msnn.importing.terms.values import ShapeError, Value, Values
+from msnn.importing.terms.values import ShapeError, Value, ValueOperations
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,14 +25,14 @@ class Weighted:
     dropout: float
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Layers:
     """What the spec declares as layers."""
 
-    names: Names
+    names: TakenNames
     dims: Dims
     parameters: Parameters
-    values: Values
+    values: ValueOperations
     shared: frozenset[str]
     """Arrays that more than one layer or formula uses."""
     copied: dict[str, None] = field(default_factory=dict[str, None])

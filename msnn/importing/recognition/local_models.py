@@ -50,7 +50,9 @@ def local_models(graph: Graph) -> Mapping[str, Recognised]:
 
 def _sum(graph: Graph, name: str) -> _Sum | None:
     products: list[str] = []
+    # sums are nested on their left side: the last term is found first
     while (sides := graph.pair(name, "Add")) is not None and (
+        # an inner sum that others read is a value of its own
         not products or graph.uses[name] == 1
     ):
         products.append(sides[1])
@@ -65,6 +67,7 @@ def _sum(graph: Graph, name: str) -> _Sum | None:
         return None
     activations = tuple(name for name, _, _ in chosen[0])
     sizes = tuple(size for _, size, _ in chosen[0])
+    # the sets of the last activation turn fastest
     wanted = list(product(*(range(size) for size in sizes)))
     indexes = [tuple(index for _, _, index in one) for one in chosen]
     same = all(
@@ -146,6 +149,7 @@ def _of_layers(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognised 
             if layer.bias is not None
         ]
         form = "fir" if kind == "Fir" and inner > 1 else "linear"
+        # written only where it is not the form's default: linear cells have a bias, filters none
         bias = {"bias": bool(biases)} if bool(biases) != (form == "linear") else {}
         settings = {"local_model": {"by": by, "cell": {form: bias}}}
         name = relations.layers.declare("local", ("local", whole), settings)

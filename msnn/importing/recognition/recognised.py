@@ -9,13 +9,13 @@ from typing import Protocol
 from msnn.importing.functions import Functions
 from msnn.importing.layers.layers import Layers
 from msnn.importing.signals import Signals
-from msnn.importing.terms.values import Value, Values
+from msnn.importing.terms.values import Value, ValueOperations
 
 
 class Followed(Protocol):
     """What a recognised form asks of the relations around it."""
 
-    values: Values
+    values: ValueOperations
     layers: Layers
     functions: Functions
     signals: Signals | None

@@ -30,7 +30,7 @@ ROWS = 3
 """Rows that are followed at once, to see that none depends on another."""
 
 
-class RefusedError(Exception):
+class NotTranslatedError(Exception):
     """What is not translated; says why."""
 
 
@@ -43,14 +43,14 @@ def tensor(value: Any) -> Elements:
     try:
         numbers = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise RefusedError("a tensor is made of what are no numbers") from None
+        raise NotTranslatedError("a tensor is made of what are no numbers") from None
     return elementwise(same, numbers)
 
 
 def refuse_large(size: float) -> None:
     """Ends a tensor of more elements than are followed."""
     if size > ROWS * MOST:
-        raise RefusedError(f"a tensor has more than {MOST:,} elements")
+        raise NotTranslatedError(f"a tensor has more than {MOST:,} elements")
 
 
 def _filled(value: Term) -> Elements:
@@ -65,7 +65,7 @@ def elementwise(make: Callable[..., Term], *operands: Any) -> Elements:
     try:
         together = np.broadcast_shapes(*(array.shape for array in arrays))
     except ValueError:
-        raise RefusedError("tensors whose shapes do not go together") from None
+        raise NotTranslatedError("tensors whose shapes do not go together") from None
     refuse_large(float(np.prod([float(n) for n in together])))
     out = np.empty(together, dtype=object)
     spread = [np.broadcast_to(array, together) for array in arrays]
@@ -81,7 +81,7 @@ def _operand(value: Any) -> NDArray[Any]:
         return _filled(value)
     if isinstance(value, bool | int | float):
         return _filled(number(float(value)))
-    raise RefusedError(f"arithmetic with a {type(value).__name__}")
+    raise NotTranslatedError(f"arithmetic with a {type(value).__name__}")
 
 
 def _term(value: Any) -> Term:
@@ -130,11 +130,11 @@ def averaged(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) ->
 def matmul(left: Elements, right: Elements) -> Elements:
     """The matrix product as torch has it, batches included."""
     if left.ndim == 0 or right.ndim == 0:
-        raise RefusedError("a matrix product of a scalar")
+        raise NotTranslatedError("a matrix product of a scalar")
     a = left[None, :] if left.ndim == 1 else left
     b = right[:, None] if right.ndim == 1 else right
     if a.shape[-1] != b.shape[-2]:
-        raise RefusedError("a matrix product of sizes that do not fit")
+        raise NotTranslatedError("a matrix product of sizes that do not fit")
     # (…, rows, 1, inner) · (…, 1, columns, inner)
     products = elementwise(product, a[..., :, None, :], np.swapaxes(b, -1, -2)[..., None, :, :])
     out = summed(products, -1, keepdim=False)
@@ -167,7 +167,7 @@ def shaped(array: Elements, shape: Sequence[int]) -> Elements:
     try:
         return array.reshape(tuple(shape))
     except (ValueError, TypeError):
-        raise RefusedError("a shape that does not hold the elements") from None
+        raise NotTranslatedError("a shape that does not hold the elements") from None
 
 
 def squeezed(array: Elements, dim: int | None) -> Elements:

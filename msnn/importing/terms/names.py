@@ -12,7 +12,7 @@ _OTHER = re.compile("[^A-Za-z0-9_Ͱ-Ͽ]+")
 _LONGEST = 60
 
 
-class Names:
+class TakenNames:
     """The names that are taken, and which new name an old one has."""
 
     def __init__(self) -> None:

@@ -109,6 +109,7 @@ class Cutter:
     def cut(self, term: Term, first: int, end: int) -> Term:
         """The samples first … end − 1 of a window, counted from 0."""
         for node in after_operands(term, lambda t: (id(t), first, end) in self._known):
+            # the node is kept beside its part: while it lives no other node has its id
             self._known[(id(node), first, end)] = (node, self._cut_node(node, first, end))
         return self._known[(id(term), first, end)][1]
 
@@ -124,6 +125,7 @@ class Cutter:
                 return self.samples(term, first, end)
             case Call("stack", steady=False) if len(term.args) == term.window:
                 return self.stacked(term.args[first:end])
+            # a window of these is known as a whole alone
             case Held() | Call(steady=False):
                 raise CutError
             case head:
@@ -265,6 +267,7 @@ def text_of(term: Term, operands: Sequence[tuple[str, int]]) -> tuple[str, int]:
         case Infix("**"):
             return f"{_closed(operands[0], ATOM)} ** {_closed(operands[1], ATOM)}", POWER
         case Infix(sign, binding):
+            # on the right what binds alike needs brackets: a − (b − c)
             left, right = _closed(operands[0], binding), _closed(operands[1], binding + 1)
             return f"{left} {sign} {right}", binding
         case Call(name, rest):

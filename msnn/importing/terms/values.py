@@ -38,7 +38,7 @@ def one_piece(term: Term) -> Value:
 
 
 @dataclass(frozen=True, slots=True)
-class Values:
+class ValueOperations:
     """What is made of values along time and along their elements."""
 
     dims: Dims
@@ -52,6 +52,8 @@ class Values:
             listed = " and ".join(f"{value.window} × {value.dim}" for value in values)
             raise ShapeError(f"samples × elements of {listed} do not go together")
         window = max(value.window for value in values)
+        # pieces of the values begin at other samples: cut wherever one of them begins, so that each
+        # piece of the result has one term of each
         marks = sorted({mark for value in values for mark in _marks(value)} | {0, window})
         pieces = [
             make(*(self._stretch(value, first, end) for value in values))
@@ -141,6 +143,7 @@ def filled(value: float, like: Value) -> Value:
     """A number for each sample of a value, as a window where that is one."""
     if like.window == 1:
         return one_piece(number(value))
+    # a number has no window; 0 times the value lends it one
     pieces = [infix("+", number(value), infix("*", number(0), term)) for term in like.pieces]
     scalar = [Term(t.head, t.args, t.window) for t in pieces]
     return Value(like.window, 1, tuple(scalar))

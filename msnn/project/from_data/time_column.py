@@ -72,6 +72,7 @@ def _from(column: FoundColumn, counters: tuple[int, ...]) -> FoundTime:
     unit, why = _unit(column)
     steps = np.diff(column.values[np.isfinite(column.values)]) * _SCALES[unit]
     usual = float(np.median(steps[steps > 0]))
+    # six digits: more of them is what clocks have rounded away
     step = float(f"{usual:.6g}")
     notes = [f"time is taken as {unit}: {why}"] if why else []
     far = np.abs(steps - step) > GAP_TOLERANCE * step
@@ -86,6 +87,7 @@ def _from(column: FoundColumn, counters: tuple[int, ...]) -> FoundTime:
         )
     resample = None
     if far.any():
+        # where gaps alone are uneven, the rows between them can stay as they are
         resample = "none" if not (far & ~gaps).any() else "linear"
         what = f"{int(gaps.sum())} gaps" if resample == "none" else "uneven steps"
         notes.append(f"the time has {what}: `resample: {resample}` deals with them")
@@ -116,6 +118,7 @@ def _unit(column: FoundColumn) -> tuple[str, str]:
             return name, "it counts since 1970"
     usual = float(np.median(np.diff(values)))
     whole = bool(np.all(values == np.rint(values)))
+    # whole minutes are more likely to be written in seconds
     if whole and usual >= 1000 and usual % 60:
         return "us", f"rows are {usual:g} apart; write `unit: s` at `time:` if they are seconds"
     if whole and usual >= 5 and usual % 60:

@@ -60,6 +60,7 @@ def laid_out(flow: Flow, sizes: Mapping[str, Size]) -> DiagramLayout:
         layers[layer_of[box.name]].append(box.name)
     links: list[tuple[Key, Key]] = []
     for wire in flow.forward:
+        # a long wire becomes a chain of bends: every link joins neighbouring layers
         chain: list[Key] = [wire.source]
         for number in range(layer_of[wire.source] + 1, layer_of[wire.target]):
             layers[number].append((wire, number))
@@ -172,6 +173,7 @@ def _tops(
             wanted: list[float] = []
             for key in layer:
                 beside = [*before.get(key, ()), *after.get(key, ())]
+                # first from one side alone, forth and back; then both sides settle it
                 if sweep < _SWEEPS // 2:
                     beside = (before if forth else after).get(key, ()) or beside
                 middles = [tops[each] + heights[each] / 2 for each in beside]
@@ -196,6 +198,7 @@ def _apart(
         offsets.append(total)
         total += heights[key] + _gap(key)
     pools: list[list[float]] = []
+    # without the offsets places in order are numbers that do not fall
     for want, offset in zip(wanted, offsets, strict=True):
         pools.append([want - offset])
         while len(pools) > 1 and fmean(pools[-2]) > fmean(pools[-1]):

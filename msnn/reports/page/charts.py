@@ -11,7 +11,7 @@ from msnn.reports.drawn import unit_of
 from msnn.reports.page.packing import Plain, listed, packed
 from msnn.reports.run_summary import Run, TrainedStage
 from msnn.validation.measurement import Measurement
-from msnn.validation.reports.words import rollout_text
+from msnn.validation.reports.words import measured_as
 from msnn.validation.statistics.correlations import Correlation
 from msnn.validation.validate import MetricRow
 
@@ -25,7 +25,7 @@ def error_charts(
 ) -> Iterator[tuple[str, Plain]]:
     """A title and a chart each: correlations of errors, and how errors grow along rollouts."""
     for found in measurements[:MOST_MEASUREMENTS]:
-        title = f"{found.of}, {rollout_text(found)}, {found.data}"
+        title = ", ".join(measured_as(found))
         correlations = _correlations(found)
         if correlations is not None:
             yield f"Errors of {title}: are they noise?", correlations
@@ -89,10 +89,11 @@ def _growth(found: Measurement, rows: Sequence[MetricRow]) -> Plain:
     curve = found.curve
     assert curve is not None
     unit = unit_of(found.unit)
+    own = [row for row in rows if measured_as(row) == measured_as(found)]
     limits = [
         {"y": row.maximum, "label": "limit of the mean", "far": True}
-        for row in rows
-        if row.metric == "rmse" and row.maximum is not None and _is_of(row, found)
+        for row in own
+        if row.metric == "rmse" and row.maximum is not None
     ]
     return {
         "label": f"Root mean square error of {found.of} along its rollouts",
@@ -115,15 +116,6 @@ def _growth(found: Measurement, rows: Sequence[MetricRow]) -> Plain:
             }
         ],
     }
-
-
-def _is_of(row: MetricRow, found: Measurement) -> bool:
-    return (row.of, row.horizon, row.closed, row.data) == (
-        found.of,
-        found.horizon,
-        found.closed,
-        found.data,
-    )
 
 
 def training_charts(run: Run) -> Iterator[tuple[str, Plain]]:

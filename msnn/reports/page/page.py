@@ -30,6 +30,7 @@ from msnn.reports.run_summary import Run
 from msnn.reports.training_summary import errors_note, zeros_note
 from msnn.simulation.simulate import Simulation
 from msnn.training.records.run_log import RunLine
+from msnn.validation.reports.words import measured_as
 from msnn.validation.validate import ValidationReport
 
 _FOLDER = Path(templates.__path__[0]) / "report"
@@ -167,7 +168,7 @@ def _cards(contents: Contents) -> list[tuple[str, str, str]]:
         for found in validation.measurements[:3]:
             unit = unit_of(found.unit)
             fit, rmse = found.metrics["fit"].value, found.metrics["rmse"].value
-            what = f"{found.of}, {tables.rollout_text(found)}, {found.data}"
+            what = ", ".join(measured_as(found))
             cards.append(
                 (
                     f"{tables.short(fit, 4)} %",

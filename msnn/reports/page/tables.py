@@ -13,6 +13,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import UNASSIGNED, Dataset
 from msnn.exports.describe import range_text
 from msnn.reports.drawn import channels
+from msnn.training.records.learned.parameters_record import has_unidentified
 from msnn.training.records.run_log import Cost
 from msnn.validation.measurement import Measurement
 from msnn.validation.reports.report import limits
@@ -105,7 +106,7 @@ def parameters_table(record: Mapping[str, Any], program: Program) -> PageTable:
         remark = "" if found["learn"] else "fixed"
         if found["at_bound"]:
             remark = "at its bound"
-        elif found["learn"] and None in (errors or ()):
+        elif found["learn"] and has_unidentified(record, found):
             remark = "not identifiable"
         rows.append(
             PageRow(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,10 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
     shown = shown_first(runs)[:_MOST_RUNS]
     every_output, every_input = output_channels(program), _inputs(program, shown)
     outputs, inputs = every_output[:_MOST_OUTPUTS], every_input[:_MOST_INPUTS]
+    far = _far_limits(shown, (*outputs, *inputs))
+    outputs, inputs = (
+        [_with_near_limits(channel, shown) for channel in drawn] for drawn in (outputs, inputs)
+    )
     compared = [channel for channel in outputs if channel.predicts is not None]
     heights = [h for c in outputs for h in ((2.2, 1.0) if c in compared else (2.2,))]
     heights += [1.0] * len(inputs) + [1.2] * len(compared)
@@ -48,8 +53,10 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
             axis.tick_params(labelbottom=False)
         column[last].set_xlabel("time / s" if timed else "row of the file")
     left_out = _left_out(len(runs) - len(shown), program, len(outputs), len(inputs), shown)
+    left_out += far
     if left_out:
-        figure.supxlabel(left_out, fontsize="small", x=0.01, ha="left")
+        said = f"not drawn: {', '.join(left_out)}"
+        figure.supxlabel(plotting.plain_text(said), fontsize="small", x=0.01, ha="left")
     return plotting.saved_figure(figure, path)
 
 
@@ -60,8 +67,8 @@ def _inputs(program: Program, shown: Sequence[Simulation]) -> list[DrawnNumber]:
 
 def _left_out(
     runs: int, program: Program, outputs: int, inputs: int, shown: Sequence[Simulation]
-) -> str:
-    """What the picture has no room for; empty where it has all."""
+) -> list[str]:
+    """The runs and numbers that the picture has no room for."""
     every = sum(program.step[output.node].type.size for output in program.outputs)
     read = sum(values[0].size for run in shown[:1] for values in run.inputs.values())
     missing = [
@@ -69,8 +76,47 @@ def _left_out(
         (every - outputs, "numbers of outputs"),
         (read - inputs, "numbers of inputs"),
     ]
-    said = ", ".join(f"{count} {what}" for count, what in missing if count > 0)
-    return f"not drawn: {said}" if said else ""
+    return [f"{count} {what}" for count, what in missing if count > 0]
+
+
+def _far_limits(shown: Sequence[Simulation], drawn: Sequence[DrawnNumber]) -> list[str]:
+    """Ends of declared ranges that no run comes near: beside them curves would be flat lines."""
+    found: list[str] = []
+    for channel in drawn:
+        texts = [f"{end:g} {channel.unit}".strip() for end in _ends(channel, shown)[1]]
+        if texts:
+            found.append(f"far limits of {channel.name}: {' and '.join(texts)}")
+    return found
+
+
+def _with_near_limits(channel: DrawnNumber, shown: Sequence[Simulation]) -> DrawnNumber:
+    """Without the ends of its range that no run comes near, the same ends for all of them."""
+    near = _ends(channel, shown)[0]
+    low = channel.low if channel.low in near else None
+    return replace(channel, low=low, high=channel.high if channel.high in near else None)
+
+
+def _ends(channel: DrawnNumber, shown: Sequence[Simulation]) -> tuple[list[float], list[float]]:
+    """Ends of the declared range: those near what is drawn of it, and those far from it."""
+    declared = [end for end in (channel.low, channel.high) if end is not None]
+    values = np.concatenate([_values(run, channel) for run in shown] or [np.empty(0)])
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return [], declared
+    low, high = float(known.min()), float(known.max())
+    room = 0.6 * (high - low)
+    near = [end for end in declared if low - room <= end <= high + room]
+    return near, [end for end in declared if end not in near]
+
+
+def _values(run: Simulation, channel: DrawnNumber) -> FloatArray:
+    """Everything that is drawn of a number in one run."""
+    if channel.source in run.inputs:
+        return channel.of(run.inputs[channel.source])
+    values = channel.of(run.outputs[channel.source])
+    if channel.source not in run.logged:
+        return values
+    return np.concatenate((values, channel.of(run.logged[channel.source])))
 
 
 def _draw_run(
@@ -101,7 +147,7 @@ def _draw_run(
         values = channel.of(run.inputs[channel.source])
         axis.plot(along, values, color=plotting.INPUT, linewidth=1.0)
         _finish(axis, channel.name, channel.unit)
-        _limits(axis, channel, values)
+        _draw_limits(axis, channel)
     for axis, (channel, found) in zip(axes, correlations, strict=True):
         _draw_correlation(axis, channel, found)
 
@@ -113,10 +159,8 @@ def _name(run: Simulation) -> str:
 
 def _draw_output(axis: Any, run: Simulation, along: FloatArray, channel: DrawnNumber) -> None:
     values = channel.of(run.outputs[channel.source])
-    seen = [values]
     if channel.source in run.logged:
         measured = channel.of(run.logged[channel.source])
-        seen.append(measured)
         axis.plot(along, measured, color=plotting.MEASURED, linewidth=3.0, label="measured")
         errors = Errors.of(values, measured)
         fit, rmse = score("fit", errors).value, score("rmse", errors).value
@@ -130,19 +174,13 @@ def _draw_output(axis: Any, run: Simulation, along: FloatArray, channel: DrawnNu
         half = channel.of(run.bands[channel.source])
         axis.fill_between(along, values - half, values + half, color=plotting.SIMULATED, alpha=0.2)
     _finish(axis, channel.name, channel.unit)
-    _limits(axis, channel, np.concatenate(seen))
+    _draw_limits(axis, channel)
     plotting.legend_above(axis)
 
 
-def _limits(axis: Any, channel: DrawnNumber, values: FloatArray) -> None:
-    """Ends of the declared range, where the values come near them."""
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return
-    low, high = float(known.min()), float(known.max())
-    room = 0.6 * (high - low)
+def _draw_limits(axis: Any, channel: DrawnNumber) -> None:
     for end in (channel.low, channel.high):
-        if end is not None and low - room <= end <= high + room:
+        if end is not None:
             axis.axhline(end, color=plotting.LIMIT, linestyle="--", linewidth=0.9, label="limit")
 
 

@@ -10,14 +10,14 @@ import numpy as np
 
 from msnn.reports import plotting
 from msnn.validation.measurement import Measurement
-from msnn.validation.reports.words import rollout_text, unit_text
+from msnn.validation.reports.words import measured_as, unit_text
 from msnn.validation.validate import MetricRow, ValidationReport
 
 _MOST_INPUTS = 3
 
 
 def plot_validation(path: Path, report: ValidationReport) -> Path:
-    """Draws a row a measurement, with its fit and rmse and the limits of the spec dashed.
+    """Draws a row a measurement, with its fit and rmse, the limits of the spec told and dashed.
 
     Without rollouts of several steps there are two columns. Of vector outputs the correlations are
     those of the first element; what is left out is told. The name's ending says the format, one of
@@ -29,21 +29,12 @@ def plot_validation(path: Path, report: ValidationReport) -> Path:
     figure.set_figwidth(5.0 * columns)
     axes: Any = figure.subplots(max(len(measurements), 1), columns, squeeze=False)
     for row, found in zip(axes, measurements, strict=False):
-        limits = [each for each in report.rows if _is_of(each, found)]
+        limits = [each for each in report.rows if measured_as(each) == measured_as(found)]
         _draw_errors(row[0], found, limits)
         _draw_correlations(row[1], found)
         if columns == 3:
             _draw_growth(row[2], found, limits)
     return plotting.saved_figure(figure, path)
-
-
-def _is_of(row: MetricRow, found: Measurement) -> bool:
-    return (row.of, row.horizon, row.closed, row.data) == (
-        found.of,
-        found.horizon,
-        found.closed,
-        found.data,
-    )
 
 
 def _draw_errors(axis: Any, found: Measurement, limits: Sequence[MetricRow]) -> None:
@@ -59,11 +50,18 @@ def _draw_errors(axis: Any, found: Measurement, limits: Sequence[MetricRow]) -> 
     fit, rmse = found.metrics["fit"].value, found.metrics["rmse"].value
     figures = [f"fit {fit:.4g} %"] if np.isfinite(fit) else []
     figures.append(f"rmse {rmse:.4g} {unit_text(found.unit)}".strip())
-    title = f"{found.of}, {rollout_text(found)}, {found.data}\n{', '.join(figures)}"
+    figures += [_limit_text(row) for row in limits if row.passed is not None]
+    title = f"{', '.join(measured_as(found))}\n{', '.join(figures)}"
     axis.set_title(plotting.plain_text(title), fontsize="medium", loc="left")
     axis.set_xlabel("scored sample")
     axis.set_ylabel(plotting.quantity(f"error of {found.of}", found.unit))
     axis.grid(alpha=0.3)
+
+
+def _limit_text(row: MetricRow) -> str:
+    low = [f"≥ {row.minimum:.4g}"] if row.minimum is not None else []
+    high = [f"≤ {row.maximum:.4g}"] if row.maximum is not None else []
+    return f"{row.metric} {' '.join(low + high)} {'kept' if row.passed else 'BROKEN'}"
 
 
 def _draw_correlations(axis: Any, found: Measurement) -> None:

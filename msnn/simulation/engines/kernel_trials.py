@@ -76,6 +76,7 @@ def cases(
     for wanted, drawn in ((_AS_GIVEN, False), (LONGEST, True)):
         steps = min(wanted, longest)
         starts = runs.t0[runs.steps >= steps]
+        # with repetition: a kernel fills all its lanes, however few runs the data have
         t0 = np.sort(random.choice(starts, members))
         few = Rollouts(series, t0, steps, skip=min(1, steps - 1))
         if drawn:
@@ -161,6 +162,7 @@ def _nearby(program: Program, weights: Weights, random: np.random.Generator) -> 
     found: dict[str, FloatArray] = {}
     for parameter in program.parameters:
         value = np.asarray(weights[parameter.name], float)
+        # relative to a weight of 0 nothing is near
         size = np.where(value == 0.0, parameter.scale, value)
         moved = value + _NEARBY * size * random.uniform(-1.0, 1.0, value.shape)
         found[parameter.name] = np.clip(moved, parameter.minimum, parameter.maximum)
@@ -182,6 +184,7 @@ def compare(
     values, expected = np.asarray(found, float), np.asarray(right, float)
     with np.errstate(invalid="ignore"):
         allowed = np.broadcast_to(2.0 * np.asarray(off), expected.shape)
+        # which of NaN and ±∞ it is can depend on the order of operations
         alike = ~np.isfinite(values) & ~np.isfinite(expected)
         wrong = ~(np.abs(values - expected) <= allowed) & np.isfinite(allowed) & ~alike
     if wrong.any():

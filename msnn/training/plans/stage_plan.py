@@ -136,6 +136,7 @@ def _plans(
 def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> StagePlan | None:
     name = stage.name.value if stage.name is not None else f"stage_{index + 1}"
     span = stage.place.key
+    # without a stride of the spec a run begins at every row
     rollout = plan_rollout(program, stage.rollout, 1, findings, stage.skip_rows, span)
     learned = [parameter.name for parameter in program.parameters if parameter.learn]
     frozen = {
@@ -158,8 +159,10 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         _check_reproducible(name, stage, findings)
     if optimizer.needs_squares:
         check_keys(stage, findings)
+    # a stage may name an entry of `losses`, or one of the losses that it is made of
     known = dict.fromkeys(n for loss in program.losses for n in (loss.entry, loss.name))
     weights = {loss.name: loss.weight * loss.share for loss in program.losses}
+    # a weight of the stage replaces that of the spec; how an entry is shared out stays
     for entry, weight in stage.losses.items():
         terms = [loss for loss in program.losses if entry in (loss.name, loss.entry)]
         weights |= {term.name: weight.value * term.share for term in terms}
@@ -190,6 +193,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     if stage.rollout is not None:
         phases = plan_curriculum(program, stage.rollout, rollout, stage.epochs, findings)
     all_at_once = optimizer.takes_all_starts and "batch" not in stage.model_fields_set
+    # the layer of a parameter is what stands before its last dot
     layers = {parameter.rpartition(".")[0] for parameter in learned}
     changing = {parameter.rpartition(".")[0] for parameter in trained}
     drawn = draw_dropout(rollout.program, layers - changing - {""})

@@ -12,9 +12,9 @@ from msnn.model.kept_run import CHECKPOINT
 from msnn.model.model import Model
 from msnn.model.model_weights import redrawn_weights
 from msnn.model.spec_hash import SubmodelFile
-from msnn.training.black_boxes import black_boxes
 from msnn.training.engines.devices import CPU, Device
 from msnn.training.ranks.training_ranks import TrainingRanks
+from msnn.training.records.learned.black_boxes import black_boxes
 from msnn.training.records.run_lock import held
 
 

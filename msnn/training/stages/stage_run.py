@@ -134,6 +134,7 @@ class StageRun:
             spread=self.spread,
             found_rate=self.found_rate,
             seconds=self._seconds,
+            # between epochs they are found anew
             starts={} if self.starts is None or not self.batch else self.starts.values(),
         )
 
@@ -182,6 +183,7 @@ class StageRun:
         order = self.engine.order(len(runs), key)
         if self.starts is not None:
             self._find_starts(self.starts, runs)
+        # an epoch that goes on after an interrupt keeps the spread with which it began
         if self.batch == 0:
             self.spread = self._spread(runs)
         self.engine.begin_epoch(self.epoch, rate, self.attempt, self.spread)

@@ -95,6 +95,7 @@ class FilterEquations:
         """The gains of least squares."""
         gains = least_squares(self.signals, self.output)
         depth, end = self.structure.depth, self.structure.depth + self.structure.taps
+        # what the past explains is fitted to what the input leaves of it
         pasts = [
             least_squares(head[:, :depth], head[:, end] - head[:, depth:end] @ gains)
             for head in self.heads
@@ -109,6 +110,7 @@ def equations_of(
     response: Response | None = None,
 ) -> FilterEquations:
     """The equations at these poles; x is driven by y, or by the response instead."""
+    # taps need a lattice of the numerator's order, x one of the denominator's
     seen = lattice_of(structure.padded(reflection))
     systems = _system(seen), _system(lattice_of(reflection))
     columns = structure.taps + 1 + structure.den
@@ -141,15 +143,19 @@ def _tables(
     driven: tuple[FloatArray, FloatArray] | None,
 ) -> Iterator[tuple[FloatArray | None, FloatArray]]:
     """So many rows at once: free responses of the past, None once they are over, and the rest."""
+    # the unknown past is not in the states: it acts as free responses beside them
     seen, behind = np.zeros(structure.depth), np.zeros(structure.den)
+    # the elements of Aᵗb span all free responses, as the lattice is controllable
     past = lattice.drive
     for begin in range(0, len(piece.input), ROWS_AT_ONCE):
         signal = piece.input[begin : begin + ROWS_AT_ONCE]
         output = piece.output[begin : begin + ROWS_AT_ONCE]
         x = systems[0].states(signal[:, None], seen)
         if structure.first:
+            # xᵢ is bᵢ of the row before
             taps = x[:-1, : structure.taps]
         else:
+            # b₀ … bₙ₋₁ are the states of the next row; bₙ is made of x and the input
             last = x[:-1] @ lattice.last[:-1] + signal * lattice.last[-1]
             taps = np.concatenate((x[1:], last[:, None]), axis=1)[:, : structure.taps]
         free: FloatArray | None = None

@@ -51,6 +51,7 @@ def lattice_of(reflection: FloatArray) -> Lattice:
         r, cosine = reflection[i], np.sqrt(1 - reflection[i] ** 2)
         rows.append(r * forward + cosine * signals[i])
         forward = cosine * forward - r * signals[i]
+    # rows came from bₙ down to b₁; what is left of f is b₀
     step = np.array([forward, *reversed(rows)])
     return Lattice(reflection, step[:order, :order], step[:order, order], step[order])
 
@@ -87,6 +88,7 @@ def reflections_of(poles: ComplexArray) -> FloatArray:
     matrix, output = _cascade(poles)
     matrix, output = _hessenberg(matrix, output)
     forward, found = matrix[0], np.zeros(len(poles))
+    # takes off the sections from b₀ on: the column of xᵢ has −r of one in f, √(1−r²) in bᵢ₊₁
     for i in range(len(poles)):
         side = output[i] if i + 1 == len(poles) else matrix[i + 1, i]
         size = np.hypot(forward[i], side)
@@ -100,6 +102,7 @@ def stable(poles: ComplexArray, radius: float) -> ComplexArray:
     """The poles reflected into the unit circle and drawn into the radius."""
     limit = radius * (1 - MARGIN)
     sizes = np.abs(poles)
+    # λ → 1/λ̄ changes the magnitude of the response by a constant factor only
     inside = np.where(sizes > 1, poles / np.maximum(sizes, 1) ** 2, poles)
     sizes = np.abs(inside)
     return np.where(sizes > limit, inside * limit / np.maximum(sizes, limit), inside)
@@ -112,6 +115,7 @@ def reflections_that_round(poles: ComplexArray, radius: float) -> FloatArray:
     """
     found = reflections_of(poles)
     while (largest := np.max(np.abs(np.roots(denominator_of(found))), initial=0.0)) >= radius:
+        # all by one factor: their angles, the frequencies, stay
         poles = poles * (radius * (1 - MARGIN) / largest)
         found = reflections_of(poles)
     return found
@@ -122,6 +126,7 @@ def _cascade(poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     order = len(poles)
     matrix, value = np.zeros((order, order), complex), np.zeros(order, complex)
     for k, pole in enumerate(poles):
+        # not 1 − |λ|², which loses its digits beside the unit circle
         s = np.sqrt((1 - abs(pole)) * (1 + abs(pole)))
         matrix[k] = s * value
         matrix[k, k] = pole
@@ -141,14 +146,17 @@ def _hessenberg(matrix: ComplexArray, output: ComplexArray) -> tuple[FloatArray,
         column = first if k == 0 else turned[:, k - 1]
         mirror = column[k:].copy()
         size = np.linalg.norm(mirror)
+        # already 0: there is nothing to reflect
         if size == 0.0:
             continue
+        # away from the axis, so that nothing cancels (Golub, Van Loan, Matrix Computations, §5.1)
         mirror[0] += size * (mirror[0] / abs(mirror[0]) if mirror[0] else 1.0)
         mirror /= np.linalg.norm(mirror)
         turned[k:] -= 2 * np.outer(mirror, mirror.conj() @ turned[k:])
         turned[:, k:] -= 2 * np.outer(turned[:, k:] @ mirror, mirror.conj())
         if k == 0:
             first = first - 2 * np.vdot(mirror, first) * mirror
+    # back from the adjoint, with the states in opposite order
     upper = turned.conj().T[::-1, ::-1]
     last = first.conj()[::-1]
     phases = np.ones(order, complex)

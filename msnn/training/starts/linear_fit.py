@@ -59,14 +59,17 @@ class Filter:
 
 def fitted_filter(pieces: Sequence[UnbrokenRows], structure: FilterStructure) -> Filter | None:
     """The filter with the least error of the output; None where the data do not determine one."""
+    # the unknown past of a piece takes `depth` of its rows, so that they are no equations
     long = [piece for piece in pieces if len(piece.input) > structure.depth]
     rows = sum(len(piece.input) - structure.depth for piece in long)
     if rows < structure.den + structure.taps:
         return None
+    # both of size 1: their gains can be compared, whatever the units; the numerator takes it back
     gain = size_of([piece.output for piece in long]), size_of([piece.input for piece in long])
     scaled = [UnbrokenRows(piece.input / gain[1], piece.output / gain[0]) for piece in long]
     begun = _iterated(_spread(scaled, structure), structure)
     found = _descended(scaled, structure, begun)
+    # gains of the orthonormal b₀ … become coefficients of powers of 1/z; taps before `first` are 0
     taps = (
         found.response.gains
         @ backward_polynomials(structure.padded(found.reflection))[: structure.taps]
@@ -101,6 +104,7 @@ def _spread(pieces: Sequence[UnbrokenRows], structure: FilterStructure) -> list[
         for begin in range(0, len(piece.input), long)
     ]
     rows = sum(len(part.input) for part in parts)
+    # as many parts as have _ENOUGH rows together
     count = len(parts) * _ENOUGH // rows
     if count >= len(parts):
         return list(pieces)
@@ -147,6 +151,7 @@ def _fit(
 ) -> _Fit:
     """Least squares at these poles, with and without c x."""
     equations = equations_of(pieces, structure, reflection, driving)
+    # y + c x = g b(u), solved for y: the unknowns are g, then c
     both = np.concatenate((equations.signals, -equations.behind), axis=1)
     turn = least_squares(both, equations.output)[structure.taps :]
     response = equations.response()
@@ -157,6 +162,7 @@ def _fit(
 def _turned(structure: FilterStructure, reflection: FloatArray, turn: FloatArray) -> FloatArray:
     """The reflection coefficients of the stable filter with the zeros of 1 + c (zI − A)⁻¹ b."""
     lattice = lattice_of(reflection)
+    # det(zI − A + b c) = det(zI − A) (1 + c (zI − A)⁻¹ b): the zeros are eigenvalues of A − b c
     zeros = np.linalg.eigvals(lattice.matrix - np.outer(lattice.drive, turn))
     poles = stable(np.asarray(zeros, complex), structure.radius)
     if structure.is_direct:

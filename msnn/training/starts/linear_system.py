@@ -32,6 +32,7 @@ class LinearSystem:
         powers = [np.eye(order)]
         for _ in range(_BLOCK):
             powers.append(self.matrix @ powers[-1])
+        # driven[s, :, t] is what the input at row s of a block adds to x[t]
         driven = np.zeros((_BLOCK, inputs, _BLOCK + 1, order))
         for s in range(_BLOCK):
             for t in range(s + 1, _BLOCK + 1):
@@ -49,12 +50,14 @@ class LinearSystem:
         padded[:rows] = inputs
         found = padded.reshape(blocks, -1) @ self._driven
         starts = np.empty((blocks, order))
+        # of the end of each block, with which the next one begins
         ends, reach = found[:, -order:], self._free[:, -order:]
         state = start
         for block in range(blocks):
             starts[block] = state
             state = state @ reach + ends[block]
         found += starts @ self._free
+        # the last state of a block is the first of the next one
         within = found.reshape(blocks, _BLOCK + 1, order)[:, :_BLOCK].reshape(-1, order)
         return np.concatenate((within, state[None]))[: rows + 1]
 
@@ -64,6 +67,7 @@ def filtered(signal: FloatArray, denominator: FloatArray) -> FloatArray:
     order = len(denominator) - 1
     if not order:
         return signal
+    # 1/A in companion form: the states are the last outputs, newest first
     companion = np.eye(order, k=-1)
     companion[0] = -denominator[1:]
     system = LinearSystem(companion, np.eye(order)[:, :1])

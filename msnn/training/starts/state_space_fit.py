@@ -68,6 +68,7 @@ def with_read(
             state = x[-1]
             direct = [u] if feedthrough else []
             y = each.outputs[begin : begin + ROWS_AT_ONCE]
+            # x of each row beside its u and y; the last x belongs to the next part
             table = np.concatenate([x[:-1], *direct, y], axis=1)
             if begin == 0 or np.max(np.abs(past)) > FORGOTTEN:
                 free = system.states(np.zeros_like(u), past)
@@ -96,6 +97,7 @@ def with_drive(
     matrix = radius * lattice_of(reflection).matrix
     outputs, order = read.shape
     inputs = series[0].inputs.shape[1]
+    # B, one input after the other, then D, one output after the other
     known = order * inputs + (outputs * inputs if feedthrough else 0)
     triangle = Triangle(known + 1)
     systems = [LinearSystem(matrix.T, row[:, None]) for row in read]
@@ -117,6 +119,8 @@ def with_drive(
                     table[:, first : first + inputs] = u
                 table[:, -1] = each.outputs[begin : begin + ROWS_AT_ONCE, k]
                 if remembered:
+                    # the state at the first row is one for all outputs, each of which reads it by
+                    # its row of C
                     free = system.states(np.zeros((len(u), 1)), past[k])
                     table[:, :order], past[k] = free[:-1], free[-1]
                     head.add(table)

@@ -47,6 +47,7 @@ def _statistic(parameter: Parameter, data: Dataset) -> FloatArray | None:
     mean = sum((total for total, _ in sums[1:]), sums[0][0]) / count
     if parameter.statistic.kind == "mean":
         return np.asarray(mean)
+    # about the mean, in a second pass: sums of squares alone lose digits
     squares = [np.sum((r - mean) ** 2, axis=0, where=k) for r, k in _known(data, name)]
     std = np.asarray(np.sqrt(sum(squares[1:], squares[0]) / count))
     # a sum of equal numbers rounds, so that their deviation need not be exactly 0

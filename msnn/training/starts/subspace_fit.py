@@ -37,6 +37,7 @@ def fitted_system(
     poles, read = _poles_and_read(scaled, order, depth, radius)
     reflection = reflections_of(poles / radius)
     found = with_drive(scaled, reflection, read, radius=radius, feedthrough=feedthrough)
+    # a drive of 0 would leave no state to be read
     drive = found.drive if np.any(found.drive) else driven_by_all(reflection, inputs)
     found = with_read(scaled, reflection, drive, radius=radius, feedthrough=feedthrough)
     return replace(
@@ -53,9 +54,12 @@ def _sizes(parts: Sequence[FloatArray]) -> FloatArray:
 
 def _depth(series: Sequence[RowsWithoutGap], order: int, signals: int, outputs: int) -> int | None:
     """How many rows before and after each are looked at; None where there are too few rows."""
+    # all rows of responses but the last have to hold the order, as A follows from these
     least = -(-order // outputs) + 1
+    # half as many again where there are enough rows
     for depth in range(least + -(-least // 2), least - 1, -1):
         windows = sum(max(len(each.inputs) - 2 * depth + 1, 0) for each in series)
+        # as many windows as the table has columns
         if windows >= 2 * depth * signals:
             return depth
     return None
@@ -68,6 +72,7 @@ def _poles_and_read(
     outputs = series[0].outputs.shape[1]
     responses = _responses(series, order, depth)
     read = responses[:outputs]
+    # the responses one row later are these times A
     matrix = least_squares(responses[:-outputs], responses[outputs:])
     values, vectors = np.linalg.eig(matrix)
     poles = stable(np.asarray(values, complex), radius)
@@ -81,6 +86,7 @@ def _poles_and_read(
 def _mode(matrix: FloatArray, pole: complex) -> ComplexArray:
     """The eigenvector of a pole, of length 1, by inverse iteration."""
     order = len(matrix)
+    # a little beside the pole, where the matrix would be singular
     shifted = matrix - (pole + 1e-10 * (1 + abs(pole))) * np.eye(order)
     vector = np.linspace(1.0, 2.0, order).astype(np.complex128)
     for _ in range(3):
@@ -102,8 +108,11 @@ def _responses(series: Sequence[RowsWithoutGap], order: int, depth: int) -> Floa
                 [part[begin + lag : stop + lag] for lag in range(2 * depth)]
                 for part in (each.inputs, each.outputs)
             )
+            # later inputs first: what they explain is then in the rows above
             columns = [*u[depth:], *u[:depth], *y[:depth], *y[depth:]]
             triangle.add(np.concatenate(columns, axis=1))
+    # what the rows before say of later outputs
     reached = triangle.below(explained)[:before, before:].T
     left, sizes, _ = np.linalg.svd(reached, full_matrices=False)
+    # singular values are shared out between responses and states
     return np.asarray(left[:, :order] * np.sqrt(sizes[:order]), dtype=np.float64)

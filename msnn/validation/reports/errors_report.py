@@ -7,7 +7,7 @@ from typing import Any
 from msnn.tables import table_text
 from msnn.validation.judged_errors import JudgedErrors
 from msnn.validation.measurement import Measurement
-from msnn.validation.reports.words import rollout_text, unit_text
+from msnn.validation.reports.words import measured_as, unit_text
 from msnn.validation.statistics.correlations import Correlation, ErrorsOfElement
 from msnn.validation.statistics.coverage import LEVELS, Coverage
 
@@ -123,7 +123,7 @@ def _correlation_record(found: Correlation) -> dict[str, Any]:
 
 
 def _called(found: Measurement) -> str:
-    return f"{found.of}, {rollout_text(found)}, {found.data}"
+    return ", ".join(measured_as(found))
 
 
 def _rows(found: Measurement, each: ErrorsOfElement) -> list[tuple[str, ...]]:

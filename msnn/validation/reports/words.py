@@ -16,13 +16,33 @@ class Simulated(Protocol):
     @property
     def closed(self) -> tuple[str, ...]: ...
 
+    @property
+    def details(self) -> tuple[str, ...]: ...
+
 
 def rollout_text(row: Simulated) -> str:
-    """How it was simulated: `one step`, `50 steps, closing x`."""
-    closed = f", closing {', '.join(row.closed)}" if row.closed else ""
-    if row.horizon == "1":
-        return f"one step{closed}"
-    return f"{row.horizon} steps{closed}" if row.horizon.isdecimal() else f"{row.horizon}{closed}"
+    """How it was simulated: `one step`, `50 steps, closing x`, `record, skip 20`.
+
+    Two entries that are simulated or scored in two ways have two texts.
+    """
+    steps = f"{row.horizon} steps" if row.horizon.isdecimal() else row.horizon
+    closed = [f"closing {', '.join(row.closed)}"] if row.closed else []
+    return ", ".join(["one step" if row.horizon == "1" else steps, *closed, *row.details])
+
+
+class ValidationRow(Simulated, Protocol):
+    """A row of a validation: an output, how it was simulated, and on which data."""
+
+    @property
+    def of(self) -> str: ...
+
+    @property
+    def data(self) -> str: ...
+
+
+def measured_as(row: ValidationRow) -> tuple[str, str, str]:
+    """The output, the text of how it was simulated, and the data: alike for one measurement."""
+    return row.of, rollout_text(row), row.data
 
 
 def unit_text(unit: Unit | None) -> str:

@@ -63,7 +63,7 @@ class Spread:
         return found
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
     """What every metric needs of errors e = prediction − target, of each element; they add up."""
 
@@ -86,23 +86,23 @@ class Errors:
             error = np.where(there, prediction.reshape(wanted.shape) - wanted, 0.0)
             size = np.abs(error)
             return Errors(
-                target.shape[1:],
-                size.sum(axis=0),
-                (error * error).sum(axis=0),
-                size.max(axis=0, initial=0.0),
-                Spread.of(error, there),
-                Spread.of(wanted, there),
+                shape=target.shape[1:],
+                absolute=size.sum(axis=0),
+                squares=(error * error).sum(axis=0),
+                largest=size.max(axis=0, initial=0.0),
+                error=Spread.of(error, there),
+                target=Spread.of(wanted, there),
             )
 
     def __add__(self, other: Errors) -> Errors:
         with np.errstate(all="ignore"):
             return Errors(
-                self.shape,
-                self.absolute + other.absolute,
-                self.squares + other.squares,
-                np.maximum(self.largest, other.largest),
-                self.error + other.error,
-                self.target + other.target,
+                shape=self.shape,
+                absolute=self.absolute + other.absolute,
+                squares=self.squares + other.squares,
+                largest=np.maximum(self.largest, other.largest),
+                error=self.error + other.error,
+                target=self.target + other.target,
             )
 
     def joined(self) -> Errors:
@@ -112,12 +112,12 @@ class Errors:
         about_own = self.target.joined()
         target = Spread(about_own.count, about_own.mean, self.target.squares.sum(keepdims=True))
         return Errors(
-            (1,),
-            self.absolute.sum(keepdims=True),
-            self.squares.sum(keepdims=True),
-            self.largest.max(keepdims=True),
-            self.error.joined(),
-            target,
+            shape=(1,),
+            absolute=self.absolute.sum(keepdims=True),
+            squares=self.squares.sum(keepdims=True),
+            largest=self.largest.max(keepdims=True),
+            error=self.error.joined(),
+            target=target,
         )
 
 

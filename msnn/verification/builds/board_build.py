@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 
 from msnn.verification.builds.boards import Board
 from msnn.verification.builds.harness import TEMPLATES, write_linker_script
+from msnn.verification.builds.plugin import instructions_plugin
 from msnn.verification.proof_step import run_tool
 from msnn.verification.sources import Sources, includes
-from msnn.verification.tools import GCC
 
 
 class BoardBuild:
@@ -46,29 +47,30 @@ class BoardBuild:
 
     def link(self, name: str, objects: Sequence[Path], options: Sequence[str] = ()) -> Path:
         """Links objects with what starts the board."""
-        start = "startup_riscv.c" if self.board.riscv else "startup_arm.c"
-        harness = [TEMPLATES / start, *self._library]
-        others = [
-            self.object(path, ["-O1", "-fno-tree-loop-distribute-patterns"]) for path in harness
-        ]
         program = self.folder / f"{name}.elf"
         flags = ["-nostartfiles", "-Wl,--gc-sections", f"-T{self._script}", *options]
         if self.board.riscv:
             flags += ["-nostdlib"]
         libraries = ["-lgcc"] if self.board.riscv else ["-lm"]
         run_tool(
-            [*self._compiler, *flags, *objects, *others, "-o", program, *libraries], self.folder
+            [*self._compiler, *flags, *objects, *self._start, "-o", program, *libraries],
+            self.folder,
         )
         return program
+
+    @cached_property
+    def _start(self) -> list[Path]:
+        """What starts the board, for every program of this folder."""
+        start = "startup_riscv.c" if self.board.riscv else "startup_arm.c"
+        flags = ["-O1", "-fno-tree-loop-distribute-patterns"]
+        return [self.object(path, flags) for path in (TEMPLATES / start, *self._library)]
 
     def answer(self, program: Path, seconds: float) -> str:
         """What the board wrote; the plugin leaves the counts of instructions in a file."""
         symbols = run_tool([f"{self.board.binutils}nm", program], self.folder)
         addresses = {line.split()[-1]: line.split()[0] for line in symbols.splitlines()}
         begin, end = (addresses[f"measure_{place}"] for place in ("begin", "end"))
-        plugin = self.folder / "instructions_plugin.so"
-        source = TEMPLATES / "instructions_plugin.c"
-        run_tool([GCC.command, "-O1", "-fPIC", "-shared", source, "-o", plugin], self.folder)
+        plugin = str(instructions_plugin(self.folder)).replace(",", ",,")  # as QEMU reads it
         run_tool(
             [
                 self.board.emulator.command,

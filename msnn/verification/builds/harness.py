@@ -58,6 +58,7 @@ def _facts(model: ExportedC) -> dict[str, Any]:
         "number": model.number,
         "linearizes": model.linearizes,
         "hashed_reals": model.hashed_reals,
+        "compares_states": model.compares_states,
     }
 
 

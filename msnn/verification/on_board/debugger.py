@@ -45,6 +45,7 @@ class Debugger:
             try:
                 part = bytes.fromhex(answer.decode("ascii", "replace"))
             except ValueError:
+                # "E01" has an odd number of digits, so that a refusal ends here as well
                 part = b""
             if len(part) != count:
                 raise RefusedMemoryError(at)
@@ -62,6 +63,7 @@ class Debugger:
             command = f"M{address + at:x},{len(part):x}:{part.hex()}"
             if self._packets.ask(command.encode()) != b"OK":
                 raise RefusedMemoryError(address + at)
+        # an OK is no proof that the bytes arrived: addresses of flash are answered alike
         there = self.read(address, len(data))
         if there != data:
             differs = next(i for i, (a, b) in enumerate(zip(there, data, strict=True)) if a != b)
@@ -87,6 +89,8 @@ class Debugger:
     def break_at(self, addresses: Iterable[int]) -> None:
         """Lets the core stop at these addresses of Thumb code in RAM."""
         for address in addresses:
+            # the lowest bit of a function's address says Thumb, the instruction is at the even one;
+            # Z0 puts a breakpoint of 2 bytes in its place
             if self._packets.ask(f"Z0,{address & ~1:x},2".encode()) != b"OK":
                 raise StubFailedError("it sets no breakpoints")
 
@@ -100,9 +104,11 @@ class Debugger:
         try:
             answer = self._packets.ask(b"c", seconds)
         except TimeoutError:
+            # a core that still runs would not answer the next packet
             self._packets.interrupt()
             self._packets.wait(10.0)
             raise
+        # T and S tell a stop; W and X, the end of a process, are none that a core has
         if answer[:1] not in (b"T", b"S"):
             said = answer.decode("ascii", "replace")
             raise StubFailedError(f"it answered `{said}` where the core should run")
@@ -112,6 +118,8 @@ class Debugger:
         """Registers and their numbers, of the description that the server gives of its target."""
         number = 0
         for found in self._elements("target.xml", 0):
+            # numbers count on from the last one that is given (gdb manual, Target Description
+            # Format)
             number = int(found.get("regnum", number))
             yield found.get("name", "").lower(), number
             number += 1
@@ -121,6 +129,8 @@ class Debugger:
             attributes = dict(_ATTRIBUTE.findall(inner))
             if kind == "reg":
                 yield attributes
+            # the target's file includes one file for each feature; one that includes itself ends
+            # here
             elif depth == 0:
                 yield from self._elements(attributes.get("href", ""), 1)
 
@@ -130,5 +140,6 @@ class Debugger:
             request = f"qXfer:features:read:{name}:{len(text):x},400"
             part = self._packets.ask(request.encode())
             text += part[1:]
+            # "m" promises more, "l" is the last part (gdb manual, qXfer)
             if part[:1] != b"m":
                 return text.decode("utf-8", "replace")

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 
 from msnn.verification.builds.board_build import BoardBuild
 from msnn.verification.builds.boards import BOARDS, Board
@@ -24,7 +25,7 @@ _SELFTEST = re.compile(r"^selftest (\w+) ([0-9a-f]{8})", re.MULTILINE)
 _TOO_LARGE = re.compile(r"region `(\w+)' overflowed by (\d+) bytes")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Call:
     """One call on a board."""
 
@@ -51,6 +52,8 @@ def _on_board(board: Board, level: str, model: ExportedController) -> ProofStep:
         main = write_template(
             "online/board_main.c", folder, prefixes=names, calls=calls, controller=model.controller
         )
+        # the linker leads each call through a wrapper that measures it, so that the C stays as
+        # exported
         wraps = [f"-Wl,--wrap={call['name']}" for call in calls]
         try:
             program = build.link("golden", [build.object(main, ["-O1"]), *build.objects], wraps)
@@ -58,18 +61,26 @@ def _on_board(board: Board, level: str, model: ExportedController) -> ProofStep:
             large = _TOO_LARGE.search("\n".join(error.lines))
             if large is None:
                 raise
+            # no fault of the code: this board is too small for it, another may not be
             detail = f"{int(large[2]):,} bytes more {large[1]} than {board.machine} has"
             return Result(check=check.name, target=check.target, verdict="left out", detail=detail)
         answer = build.answer(program, _SECONDS)
         said = "\n".join(f"{name} {bits}" for name, bits in _SELFTEST.findall(answer))
         found = selftest_faults(model, said)
+        # a crash on a board is silence
         if "\nend\n" not in answer:
             found.append("the program ended before its last call")
         if found:
             return check.of(found, "golden solves differ")
         counted = build.counts()
         done = [
-            _Call(name, int(status, 16), int(iterations, 16), int(stack, 16), count)
+            _Call(
+                name=name,
+                status=int(status, 16),
+                iterations=int(iterations, 16),
+                stack=int(stack, 16),
+                instructions=count,
+            )
             for (name, status, iterations, stack), count in zip(
                 _CALL.findall(answer), counted, strict=True
             )
@@ -89,6 +100,8 @@ def _on_board(board: Board, level: str, model: ExportedController) -> ProofStep:
                 continue
             bound = stack_bound(sorted(folder.glob("*.ci")), call["name"])
             painted = max(c.stack for c in own)
+            # what was seen is deeper than what the call graph allows: one of the two figures is
+            # wrong
             if bound is not None and painted > bound:
                 found.append(
                     f"the stack of {call['said']} was {painted} bytes deep, "
@@ -100,6 +113,7 @@ def _on_board(board: Board, level: str, model: ExportedController) -> ProofStep:
                     flags=level,
                     of=call["said"],
                     instructions=(min(counts), sum(counts) / len(counts), max(counts)),
+                    median=median(counts),
                     flash=flash,
                     data=data,
                     bss=bss,

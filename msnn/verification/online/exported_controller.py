@@ -15,7 +15,7 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ControlLimits:
+class KnownLimits:
     """What a control never leaves; None where nothing is known of it."""
 
     low: float | None
@@ -35,7 +35,7 @@ class ControllerPart:
     states: int
     iterations: int
     tolerance: float
-    limits: tuple[ControlLimits, ...]
+    limits: tuple[KnownLimits, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,7 +121,7 @@ def _controller(about: dict[str, Any]) -> ControllerPart:
         iterations=int(about["iterations"]),
         tolerance=float(about["tolerance"]),
         limits=tuple(
-            ControlLimits(
+            KnownLimits(
                 low=_number(limit["min"]),
                 high=_number(limit["max"]),
                 rate=_number(limit.get("rate")),

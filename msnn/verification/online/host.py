@@ -18,7 +18,7 @@ from msnn.verification.host.levels import (
     levels_check,
     sanitizers_check,
 )
-from msnn.verification.online.exported_controller import ControlLimits, ExportedController
+from msnn.verification.online.exported_controller import ExportedController, KnownLimits
 from msnn.verification.proof_step import (
     ProofStep,
     Result,
@@ -89,6 +89,8 @@ def prefixes(model: ExportedController) -> list[str]:
 
 def selftest_faults(model: ExportedController, said: str) -> list[str]:
     """What self-tests returned other than 0, in sentences."""
+    # the program prints a line for each self-test as it returns: one that crashed left none, which
+    # is another fault than one that returned bits
     answers = dict(_SAID.findall(said))
     return [
         f"the self-test of {prefix} returned 0x{answers[prefix]}"
@@ -133,6 +135,7 @@ def _drawn_program(
 ) -> Path:
     single = model.dtype == "float32"
     controller, size = model.controller, 4 if single else 8
+    # the most numbers that one call takes say how many bytes a run of 8 calls draws
     numbers = max(
         0 if controller is None else controller.inputs,
         0 if model.filter is None else model.filter.inputs + model.filter.measured,
@@ -146,6 +149,7 @@ def _drawn_program(
         tolerance=None if controller is None else _literal(controller.tolerance),
         window_tolerance=None if model.filter is None else _literal(model.filter.tolerance),
         limits=[] if controller is None else [_limits(limit, model) for limit in controller.limits],
+        # squares of these overflow, and these lie below the smallest normal number
         huge="1e30" if single else "1e300",
         denormal="1e-40" if single else "1e-310",
         bytes=8 * (3 + (numbers + 8) * (1 + size)),
@@ -163,7 +167,7 @@ def _linked(
     return program
 
 
-def _limits(limit: ControlLimits, model: ExportedController) -> dict[str, Any]:
+def _limits(limit: KnownLimits, model: ExportedController) -> dict[str, Any]:
     """As literals that read back as the numbers of the C."""
     rounded = np.float32 if model.dtype == "float32" else np.float64
     numbers = {"low": limit.low, "high": limit.high, "rate": limit.rate}

@@ -63,14 +63,17 @@ def _proved(check: ProofStep, function: str, model: ExportedC, folder: Path) -> 
     reals = [("result", m) for m in results if not m.unsigned]
     if function == "step":
         reals += [("left", m) for m in model.state if not m.unsigned]
+    # two analyses: one that lets infinities in can no longer tell them from those that a step makes
     runs = [_analysed(function, model, folder, infinite=False)]
     replaced = [member.name for member in model.inputs if member.policy in REPLACED]
     if replaced:
         runs.append(_analysed(function, model, folder, infinite=True))
     alarms = dict.fromkeys(alarm for run in runs for alarm in run.alarms)
+    # one bad value raises alarms wherever it goes; where it arises is what the reader can mend
     ordered = roots_first(list(alarms), model.folder / "src")
     findings = [_shown_alarm(alarm, model) for alarm in ordered]
     found = [(kind, m, _joined(runs, f"{kind}_{m.field}")) for kind, m in reals]
+    # values are shown after the call: there are none where every path ends at an alarm before
     if any(values is None for *_, values in found):
         findings.append("no call comes to its end")
     notes: list[str] = []
@@ -85,6 +88,7 @@ def _proved(check: ProofStep, function: str, model: ExportedC, folder: Path) -> 
         kept, said = _inductive(model, runs)
         notes += said
         detail += f"; {kept} of {len(said)} states stay in the range assumed" if said else ""
+    # a proof is worth what it assumes: bounds that nobody declared are said beside the result
     assumed = [m.name for m in (*model.state, *model.inputs) if not m.unsigned and not m.range]
     notes += [f"assumed |{name}| <= {ASSUMED:g}: the spec has no range" for name in assumed]
     if replaced:
@@ -129,6 +133,7 @@ def _inductive(model: ExportedC, runs: list[Analysis]) -> tuple[int, list[str]]:
         name = member.name
         if next is None or begun is None:
             said.append(f"inductive: no: {name}: no call comes to its end")
+        # induction: the range holds after init and every step keeps it, so that it holds for ever
         elif not _within(next, low, high):
             said.append(f"inductive: no: a step takes {name} from {assumed} to {_interval(next)}")
         elif not _within(begun, low, high):
@@ -146,6 +151,7 @@ def _within(values: PossibleValues, low: float, high: float) -> bool:
 def _interval(values: PossibleValues) -> str:
     nan = " or NaN" if values.nan else ""
     return (
+        # -0 + 0 is 0: a bound is never shown as -0
         f"{values.low + 0.0:.6g} .. {values.high + 0.0:.6g}{nan}"
         if values.low <= values.high
         else "NaN"

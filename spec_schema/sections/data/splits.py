@@ -86,6 +86,7 @@ def _read_time_range(node: Listing, findings: Findings) -> TimeRange | DateRange
 
 def _comes_before(start: Date, stop: Date) -> bool:
     one, other = start.moment, stop.moment
+    # a date with a zone and one without do not compare
     return one.has_zone == other.has_zone and one.nanoseconds < other.nanoseconds
 
 
@@ -123,6 +124,7 @@ class Split(Entry):
     """
 
     noun: ClassVar[str] = "split"
+    example: ClassVar[str | None] = "{train: 0.8, val: 0.2}"
 
     by: Annotated[
         Literal["file", "block", "fraction", "time", "kfold"],
@@ -165,6 +167,7 @@ class Split(Entry):
         total = 0.0
         times: list[TimeRange | DateRange] = []
         for share in self.shares:
+            # a share of another kind than `by:` wants fits nothing, whatever its numbers are
             match share:
                 case Fraction(value=value):
                     total += value

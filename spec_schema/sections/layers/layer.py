@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from spec_schema.fields.entry import Entry, Variant
+from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.formulas import ExpressionField
 from spec_schema.fields.plain import ManyOf
 from spec_schema.sections.layers.filters import Iir, SavitzkyGolay, StateSpace
@@ -11,7 +11,7 @@ from spec_schema.sections.layers.networks import EquationLearner, Fir, Linear, M
 from spec_schema.sections.layers.tables import Interpolation, Normalize
 
 
-class Cell(Variant):
+class Cell(OneOf):
     """The layer of which a local model has one copy for each fuzzy set."""
 
     noun: ClassVar[str] = "a cell"
@@ -36,7 +36,7 @@ class LocalModel(Entry):
     """The layer of each cell."""
 
 
-class Layer(Variant):
+class Layer(OneOf):
     """A declared layer."""
 
     noun: ClassVar[str] = "a layer"

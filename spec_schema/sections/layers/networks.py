@@ -75,6 +75,7 @@ class Mlp(Entry):
     """A multilayer perceptron: affine maps with `activation` between them."""
 
     noun: ClassVar[str] = "an mlp layer"
+    example: ClassVar[str | None] = "{hidden: [16, 16]}"
 
     hidden: ManyOf[PositiveCount]
     """Sizes of the hidden layers."""

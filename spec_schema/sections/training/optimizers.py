@@ -6,7 +6,7 @@ from pydantic import Field
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import schema as errors
-from spec_schema.fields.entry import Entry, RefusedError, Variant
+from spec_schema.fields.entry import Entry, OneOf, RefusedError
 from spec_schema.fields.located import Located
 from spec_schema.fields.named_tables import Keyed
 from spec_schema.fields.plain import (
@@ -177,7 +177,7 @@ class LevenbergMarquardt(OptimizerOptions):
 OptimizerChoice: TypeAlias = Adam | AdamW | Sgd | Lbfgs | TorchOptimizer | LevenbergMarquardt
 
 
-class Optimizer(Variant):
+class Optimizer(OneOf):
     """The optimiser of a stage."""
 
     noun: ClassVar[str] = "optimizer"

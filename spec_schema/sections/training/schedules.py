@@ -2,7 +2,7 @@
 
 from typing import Annotated, ClassVar
 
-from spec_schema.fields.entry import Entry, Variant
+from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.plain import PositiveCount, number
 
 _Share = Annotated[float, number(least=0.0, most=1.0)]
@@ -53,7 +53,7 @@ class Plateau(Entry):
     """Share of the rate below which it never goes."""
 
 
-class Schedule(Variant):
+class Schedule(OneOf):
     """How the learning rate of a stage goes down, epoch by epoch."""
 
     noun: ClassVar[str] = "schedule"

@@ -78,6 +78,7 @@ class Rollout(Entry):
     def canonical(cls, node: Node, findings: Findings) -> Node:
         node = super().canonical(node, findings)
         close = node.entries.get("close") if isinstance(node, Table) else None
+        # `close: all` is what no `close:` means; further on there is one form
         if isinstance(node, Table) and isinstance(close, Scalar) and close.text == "all":
             entries = {key: value for key, value in node.entries.items() if key != "close"}
             return Table(entries, node.keys, node.span, node.key)
@@ -147,6 +148,7 @@ class Stage(Entry):
     @classmethod
     def canonical(cls, node: Node, findings: Findings) -> Node:
         node = super().canonical(node, findings)
+        # a stage that names no optimizer has Adam; its place is that of the stage
         if not isinstance(node, Table) or "optimizer" in node.entries:
             return node
         key = node.key or node.span

@@ -12,7 +12,11 @@ import pytest
 from backends.c import COptions, write_c
 from backends.c.interface.interface import Interface, c_interface
 from backends.c.selftest.golden_singles import GoldenSingles, golden_singles
+from backends.c.selftest.singles.decisions import Decisions
+from backends.c.selftest.singles.descent import descended
+from backends.c.selftest.singles.drawn_trials import drawn_trials
 from backends.c.selftest.singles.ordered_codes import between, codes_of, numbers_of
+from backends.c.selftest.singles.trial_steps import TrialSteps
 from backends.c.selftest.vectors.drawn_inputs import StartPoint
 from backends.c.selftest.vectors.golden_vectors import GoldenRun, golden_runs
 from backends.c_lowering.options import ParameterAccess
@@ -72,6 +76,21 @@ def _singles(text: str) -> GoldenSingles:
     return found
 
 
+_TINY_QUOTIENT = """
+inputs: {u: {range: [0, 3], on_invalid: clamp}}
+parameters: {k: {init: 0.5, min: 0.1}}
+outputs: {y: {expr: "abs(cos(u) / k)"}}
+"""
+_DIVIDEND_THAT_ENDS = """
+inputs:
+  u: {range: [1, 3], on_invalid: clamp}
+  v: {range: [1, 9], on_invalid: clamp}
+  w: {range: [0, 2], on_invalid: clamp}
+parameters: {k: {init: 0.5, min: 0.1}}
+outputs: {y: {expr: "abs((2.5 - v * u * exp(w - k)) / k)"}}
+"""
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_codes_of_neighbours_differ_by_one(dtype: type[np.floating]) -> None:
     numbers = np.array([-np.inf, -1.5, -1e-40, 0.0, 1e-40, 0.3, 7e5], dtype)
@@ -102,6 +121,33 @@ def test_steps_stand_within_a_hundredth_of_a_threshold_on_both_sides() -> None:
 def test_a_sum_of_rounded_products_is_exactly_0_in_some_step() -> None:
     singles = _singles(_ROUNDED_SUM)
     assert np.any(singles.vectors.outputs["y"] == 0.0)
+
+
+def test_a_quotient_is_0_where_moves_make_it_less_and_less() -> None:
+    """It is 0 only where the cosine and one through the parameter are tiny together."""
+    program, interface = _made(_TINY_QUOTIENT)
+    weights = physical_weights(program, {})
+    (run,) = golden_runs(program, interface, weights, 1, [GoldenRun(0, StartPoint())])
+    steps, random = TrialSteps(program, interface, weights, [run.start]), np.random.default_rng(0)
+    decisions, drawn = Decisions(program, interface), drawn_trials(steps, random)
+    drawn = drawn.of(np.flatnonzero(np.isfinite(drawn.numbers).all(axis=1)))
+    assert not np.any(steps.run(drawn).outputs["y"] == 0.0)
+    every = np.arange(decisions.gaps(steps.run(drawn), len(drawn)).shape[1])
+    found = descended(steps, decisions, drawn, every, random)
+    assert np.any(steps.run(found).outputs["y"] == 0.0)
+
+
+def test_a_dividend_becomes_0_where_the_divisor_is_held() -> None:
+    """The quotient is small wherever k is huge, and there the dividend is 2.5 for ever."""
+    program, interface = _made(_DIVIDEND_THAT_ENDS)
+    weights = physical_weights(program, {})
+    (run,) = golden_runs(program, interface, weights, 1, [GoldenRun(0, StartPoint())])
+    steps, random = TrialSteps(program, interface, weights, [run.start]), np.random.default_rng(2)
+    decisions, drawn = Decisions(program, interface), drawn_trials(steps, random)
+    drawn = drawn.of(np.flatnonzero(np.isfinite(drawn.numbers).all(axis=1)))
+    every = np.arange(decisions.gaps(steps.run(drawn), len(drawn)).shape[1])
+    found = descended(steps, decisions, drawn, every, random, held=0.5)
+    assert np.any(steps.run(found).outputs["y"] == 0.0)
 
 
 def test_each_slope_that_can_be_infinite_is_so_alone() -> None:

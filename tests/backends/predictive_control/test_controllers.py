@@ -19,7 +19,7 @@ from compiler.optimal_control.kkt import Judge
 from msnn.exports.judged_controller import compare_controller
 from msnn.model.load import load_model
 from tests.conditions import require_tool
-from tests.control.specs import DELAYED, load
+from tests.control.specs import DELAYED, WINDOW_AND_NO_WEIGHT, load
 
 HERE = Path(__file__).parent
 SOLVED, CAPPED, INFEASIBLE, INPUT_NOT_FINITE, NOT_INITIALISED = range(5)
@@ -52,17 +52,7 @@ mpc:
     w: {max: 0.9, hard: true}
     power: {max: 0.5}
 """,
-    "window_and_no_weight": """
-inputs: {u: {between: hold}}
-layers: {h: {fir: {window: 6}}}
-states: {x: {next: 0.9 * x + 0.02 * tanh(x) + h(u), init: 0}}
-outputs: {y: x}
-mpc:
-  horizon: 15
-  controls: [u]
-  cost: {stage: 0 * x + 1e-3 * u**2, terminal: (x - 0.5)**2}
-  bounds: {u: {min: -1, max: 1}, x: {min: -9, max: 9}}
-""",
+    "window_and_no_weight": WINDOW_AND_NO_WEIGHT,
     "unstable": """
 inputs: {u: {between: hold}}
 states:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,10 @@ import pytest
 import msnn
 from backends.c.host.build import build_library
 from backends.c_language.literals import Dtype
-from backends.predictive_control.estimation import write_filter
 from backends.predictive_control.estimation.library import FilterLibrary
+from backends.predictive_control.write_estimator import write_estimator
 from compiler.state_estimation.kalman_filter import KalmanFilter
+from tests.backends.predictive_control.strict_builds import build_strictly
 from tests.conditions import require_tool
 from tests.control.specs import DELAYED, kalman_filter, load
 from tests.control.test_estimator import LINEAR, PENDULUM
@@ -48,7 +48,7 @@ def _written(name: str, folder: Path, dtype: Dtype = "float64") -> tuple[Path, K
     model = load(folder, SPECS[name])
     weights = msnn.initial_weights(model)
     assert model.estimation is not None
-    write_filter(model.estimation, weights, folder / "c", prefix="plant", dtype=dtype)
+    write_estimator(model.estimation, weights, folder / "c", prefix="plant", dtype=dtype)
     return folder / "c", kalman_filter(model, weights)
 
 
@@ -119,14 +119,9 @@ def test_other_bits_fail_the_self_test(tmp_path: Path) -> None:
 
 
 def test_sources_are_c_plus_plus_without_warnings(tmp_path: Path) -> None:
-    require_tool("g++", install="apt install g++")
-    strict = ["-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wdouble-promotion", "-O2"]
     for name, dtype in itertools.product(SPECS, ("float64", "float32")):
         out, _ = _written(name, tmp_path / f"{name}{dtype}", dtype)
-        for source in sorted((out / "src").glob("*.c")):
-            include = [f"-I{out / 'include'}", "-c", source, "-o", "/dev/null"]
-            subprocess.run(["gcc", "-std=c99", "-pedantic", *strict, *include], check=True)
-            subprocess.run(["g++", "-x", "c++", *strict, *include], check=True)
+        build_strictly(out)
 
 
 def test_what_is_not_finite_changes_nothing(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +12,10 @@ import msnn
 from backends.c.host.build import build_library
 from backends.c_language.literals import Dtype
 from backends.predictive_control.estimation.library import FilterLibrary
-from backends.predictive_control.moving_horizon import write_horizon
+from backends.predictive_control.write_estimator import write_estimator
 from msnn.control.estimation.moving_horizon import MovingHorizon
 from msnn.control.open_controller import open_estimator
+from tests.backends.predictive_control.strict_builds import build_strictly
 from tests.backends.predictive_control.test_filters import VECTORS
 from tests.conditions import require_tool
 from tests.control.specs import DELAYED, load
@@ -38,7 +38,7 @@ def _written(name: str, folder: Path, dtype: Dtype = "float64") -> tuple[Path, M
     model = load(folder, {**SPECS, "lost": window(LOST, 2)}[name])
     weights = msnn.initial_weights(model)
     assert model.estimation is not None
-    write_horizon(model.estimation, weights, folder / "c", prefix="plant", dtype=dtype)
+    write_estimator(model.estimation, weights, folder / "c", prefix="plant", dtype=dtype)
     judge = open_estimator(model, weights, "python")
     assert isinstance(judge, MovingHorizon)
     return folder / "c", judge
@@ -103,14 +103,9 @@ def test_other_bits_fail_the_self_test(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", SPECS)
 def test_sources_are_c_plus_plus_without_warnings(name: str, tmp_path: Path) -> None:
-    require_tool("g++", install="apt install g++")
-    strict = ["-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wdouble-promotion", "-O2"]
     for dtype in ("float64", "float32"):
         out, _ = _written(name, tmp_path / dtype, dtype)
-        for source in sorted((out / "src").glob("*.c")):
-            include = [f"-I{out / 'include'}", "-c", source, "-o", "/dev/null"]
-            subprocess.run(["gcc", "-std=c99", "-pedantic", *strict, *include], check=True)
-            subprocess.run(["g++", "-x", "c++", *strict, *include], check=True)
+        build_strictly(out)
 
 
 def test_what_is_not_finite_changes_nothing(tmp_path: Path) -> None:
@@ -168,3 +163,20 @@ def test_single_precision_is_near(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.x, judge.vector, atol=2e-3)
         judge.predict(inputs)
         library.predict(inputs)
+
+
+def test_a_number_that_is_measured_twice_counts_once(tmp_path: Path) -> None:
+    library, judge = _built("linear", tmp_path)
+    library.reset([0.5, 0.0])
+    judge.reset({"p": 0.5, "v": 0.0})
+    for k in range(7):
+        expected = judge.correct({"p": 0.1 * k})
+        assert library.correct({"p": 5.0}).status == SOLVED
+        found = library.correct({"p": 0.1 * k})
+        np.testing.assert_allclose(found.x, judge.vector, atol=1e-9)
+        std = [expected.std["p"], expected.std["v"]]
+        np.testing.assert_allclose(found.std, std, atol=1e-10)
+        assert np.all(np.isnan(found.innovation))
+        assert library.predict({"u": 0.1}) == judge.predict({"u": 0.1})
+    library.correct({"p": 0.0})
+    assert library.correct({"p": np.inf}).status == INPUT_NOT_FINITE

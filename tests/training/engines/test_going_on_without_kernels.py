@@ -63,7 +63,7 @@ def not_written(step: TrainingStep, dtype: Dtype, *, reproducible: bool) -> Kern
 
 
 def no_c(step: TrainingStep, dtype: Dtype, *, reproducible: bool) -> KernelSource:
-    return KernelSource("this is no C", (), (), ())
+    return KernelSource(text="this is no C", signals=(), parameters=(), losses=())
 
 
 def trained(

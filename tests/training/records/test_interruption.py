@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 import signal
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from msnn.model.weights.weights_file import read_weights
-from msnn.training.records.progress import EpochEnd, Silent
+from msnn.training.records.progress import EpochEnd, Silent, epoch_text
 from msnn.training.records.training_options import TrainingOptions
+from msnn.training.stages import stage_run
 from msnn.training.train import train
 from msnn.training.training_result import (
     TrainingDivergedError,
@@ -77,6 +80,37 @@ def test_resuming_continues_bit_for_bit(kind: str, stage: str, epoch: int, tmp_p
     # one line an epoch, none twice
     epochs = (folder / "metrics.jsonl").read_text().count("\n")
     assert epochs == {"adam": 11, "lbfgs": 6, "lessons": 6, "torch": 5, "second_order": 6}[kind]
+
+
+def test_the_time_that_is_left_counts_all_epochs_of_a_resumed_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An epoch takes as long as those before the interruption, not the little time since it."""
+
+    class Kept(Interrupting):
+        def __init__(self, epoch: int) -> None:
+            super().__init__("stage_1", epoch)
+            self.events: list[EpochEnd] = []
+
+        def epoch_ended(self, event: EpochEnd) -> None:
+            self.events.append(event)
+            super().epoch_ended(event)
+
+    stages, ticks = "  - {epochs: 40, engine: torch, batch: 16}\n", count()
+    # a hundredth of a second for each time that the stage asks
+    clock = SimpleNamespace(monotonic=lambda: 0.01 * next(ticks))
+    monkeypatch.setattr(stage_run, "time", clock)
+    first, second = Kept(20), Kept(21)
+    with pytest.raises(TrainingInterruptedError):
+        run(stages, TrainingOptions(runs=tmp_path), first)
+    with pytest.raises(TrainingInterruptedError):
+        run(stages, TrainingOptions(runs=tmp_path, resume=True), second)
+    before, (after,) = first.events[-1], second.events
+    assert (before.epoch, after.epoch) == (20, 21)
+    # the epoch after the interruption took about as long as each of the 20 before
+    assert after.seconds / 21 == pytest.approx(before.seconds / 20, rel=0.1)
+    left = after.seconds / 21 * 19
+    assert f"{after.seconds:.1f} s, {left:.0f} s left" in epoch_text(after)
 
 
 def test_the_second_interrupt_is_not_waited_for() -> None:

@@ -12,10 +12,10 @@ import pytest
 from msnn.data.dataset import FloatArray
 from msnn.model.weights.weights_file import initial_weights
 from msnn.reports.training_summary import errors_note, parameters_table
-from msnn.training.black_boxes import black_boxes
-from msnn.training.parameter_warnings import parameter_warnings
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from msnn.training.records.learned import standard_errors as module
+from msnn.training.records.learned.black_boxes import black_boxes
+from msnn.training.records.learned.parameter_warnings import parameter_warnings
 from msnn.training.records.learned.parameters_record import parameters_record
 from msnn.training.records.learned.standard_errors import StandardErrors, standard_errors
 from msnn.training.train import TrainingOptions, train
@@ -165,6 +165,26 @@ def test_what_the_data_do_not_determine_is_named() -> None:
     assert (
         parameters_table(parameters_record(program, weights, found)).count("not identifiable") == 3
     )
+
+
+def test_zeros_that_a_penalty_made_are_not_called_unidentifiable() -> None:
+    entry = {
+        "name": "f.weight",
+        "unit": None,
+        "initial": [0.1, 0.1],
+        "values": [0.0, 0.5],
+        "learn": True,
+        "at_bound": False,
+        "standard_errors": [None, 0.01],
+    }
+    zero = [{"array": "f.weight", "over": "t", "of": 2, "zero": [0]}]
+    said = parameters_table({"parameters": [entry], "zero_slices": zero})
+    assert "not identifiable" not in said
+    # without the penalty, or of another number, it is what the data do not determine
+    assert "not identifiable" in parameters_table({"parameters": [entry]})
+    other = {**entry, "standard_errors": [None, None]}
+    said = parameters_table({"parameters": [other], "zero_slices": zero})
+    assert "not identifiable" in said
 
 
 def test_what_a_long_window_cannot_tell_apart_is_one_warning() -> None:

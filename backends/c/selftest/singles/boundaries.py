@@ -63,6 +63,7 @@ def boundaries(
     if not len(rows):
         return Boundaries([], left, left, right)
     side = outcomes(left)[rows, decision]
+    # integers in the order of the numbers: a middle has as many numbers on both sides
     low, high = codes_of(left.numbers), codes_of(right.numbers)
     found: list[Trials] = []
     pairs: list[tuple[Trials, Trials]] = []
@@ -70,14 +71,17 @@ def boundaries(
     def trials(codes: Array, chosen: Array) -> Trials:
         return Trials(left.starts[chosen], numbers_of(codes[chosen], steps.dtype))
 
+    # distances are below two to the bits of a code: so many halvings make neighbours of the ends
     for _ in range(8 * steps.dtype.itemsize + 1):
         apart = np.abs(high - low).max(axis=1)
         middle = between(low, high)
         here = outcomes(trials(middle, rows))[rows, decision]
         found.append(trials(middle, here == 0))
+        # the left end stays on its side; equality counts as the other one
         stays = (here == side)[:, np.newaxis]
         low, high = np.where(stays, middle, low), np.where(stays, high, middle)
         for digits in _APART:
+            # in this turn the segment has become shorter than that
             now = (apart > 2**digits) & (np.abs(high - low).max(axis=1) <= 2**digits)
             found += [trials(low, now), trials(high, now)]
             if digits == _APART[0]:

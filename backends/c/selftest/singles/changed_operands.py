@@ -145,6 +145,7 @@ class ChangeableGraph:
         numbers = changed.reshape(len(rows), -1)[:, change.element]
         match change.kind:
             case "moved":
+                # by a hundredth, and a 0 moves too
                 numbers[:] = numbers * 1.01 + 0.001
             case "negated":
                 numbers[:] = -numbers

@@ -55,6 +55,17 @@ class Decisions:
 
     def signs(self, values: TrialValues, count: int) -> NDArray[np.int8]:
         """Of each difference in each trial: -1, 0, 1 or `UNORDERED`, (B, D)."""
+        pairs = self._pairs(values)
+        found = [_signs(left, right, count) for left, right in pairs]
+        return np.concatenate([np.zeros((count, 0), np.int8), *found], axis=1)
+
+    def gaps(self, values: TrialValues, count: int) -> Array:
+        """Of each difference in each trial its size, infinite where it is NaN, (B, D)."""
+        found = [_gaps(left, right, count) for left, right in self._pairs(values)]
+        return np.concatenate([np.zeros((count, 0)), *found], axis=1)
+
+    def _pairs(self, values: TrialValues) -> list[tuple[Array, Array]]:
+        """The two sides of each difference."""
         pairs = [
             *_operands(self._step, values.nodes),
             *_operands(self._slopes, values.slopes.nodes),
@@ -65,8 +76,7 @@ class Decisions:
         for entry in self._expected:
             value = values.nodes[entry.node]
             pairs += [(value, np.asarray(limit, self._dtype)) for limit in entry.range]
-        found = [_signs(left, right, count) for left, right in pairs]
-        return np.concatenate([np.zeros((count, 0), np.int8), *found], axis=1)
+        return pairs
 
     def doubtful(self, slopes: TrialSlopes, count: int) -> Array:
         """The slopes that can be infinite, (B, E).
@@ -97,11 +107,13 @@ class Decisions:
             value = repeated_batch(values.nodes[entry.node], count).reshape(count, -1)
             numbers += [(column, entry.range) for column in value.T[:_ELEMENTS]]
         outside = [~((x >= low) & (x <= high)) for x, (low, high) in numbers]
+        # a report that others make too tells nothing of this limit
         every = np.sum(outside, axis=0) if outside else np.zeros(count)
         for (x, limits), own in zip(numbers, outside, strict=True):
             for limit, sign in zip(limits, (-1.0, 1.0), strict=True):
                 if np.isfinite(limit):
                     with np.errstate(invalid="ignore"):  # the conversion of a signalling NaN
+                        # a limit of 0 has no size to be relative to
                         beyond = sign * (x.astype(np.float64) - limit) / max(abs(limit), 1e-3)
                     yield beyond, every == own
 
@@ -152,7 +164,13 @@ def _operands(
 def _signs(left: Array, right: Array, count: int) -> NDArray[np.int8]:
     with np.errstate(invalid="ignore"):
         signs = (left > right).astype(np.int8) - (left < right).astype(np.int8)
+        # both comparisons are false for NaN, which would look like equality
         signs[np.isnan(left) | np.isnan(right)] = UNORDERED
-    if signs.shape[0] != count:
-        signs = np.broadcast_to(signs, (count, *signs.shape[1:]))
-    return signs.reshape(count, -1)
+    return repeated_batch(signs, count).reshape(count, -1)
+
+
+def _gaps(left: Array, right: Array, count: int) -> Array:
+    with np.errstate(invalid="ignore", over="ignore"):
+        gaps = np.abs(np.subtract(left, right, dtype=np.float64))
+    gaps = np.where(left == right, 0.0, np.where(np.isnan(gaps), np.inf, gaps))
+    return repeated_batch(gaps, count).reshape(count, -1)

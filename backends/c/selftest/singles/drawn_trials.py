@@ -35,6 +35,7 @@ _WIDE, _HUGE = (-12.0, 12.0), (-140.0, 127.99)
 
 def drawn_trials(steps: TrialSteps, random: np.random.Generator) -> Trials:
     """Steps of every kind, from every start."""
+    # plain ones, the other kinds with trained parameters, then all kinds with others
     kinds = np.repeat([*_KINDS[:1], *_KINDS[1:], *_KINDS], [PLAIN, *[_EACH] * 7])
     trials = trials_of_kinds(steps, kinds, random)
     trials.numbers[: PLAIN + 3 * _EACH, steps.tuned] = steps.trained
@@ -51,6 +52,7 @@ def trials_of_kinds(
         shape = count, places.stop - places.start
         numbers[:, places] = _numbers(steps, member, kinds[:, np.newaxis], shape, random)
     tuned = _within(_parameters(steps.trained, count, random), steps.bounds)
+    # only where a parameter is another one already
     endless = (tuned != steps.trained) & _some(tuned.shape, random, _INFINITE * infinite)
     numbers[:, steps.tuned] = np.where(endless, np.inf, tuned)
     return Trials(np.arange(count) % steps.starts, numbers)

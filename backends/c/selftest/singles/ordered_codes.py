@@ -13,6 +13,7 @@ Codes = NDArray[np.int64]
 def codes_of(numbers: NDArray[Any]) -> Codes:
     """The place of each number among all of its type; 0 and -0 are 0, negative ones below."""
     words = np.ascontiguousarray(numbers).view(f"i{numbers.itemsize}").astype(np.int64)
+    # bits of floats rise with their magnitude; the sign decides on which side of 0 they count
     magnitudes = words & _largest(numbers.dtype)
     return np.where(words < 0, -magnitudes, magnitudes)
 
@@ -27,6 +28,7 @@ def between(left: Codes, right: Codes) -> Codes:
     """In the middle, towards the left ones."""
     # the difference of two codes of float64 may not fit
     half = right // 2 - left // 2
+    # of neighbours the halves, each rounded by itself, could stand still
     return left + np.where(np.abs(half) > 1, half, np.trunc((right - left) / 2).astype(np.int64))
 
 

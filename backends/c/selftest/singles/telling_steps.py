@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.selftest.singles.boundaries import Boundaries, Outcomes, boundaries
+from backends.c.selftest.singles.changed_operands import Change
 from backends.c.selftest.singles.decisions import Decisions
+from backends.c.selftest.singles.descent import descended
 from backends.c.selftest.singles.drawn_trials import PLAIN, drawn_trials
 from backends.c.selftest.singles.slopes_alone import slopes_alone
 from backends.c.selftest.singles.trial_steps import Trials, TrialSteps, joined_trials
@@ -21,6 +23,11 @@ _TRIED = 300_000
 """Pairs of a step and a change that are tried."""
 _LIMIT = 1e-2
 """How near a limit is near, relative to it."""
+_FEW = 8
+"""Of a decision of which both sides are equal in fewer steps more such steps are searched."""
+_DESCENT = 1
+_HELD = (0.0, 0.5)
+"""Of the numbers: decisions that are not equal where all move are searched with some held."""
 _MOST = 128
 """Chosen steps of both kinds."""
 
@@ -54,13 +61,34 @@ def telling_steps(
     # those that are rare stand first
     order, begin, size = order[np.argsort(~rare[order], kind="stable")], 0, _FIRST
     while left and begin < min(len(found), _TRIED // len(left)) and len(chosen) < _MOST:
-        part = found.of(order[begin : begin + size])
-        seen = steps.seen(part, left)
-        for row in _cover(seen):
-            chosen.append(part.of(np.array([row])))
-        left = [left[k] for k in np.flatnonzero(seen.sum(axis=0) == 0)]
+        left = _choose(found.of(order[begin : begin + size]), left, steps, chosen)
         begin, size = begin + size, 2 * size
+    if left and len(chosen) < _MOST:
+        # by a generator of its own: what was found without it stays the same
+        again = np.random.Generator(np.random.Philox([seed, _DESCENT]))
+        hits = (decisions.signs(steps.run(found), len(found)) == 0).sum(axis=0)
+        few = np.flatnonzero(hits < _FEW)
+        for held in _HELD:
+            if not left or not len(few):
+                break
+            equal = descended(steps, decisions, drawn, few, again, held)
+            if not len(equal):
+                continue
+            values = steps.run(equal)
+            settled = decisions.settled(values, len(equal))
+            left = _choose(equal.of(np.flatnonzero(settled)), left, steps, chosen)
+            hits = (decisions.signs(values, len(equal)) == 0).sum(axis=0)
+            few = few[hits[few] == 0]
     return alone[:_MOST], chosen[:_MOST]
+
+
+def _choose(
+    part: Trials, left: list[tuple[int, Change]], steps: TrialSteps, chosen: list[Trials]
+) -> list[tuple[int, Change]]:
+    """Adds the steps of a part that show changes to the chosen ones; the changes still left."""
+    seen = steps.seen(part, left)
+    chosen += [part.of(np.array([row])) for row in _cover(seen)]
+    return [left[k] for k in np.flatnonzero(seen.sum(axis=0) == 0)]
 
 
 def _both_sides(

@@ -227,6 +227,7 @@ class TrialSteps:
             each = max(1, min(_ROWS, _NUMBERS // graph.size) // count)
             for begin in range(0, len(own), each):
                 part = own[begin : begin + each]
+                # copy i · count + b is trial b with change i of this part
                 copies = np.tile(np.arange(count), len(part))
                 wrong = graph.with_changes(
                     right,

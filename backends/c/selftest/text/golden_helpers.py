@@ -13,7 +13,7 @@ from backends.c.interface.jacobian_interface import JacobianInterface
 from backends.c.selftest.text.golden_tables import DIFFER
 from backends.c.selftest.text.golden_text import tolerance
 from backends.c.selftest.vectors.golden_vectors import GoldenVectors
-from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.scope import BlockScope, LocalNames
 from backends.c_language.tree import (
     Argument,
     Call,
@@ -84,7 +84,7 @@ def _numbers(vector: Vector, values: Mapping[str, Array], interface: Interface) 
 
 def _comparison(interface: Interface, letter: str, numbers: Array) -> Function:
     prefix = interface.prefix
-    scope = Scope(LocalNames(prefix))
+    scope = BlockScope(LocalNames(prefix))
     for name in (_VECTOR, _DIFFER, _GOLDEN):
         scope.reserve(name)
     scope.add(ConstantTable(_GOLDEN, tuple(numbers.tolist()), hexadecimal=True))
@@ -97,4 +97,10 @@ def _comparison(interface: Interface, letter: str, numbers: Array) -> Function:
     scope.add(Return(Name(_DIFFER)))
     argument = Argument(f"const {prefix}_real *", _VECTOR)
     body = tuple(scope.statements)
-    return Function(f"{prefix}_{letter}_differs", "bool", (argument,), body, static=True)
+    return Function(
+        name=f"{prefix}_{letter}_differs",
+        result="bool",
+        arguments=(argument,),
+        body=body,
+        static=True,
+    )

@@ -15,7 +15,7 @@ from backends.c.selftest.matrix_checksums import START, checksums
 from backends.c.selftest.text.golden_text import tolerance
 from backends.c.selftest.vectors.golden_vectors import GoldenVectors, joined
 from backends.c_language.places import variable
-from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.scope import BlockScope, LocalNames
 from backends.c_language.tree import (
     Argument,
     Assign,
@@ -46,7 +46,7 @@ def slopes_function(
     many of them those of every n-th step.
     """
     golden, prefix = joined(runs), interface.prefix
-    scope = Scope(LocalNames(prefix))
+    scope = BlockScope(LocalNames(prefix))
     scope.reserve(OUT)
     bits = [
         float((status & ~_OF_RESULTS) | infinite)
@@ -70,11 +70,13 @@ def slopes_function(
         Argument("uint32_t", "step"),
     )
     body = tuple(scope.statements)
-    return Function(f"{prefix}_slopes_differ", "bool", arguments, body, static=True)
+    return Function(
+        name=f"{prefix}_slopes_differ", result="bool", arguments=arguments, body=body, static=True
+    )
 
 
 def _compare_hashes(
-    prefix: str, jacobian: JacobianInterface, golden: GoldenVectors, scope: Scope
+    prefix: str, jacobian: JacobianInterface, golden: GoldenVectors, scope: BlockScope
 ) -> None:
     hash = Name(scope.fresh("hash"))
     scope.add(
@@ -90,7 +92,7 @@ def _compare_hashes(
 
 
 def _compare_numbers(
-    interface: Interface, jacobian: JacobianInterface, golden: GoldenVectors, scope: Scope
+    interface: Interface, jacobian: JacobianInterface, golden: GoldenVectors, scope: BlockScope
 ) -> None:
     scope.reserve(_ROW)
     every = _distance(jacobian, len(golden.status))
@@ -129,7 +131,9 @@ def _distance(jacobian: JacobianInterface, steps: int) -> int:
     return max(1, -(-computed * steps // _MOST_NUMBERS))
 
 
-def _compare(interface: Interface, field: MatrixField, golden: NDArray[Any], scope: Scope) -> None:
+def _compare(
+    interface: Interface, field: MatrixField, golden: NDArray[Any], scope: BlockScope
+) -> None:
     """All entries in a loop: those that are computed with the step's row of a table."""
     matrix, name = field.matrix, field.identifier
     steps = len(golden)

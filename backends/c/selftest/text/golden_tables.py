@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from backends.c.interface.interface import Field
 from backends.c.interface.structs import RESERVED
 from backends.c_language.places import ArrayView, Index, variable
-from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.scope import BlockScope, LocalNames
 from backends.c_language.tree import (
     Argument,
     Assign,
@@ -41,7 +41,7 @@ Column = tuple[Field, Array]
 _STEP, _START = "step", "start"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class GoldenTables:
     """The numbers of all runs; steps are counted through all runs."""
 
@@ -87,7 +87,7 @@ class GoldenTables:
         self, name: str, struct: Argument, columns: Sequence[Column], row_name: str
     ) -> Function:
         """Copies one row of the table `golden` into a struct."""
-        scope = Scope(LocalNames(self.prefix))
+        scope = BlockScope(LocalNames(self.prefix))
         if columns:
             scope.add(self._table(columns))
         else:
@@ -101,7 +101,13 @@ class GoldenTables:
             Argument("uint32_t", row_name),
         )
         body = tuple(scope.statements)
-        return Function(f"{self.prefix}_load_{name}", "void", arguments, body, static=True)
+        return Function(
+            name=f"{self.prefix}_load_{name}",
+            result="void",
+            arguments=arguments,
+            body=body,
+            static=True,
+        )
 
     def _start_of(self) -> Function:
         starts = tuple(map(float, self.singles))
@@ -110,7 +116,13 @@ class GoldenTables:
             Return(Element(Name("golden_start"), Name("single"))),
         )
         argument = Argument("uint32_t", "single")
-        return Function(f"{self.prefix}_start_of", "uint32_t", (argument,), body, static=True)
+        return Function(
+            name=f"{self.prefix}_start_of",
+            result="uint32_t",
+            arguments=(argument,),
+            body=body,
+            static=True,
+        )
 
     def _start_comparison(self) -> Function:
         bits = tuple(map(float, self.start_status))
@@ -120,13 +132,19 @@ class GoldenTables:
             Return(Binary("!=", Name("status"), expected)),
         )
         arguments = (Argument(f"{self.prefix}_status_t", "status"), Argument("uint32_t", _START))
-        return Function(f"{self.prefix}_start_differs", "bool", arguments, body, static=True)
+        return Function(
+            name=f"{self.prefix}_start_differs",
+            result="bool",
+            arguments=arguments,
+            body=body,
+            static=True,
+        )
 
     def _comparison(
         self, differs: Callable[[Expression, Expression, Array], Expression]
     ) -> Function:
         prefix = self.prefix
-        scope = Scope(LocalNames(prefix))
+        scope = BlockScope(LocalNames(prefix))
         bits = tuple(float(status) for status in self.status)
         scope.add(ConstantTable("golden_status", bits, CType.UNSIGNED))
         if self.outputs:
@@ -146,7 +164,13 @@ class GoldenTables:
             Argument("uint32_t", _STEP),
         )
         body = tuple(scope.statements)
-        return Function(f"{prefix}_results_differ", "bool", arguments, body, static=True)
+        return Function(
+            name=f"{prefix}_results_differ",
+            result="bool",
+            arguments=arguments,
+            body=body,
+            static=True,
+        )
 
     def _table(self, columns: Sequence[Column]) -> ConstantTable:
         """All fields of a step in one row, the rows one after the other."""
@@ -177,8 +201,8 @@ def _compared(
     expected: ArrayView,
     values: Array,
     differs: Callable[[Expression, Expression, Array], Expression],
-) -> Callable[[tuple[Index, ...], Scope], None]:
-    def compare(at: tuple[Index, ...], scope: Scope) -> None:
+) -> Callable[[tuple[Index, ...], BlockScope], None]:
+    def compare(at: tuple[Index, ...], scope: BlockScope) -> None:
         scope.add(If(differs(given.element(at), expected.element(at), values), DIFFER))
 
     return compare

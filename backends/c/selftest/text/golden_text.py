@@ -14,7 +14,7 @@ from backends.c.selftest.vectors.golden_vectors import GoldenVectors, joined
 from backends.c.selftest.vectors.written_states import state_fields
 from backends.c_language.helper_functions import is_nan
 from backends.c_language.places import Index
-from backends.c_language.scope import LocalNames, Scope
+from backends.c_language.scope import BlockScope, LocalNames
 from backends.c_language.tree import (
     Argument,
     Assign,
@@ -61,9 +61,9 @@ def golden_functions(
         written += [{name: values[k] for name, values in own.items()} for k in range(count)]
     fields = state_fields(interface) if written else ()
     tables = GoldenTables(
-        prefix,
-        CType.REAL,
-        interface.options.unroll,
+        prefix=prefix,
+        number=CType.REAL,
+        unroll=interface.options.unroll,
         starts=given,
         start_status=[int(start.status) for start in every],
         written=[(f, np.stack([states[f.name] for states in written])) for f in fields],
@@ -85,7 +85,7 @@ def golden_functions(
 
 def _tune_function(interface: Interface, tuned: Sequence[Mapping[int, float]]) -> Function:
     """`<prefix>_tune(numbers, single)` writes a single step's own parameters over the trained."""
-    scope = Scope(LocalNames(interface.prefix))
+    scope = BlockScope(LocalNames(interface.prefix))
     for name in ("numbers", "single"):
         scope.reserve(name)
     listed = [(k, place, x) for k, own in enumerate(tuned) for place, x in own.items()]
@@ -101,7 +101,9 @@ def _tune_function(interface: Interface, tuned: Sequence[Mapping[int, float]]) -
     real = f"{interface.prefix}_real *"
     arguments = (Argument(real, "numbers"), Argument("uint32_t", "single"))
     name = f"{interface.prefix}_tune"
-    return Function(name, "void", arguments, tuple(scope.statements), static=True)
+    return Function(
+        name=name, result="void", arguments=arguments, body=tuple(scope.statements), static=True
+    )
 
 
 def differs_function(prefix: str) -> Function:
@@ -124,7 +126,9 @@ def differs_function(prefix: str) -> Function:
     )
     real = f"{prefix}_real"
     arguments = tuple(Argument(real, name) for name in ("x", "expected", "tolerance"))
-    return Function(f"{prefix}_differs", "bool", arguments, body, static=True)
+    return Function(
+        name=f"{prefix}_differs", result="bool", arguments=arguments, body=body, static=True
+    )
 
 
 def tolerance(interface: Interface, values: Array) -> float:
@@ -145,7 +149,7 @@ def kernels_function(
     prefix: str, cases: Mapping[str, Sequence[tuple[tuple[float, ...], float]]]
 ) -> Function:
     """Whether a kernel gives other bits than it should: a table of arguments and value for each."""
-    scope = Scope(LocalNames(prefix))
+    scope = BlockScope(LocalNames(prefix))
     scope.reserve("differ")
     scope.add(Declare(CType.BOOL, "differ", Truth(False)))
     for kernel, rows in cases.items():
@@ -160,4 +164,6 @@ def kernels_function(
             inner.add(If(Call(f"{prefix}_differs", (called, row[-1], Real(0.0))), DIFFER))
     scope.add(Return(Name("differ")))
     body = tuple(scope.statements)
-    return Function(f"{prefix}_kernels_differ", "bool", (), body, static=True)
+    return Function(
+        name=f"{prefix}_kernels_differ", result="bool", arguments=(), body=body, static=True
+    )

@@ -212,5 +212,5 @@ def _golden(
             functions.insert(0, differs_function(interface.prefix))
         functions.append(slopes_function(interface, interface.jacobian, every))
     if singles and singles.vectors.written:
-        functions.append(state_function(interface, singles))
+        functions.append(state_function(interface, singles, len(runs) * _TEST_STEPS))
     return [printer.function(function) for function in functions]

@@ -38,7 +38,7 @@ Array = NDArray[Any]
 _ANYWHERE = StartPoint()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class GoldenVectors:
     """Values by name in the spec, in the type of the generated code; series are (steps, *shape)."""
 
@@ -129,19 +129,24 @@ def golden_runs(
         log = log_of_steps(interface, {n: values[:, k] for n, values in seen.items()}, len(runs))
         if linearized is not None:
             slopes.append(linearized.matrices(*log, states))
+        # without a record buffers are empty: the first sample fills them, as in C
         if k == 0 and from_init:
             states = filled_by_first(interpreter, interface, states, log, from_init)
         result = interpreter.step(*log, states, losses=False)
         for name, values in outputs.items():
             values[:, k] = result.outputs[name]
+        # bits are told of the states that were computed; those that start again replace them
+        # afterwards
         after = {name: value.copy() for name, value in result.next_states.items()}
         for row in range(len(runs)):
+            # a slice keeps the axis of the batch, which the references expect
             one = slice(row, row + 1)
             answers = {name: value[one] for name, value in result.outputs.items()}
             next = {name: value[one] for name, value in result.next_states.items()}
             bits = policy_bits[row][k] | equation_bits(program, answers, dtype)
             bits |= saturation_bits(program, answers) | next_state_bits(interface, next)
             if row in from_init:
+                # the first sample fills buffers; what needs a record waits until `reset`
                 waits = interface.from_record - (interface.filled_by_first if k > 0 else set())
                 bits |= StatusBit.UNINITIALISED if waits else StatusBit(0)
             status[row, k] = bits
@@ -196,6 +201,7 @@ def _seen(
         accepted = np.stack([run[name] for run in inputs])
         for row, run in enumerate(inputs):
             before = first_held(signal, input.field.shape, dtype)
+            # in order: `hold` falls back to what it accepted before
             for k in range(steps):
                 before, said = apply_policy(signal, run[name][k], before, dtype)
                 accepted[row, k] = before

@@ -23,6 +23,7 @@ def apply_policy(
     `previous` are the values that it saw in the step before; all arrays are of `dtype`.
     """
     low, high = (np.dtype(dtype).type(limit) for limit in limits(signal, dtype))
+    # false for NaN
     valid = (values >= low) & (values <= high)
     if signal.on_invalid == "trust" or bool(np.all(valid)):
         return values, StatusBit(0)
@@ -33,6 +34,7 @@ def apply_policy(
             return values, not_a_number | (StatusBit.OUT_OF_RANGE if outside else StatusBit(0))
         case "clamp":
             instead = np.dtype(dtype).type(stand_in(signal, dtype))
+            # NaN is on neither side: the stand-in takes its place
             nearest = np.where(values > high, high, np.where(values < low, low, instead))
             return np.where(valid, values, nearest), not_a_number | StatusBit.CLAMPED
         case "hold":

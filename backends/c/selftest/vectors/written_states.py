@@ -45,7 +45,13 @@ def written_states(interface: Interface) -> list[WrittenNumber]:
 def state_fields(interface: Interface) -> list[Field]:
     """The fields of the state struct that are as large as their states."""
     return [
-        Field(memory.state.name, memory.identifier, memory.state.axes, memory.state.unit, "")
+        Field(
+            name=memory.state.name,
+            identifier=memory.identifier,
+            axes=memory.state.axes,
+            unit=memory.state.unit,
+            comment="",
+        )
         for memory in interface.states
         if isinstance(memory, PlainState)
     ]

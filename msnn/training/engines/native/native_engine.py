@@ -184,10 +184,14 @@ def _rule(plan: StagePlan) -> tuple[Rule, float]:
     assert lr is not None, "what steps inside of a kernel has a rate"
     match plan.optimizer:
         case Adam(beta1=b1, beta2=b2, eps=eps):
-            return Rule(Method.ADAM, b1, b2, eps, decay, clip), lr
+            return Rule(
+                method=Method.ADAM, beta1=b1, beta2=b2, epsilon=eps, decay=decay, clip=clip
+            ), lr
         case AdamW(beta1=b1, beta2=b2, eps=eps):
-            return Rule(Method.ADAMW, b1, b2, eps, decay, clip), lr
+            return Rule(
+                method=Method.ADAMW, beta1=b1, beta2=b2, epsilon=eps, decay=decay, clip=clip
+            ), lr
         case Sgd(momentum=momentum):
-            return Rule(Method.SGD, momentum, decay=decay, clip=clip), lr
+            return Rule(method=Method.SGD, beta1=momentum, decay=decay, clip=clip), lr
         case Lbfgs() | TorchOptimizer() | LevenbergMarquardt():
             raise AssertionError("these take the slopes of a kernel and step outside of it")

@@ -18,7 +18,7 @@ from compiler.ir.program import State
 from compiler.ir.types import Type
 from msnn.data.dataset import FloatArray, IntArray
 from msnn.data.starts import Runs
-from msnn.training.engines.second_order.squares import Slopes
+from msnn.training.engines.second_order.squares import SlopedSquares
 from msnn.training.plans.stage_plan import StagePlan
 
 Weights = Mapping[str, FloatArray]
@@ -71,12 +71,14 @@ class JointStarts:
             found[start_signal(state)] = whole
         return found
 
-    def products(self, squares: Slopes, runs: Runs, weights: Weights) -> dict[str, Products]:
+    def products(self, squares: SlopedSquares, runs: Runs, weights: Weights) -> dict[str, Products]:
         """The products of every loss, the slopes in the start of each run apart."""
         alone = self.of_each(squares, runs, weights)
         return {name: _joined([one[name] for one in alone]) for name in alone[0]}
 
-    def of_each(self, squares: Slopes, runs: Runs, weights: Weights) -> list[dict[str, Products]]:
+    def of_each(
+        self, squares: SlopedSquares, runs: Runs, weights: Weights
+    ) -> list[dict[str, Products]]:
         """The products of every loss and run by itself."""
         moved = self.moved(weights)
         # run by run: in a sum over runs the slopes in the one added parameter would be those of all

@@ -153,6 +153,7 @@ class LevenbergMarquardtEngine:
         }
         arrays = {"raw": self._raw.copy(), "largest": self._largest.copy()}
         if self._started is not None:
+            # arrays of a state are of floats, which have every row number below 2⁵³ exactly
             arrays |= {n: getattr(self._started, n).astype(float) for n in ("t0", "steps")}
         return EngineState(arrays, structure)
 
@@ -243,6 +244,7 @@ class LevenbergMarquardtEngine:
                 self._raw, self._ahead = trial, (runs, ahead)
                 self._damping *= max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
                 self._growth = 2.0
+                # both small: a fall that the model did not foresee is no convergence
                 if max(model.total - total, fall) <= self._options.tolerance * model.total:
                     self.finished = "converged"
                 return
@@ -250,8 +252,10 @@ class LevenbergMarquardtEngine:
             self._damping *= self._growth
             self._growth *= 2.0
         else:
+            # the damping has come to its end
             self.finished = "no step lowers the total"
             return
+        # left by `break`: the model sees nothing more to gain
         self.finished = "converged"
 
     def _total_at(self, runs: Runs, raw: FloatArray) -> float:

@@ -66,6 +66,7 @@ class NormalEquations:
             raw=raw,
             scale=top,
             slope=self.slope * top,
+            # JᵀJ has no eigenvalue below 0 but by rounding
             curvatures=np.maximum(values, 0.0),
             directions=vectors,
             known=known,
@@ -135,6 +136,7 @@ class ArrowModel:
             slope=blocks.slope * own,
             scale=own,
             cross=blocks.cross * top[None, :, None] * own[:, None, :],
+            # the blocks too are JᵀJ
             values=np.maximum(values, 0.0),
             directions=directions,
         )
@@ -146,6 +148,7 @@ class ArrowModel:
         turned = self.cross @ self.directions
         shares = np.einsum("rni,rn->ri", self.directions, self.slope) / (self.values + damping)
         left = turned / (self.values + damping)[:, None, :]
+        # S without the damping of the parameters, which their own step adds
         complement = self.curvature - np.einsum("rpi,rqi->pq", left, turned)
         values, vectors = np.linalg.eigh(complement)
         reduced = replace(

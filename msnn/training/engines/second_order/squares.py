@@ -15,7 +15,7 @@ from msnn.training.plans.stage_plan import StagePlan
 RowsByLoss = Mapping[str, BoolArray]
 
 
-class Slopes(Protocol):
+class SlopedSquares(Protocol):
     """The losses of a stage as sums of squares with their slopes, at any weights, in float64."""
 
     def check(self, runs: Runs, weights: Mapping[str, FloatArray]) -> None:
@@ -31,7 +31,7 @@ class Slopes(Protocol):
         ...
 
 
-class Squares(Slopes, Protocol):
+class Squares(SlopedSquares, Protocol):
     """The same with the losses alone, for those who try steps."""
 
     def __init__(

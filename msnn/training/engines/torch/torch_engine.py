@@ -19,6 +19,7 @@ from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossErr
 from msnn.training.engines.optimizer_state import flattened, placed_like, rebuilt
 from msnn.training.engines.torch.known_steps import KnownSteps
 from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
+from msnn.training.engines.torch.plain_lbfgs import PlainLbfgs
 from msnn.training.engines.torch.torch_optimizers import torch_optimizer
 from msnn.training.plans.epoch_order import shuffled
 from msnn.training.plans.stage_plan import StagePlan
@@ -32,6 +33,7 @@ from spec_schema.sections.training.optimizers import (
 )
 
 _DTYPES = {"float32": torch.float32, "float64": torch.float64}
+# times the first total of a batch: what a line search sees where there is no number
 _WALL = 1e6
 
 
@@ -58,6 +60,7 @@ class TorchEngine:
     ) -> None:
         dtype = _DTYPES[plan.dtype]
         self._plan, self._number = plan, np.dtype(plan.dtype).type
+        # a rate of 0 holds a parameter where it is
         moving = {name for name in plan.trained if plan.lr_factors.get(name) != 0}
         self._fixed = {n: value for n, value in weights.items() if n not in moving}
         self._model = build_module(plan.program, dtype, plan.device)
@@ -122,7 +125,7 @@ class TorchEngine:
 
         def closure() -> Tensor:
             nonlocal before, height
-            self._optimizer.zero_grad()
+            self._forget_slopes()
             found = self._objective.scored(runs)
             total = found.total + self._known.priors(self._variables, self._spread)
             finite = math.isfinite(total.item())
@@ -136,10 +139,11 @@ class TorchEngine:
             if total.requires_grad:
                 total.backward()
                 self._hold()
+            # before clipping: the factor of an infinite norm is 0, and 0 · ∞ is NaN
             if self._is_steep():
                 if is_first:
                     raise _NoStep
-                self._optimizer.zero_grad()
+                self._forget_slopes()
                 return total.new_tensor(height)
             if self._plan.clip is not None:
                 torch.nn.utils.clip_grad_norm_(self._variables.values(), self._plan.clip)
@@ -154,6 +158,11 @@ class TorchEngine:
                 self.left_out += 1
                 self.has_left_out = True
         return before
+
+    def _forget_slopes(self) -> None:
+        # what `zero_grad` does, without its notes for torch's profiler
+        for raw in self._variables.values():
+            raw.grad = None
 
     def _hold(self) -> None:
         """Takes the slopes of what has rate 0 in the stage's arithmetic: torch leaves it as it is.
@@ -226,7 +235,7 @@ def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.
         case TorchOptimizer():
             return torch_optimizer(plan.optimizer, _groups(plan, variables, lr), decay)
         case Lbfgs(history=history, iterations=iterations):
-            return torch.optim.LBFGS(
+            return PlainLbfgs(
                 list(variables.values()),
                 lr=lr,
                 max_iter=iterations,

@@ -116,6 +116,7 @@ def scored_values(
     states = model.start_on(block.windows(0, len(t0)), frame, len(t0))
     parts: dict[str, list[_Part]] = {loss.name: [] for loss in program.losses}
     for number in range(int(steps[0])):
+        # by falling length: rollouts that have this step stand first
         running = int(np.searchsorted(-steps, -number, side="left"))
         if running < len(t0) and number:
             states = {name: value[:running] for name, value in states.items()}
@@ -189,6 +190,7 @@ def _scored(parts: list[_Part], missing: bool) -> ScoredValues | None:
         return ScoredValues(prediction[there], target[there], None)
     joined = _joined(factors)
     each = joined.reshape(-1, *[1] * (prediction.dim() - 1)).expand(prediction.shape)
+    # a factor of 0 leaves out; 0 times NaN would not
     there = each > 0 if target is None else (each > 0) & ~torch.isnan(target)
     return ScoredValues(prediction[there], None if target is None else target[there], each[there])
 

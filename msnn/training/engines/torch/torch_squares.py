@@ -142,6 +142,7 @@ def _products(
     """
     each = torch.ones_like(error) if factors is None else factors.reshape(-1)
     total = (each * cost(loss.measure, error, None)).sum().item()
+    # below 1 that makes f²e² = e²/2, above it the slope 2f²e is the sign of e
     if loss.measure is Measure.HUBER:
         factor = torch.sqrt(0.5 / error.abs().clamp(min=1.0))
         error, slopes = factor * error, factor[:, None] * slopes

@@ -117,8 +117,10 @@ class HeldStarts:
         squares = np.array([self.products[name].squares for name in names])
         factors = np.array([[self._factor(a, b, inverse) for b in names] for a in names])
         found = squares / np.array([numbers(self.products, name) for name in names])
+        # a fixed point has F σ² = squares; factors above 0 keep variances above 0
         for _ in range(_ROUNDS if len(names) > 1 else 1):
             found = found * squares / np.maximum(factors @ found, np.finfo(np.float64).tiny)
+        # the squares of a loss that its own noise does not reach say nothing of its variance
         decided = np.diagonal(factors) > 0
         return {n: float(v) if d else np.nan for n, v, d in zip(names, found, decided, strict=True)}
 
@@ -128,10 +130,12 @@ class HeldStarts:
         moved = inverse @ self.spreads()[noise] @ inverse.T
         forecast = self.inverse @ spread @ self.inverse
         both = (starts.cross - self.follows @ starts.curvature) @ self.inverse @ spread
+        # a residual varies by the numbers, by its start, and by what both have of the same noise
         found = float(np.sum(self._moving(name) * moved))
         found += float(np.sum(starts.curvature * forecast))
         found -= 2.0 * float(np.einsum("rpn,rqn,qp->", both, self.carried, inverse.T))
         if name == noise:
+            # its own noise, less what the numbers take of it
             own = np.sum(inverse.T * self._crossing(name))
             found += numbers(self.products, name) - 2.0 * self.shares[name] * float(own)
         return found
@@ -150,6 +154,7 @@ class HeldStarts:
     def _moving(self, name: str) -> FloatArray:
         """DᵀD of a loss."""
         crossing, own = self._crossing(name), _blocks(self.products[name]).curvature
+        # JᵀK Lᵀ, so that DᵀD = JᵀD − (JᵀK Lᵀ)ᵀ + L KᵀK Lᵀ
         mixed = self.products[name].curvature - crossing
         return crossing - mixed.T + np.einsum("rpn,rnm,rqm->pq", self.follows, own, self.follows)
 

@@ -16,7 +16,7 @@ from msnn.simulation.start_fit import StartFit
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_slopes import NativeSlopes
 from msnn.training.engines.second_order.joint_starts import JointStarts, without_starts
-from msnn.training.engines.second_order.squares import Slopes
+from msnn.training.engines.second_order.squares import SlopedSquares
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.learned.held_starts import HeldStarts
@@ -92,7 +92,7 @@ def _squares(
     rows: Mapping[str, BoolArray] | None,
     runs: Runs,
     weights: Mapping[str, FloatArray],
-) -> tuple[Slopes, tuple[Diagnostic, ...]]:
+) -> tuple[SlopedSquares, tuple[Diagnostic, ...]]:
     """By kernels where there can be any, else by torch with what the user should know."""
 
     def native(_: StagePlan) -> NativeSlopes:

@@ -44,6 +44,7 @@ def of_overlapping_runs(
         (first if one.decides else scored)[one.loss].add(one)
     products = {name: one.products() for name, one in scored.items()}
     shares = shares_of(plan, products)
+    # a run whose first rows are all missing decides nothing: its products are 0
     decided = {
         name: plan.loss_weights[name] / np.maximum(first[name].count, 1.0) for name in shares
     }
@@ -51,8 +52,10 @@ def of_overlapping_runs(
         products, shares, {name: first[name].blocks() for name in shares}, decided
     )
     reached: dict[str, FloatArray] = {}
+    # a second pass: G of a run takes the sums of the first one
     for one in (one for one in each.slopes() if one.loss in shares):
         j, k = one.slopes[:, : each.learned], one.slopes[:, each.learned :]
+        # (rows, learned, elements): what all runs say of a row adds up before it is squared
         sums = reached.setdefault(one.loss, np.zeros((data.rows, each.learned, j.shape[2])))
         if one.decides:
             noise = decided[one.loss][one.members, None, None] * k

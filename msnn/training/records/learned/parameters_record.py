@@ -18,7 +18,7 @@ def parameters_record(
     """Every parameter with unit, values and errors, and what the errors were made of.
 
     A number that has no standard error has null: it was not trained in the last stage, is at a
-    bound, or is not identifiable.
+    bound, is 0 by a penalty, or is not identifiable.
     """
     errors: Mapping[str, FloatArray] = {} if found is None else found.errors
     record: dict[str, Any] = {
@@ -50,3 +50,17 @@ def parameters_record(
             "reason": found.reason,
         }
     return record
+
+
+def has_unidentified(record: Mapping[str, Any], found: Mapping[str, Any]) -> bool:
+    """Whether a number of a learned parameter has no error and is no 0 that a penalty made.
+
+    `found` is the entry of the parameter in the record.
+    """
+    penalised = {each["array"] for each in record.get("zero_slices", ())}
+    by_penalty = found["name"] in penalised
+    errors = found["standard_errors"] or ()
+    return any(
+        error is None and not (by_penalty and value == 0.0)
+        for value, error in zip(found["values"], errors, strict=False)
+    )

@@ -1,0 +1,113 @@
+"""Finds steps at which both sides of a decision are equal: they come nearer move by move."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.functions.input_policy import limits
+from backends.c.interface.interface import InputField
+from backends.c.selftest.singles.decisions import Decisions
+from backends.c.selftest.singles.ordered_codes import codes_of, numbers_of
+from backends.c.selftest.singles.trial_steps import Trials, TrialSteps, joined_trials
+
+Array = NDArray[Any]
+
+_BEGUN = 8
+"""Steps of each decision that are moved."""
+_ROUNDS, _COPIES = 48, 24
+_NEAR = 5e-4
+"""A difference at which a limit that is 0.001 instead of 0 shows."""
+_MOVED = (0.1, 0.3, 0.6)
+"""Shares of the numbers that move in a copy, by turns."""
+_REACH = 0.97
+"""Of the binary digits of a number: a move changes the code by up to two to this power, in every
+second copy less and less from round to round."""
+
+
+def descended(
+    steps: TrialSteps,
+    decisions: Decisions,
+    drawn: Trials,
+    which: NDArray[np.int64],
+    random: np.random.Generator,
+    held: float = 0.0,
+) -> Trials:
+    """Steps at which the two sides of one of these decisions are equal, and some that are near,
+    where any are found.
+
+    A product hits 0 only where both factors are tiny, a sum only at few of the numbers beside the
+    place where its sign changes. So some steps of each decision take moves, large and small, that
+    bring its two sides nearer to each other, until they are equal. A share of the numbers of each
+    step can be `held`: the shortest way to a small quotient is a huge divisor, and ends where the
+    dividend overflows.
+    """
+    gaps = _gaps(steps, decisions, drawn)
+    # |x| and x are 0 at the same steps
+    _, first = np.unique(gaps[:, which], axis=1, return_index=True)
+    rows: list[int] = []
+    own: list[int] = []
+    for decision in which[np.sort(first)].tolist():
+        able = np.flatnonzero(np.isfinite(gaps[:, decision]))
+        # steps with plain numbers stand first: at them a change shows best
+        chosen = [*able[: _BEGUN // 2], *random.permutation(able)[: _BEGUN // 2]]
+        rows += chosen
+        own += [decision] * len(chosen)
+    current, decision = drawn.of(np.array(rows, np.int64)), np.array(own, np.int64)
+    if not len(current):
+        return current
+    left = gaps[rows, decision]
+    near: list[Trials] = []
+    moving = np.ones(current.numbers.shape, np.bool_)
+    if held:
+        moving = random.random(moving.shape) >= held
+    digits = _REACH * (8 * steps.dtype.itemsize - 1)
+    for turn in range(_ROUNDS):
+        open = np.flatnonzero(left > 0.0)
+        if not len(open):
+            break
+        shape = len(open) * _COPIES, steps.size
+        most = np.full((shape[0], 1), digits)
+        most[::2] *= 1.0 - turn / _ROUNDS
+        sizes = np.exp2(most * random.random(most.shape))
+        moves = np.ceil(sizes * random.random(shape)).astype(np.int64)
+        moves *= random.choice(np.array([-1, 1]), shape)
+        of = np.repeat(open, _COPIES)
+        moves *= random.random(shape) < _MOVED[turn % len(_MOVED)] * moving[of]
+        numbers = numbers_of(_finite(codes_of(current.numbers[of]) + moves, steps), steps.dtype)
+        copies = Trials(current.starts[of], _allowed(numbers, steps))
+        found = _gaps(steps, decisions, copies)[np.arange(len(of)), decision[of]]
+        best = found.reshape(-1, _COPIES).argmin(axis=1) + np.arange(len(open)) * _COPIES
+        better = found[best] < left[open]
+        # the move in which it comes near: each is kept once
+        comes_near = (found[best] > 0.0) & (found[best] < _NEAR) & (left[open] >= _NEAR)
+        near.append(copies.of(best[comes_near]))
+        left[open[better]] = found[best[better]]
+        current.numbers[open[better]] = copies.numbers[best[better]]
+    return joined_trials([current.of(np.flatnonzero(left == 0.0)), *near])
+
+
+def _gaps(steps: TrialSteps, decisions: Decisions, trials: Trials) -> Array:
+    """How far apart the sides of each decision are, infinitely where one is no number, (B, D)."""
+    return decisions.gaps(steps.run(trials), len(trials))
+
+
+def _finite(codes: NDArray[np.int64], steps: TrialSteps) -> NDArray[np.int64]:
+    most = int(codes_of(np.array([np.finfo(steps.dtype).max], steps.dtype))[0])
+    return np.clip(codes, -most, most)
+
+
+def _allowed(numbers: Array, steps: TrialSteps) -> Array:
+    """Parameters with the sign that the model gives them, and inputs that no policy replaces."""
+    low, high = steps.bounds
+    found = numbers.copy()
+    found[:, steps.tuned] = np.clip(found[:, steps.tuned], low, high)
+    for member, places in steps.members():
+        if isinstance(member, InputField):
+            signal = member.port.signal
+            if signal.on_invalid in ("clamp", "hold"):
+                first, last = limits(signal, steps.interface.options.dtype)
+                found[:, places] = np.clip(found[:, places], first, last)
+    return found

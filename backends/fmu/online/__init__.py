@@ -1,0 +1,1 @@
+"""Makes units of controllers and filters."""

@@ -1,0 +1,1 @@
+"""Runs the judge along a record that an export meets too."""

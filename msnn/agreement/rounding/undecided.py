@@ -1,0 +1,159 @@
+"""Finds the steps at which rounding decides a condition, and what each choice gives there."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.interpreter.bounded import Bounded, Taken, exact
+from compiler.interpreter.rounding import BoundedGraph
+from compiler.ir.program import Graph, NodeId
+from msnn.agreement.judging.judgement import Arrays, FloatType
+
+MOST_WAYS = 64
+"""In which the undecided conditions of one step are tried."""
+_BLOCK = 256
+"""Steps that are evaluated side by side."""
+
+_Way: TypeAlias = dict[tuple[NodeId, int], float]
+"""What elements of decisions are, by node and place in C order."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenDecision:
+    """One of the values that rounding leaves open at a step, (*shape) by name."""
+
+    step: int
+    values: Arrays
+    spreads: Arrays
+    """How far what another program computes in the same arithmetic can be from it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Undecided:
+    """What steps give for every choice that rounding leaves open."""
+
+    choices: tuple[OpenDecision, ...]
+    vast: frozenset[int]
+    """Steps that leave open more than is tried."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Steps:
+    """A graph at rows of a log, from given states (steps, *shape), and values of it by name."""
+
+    graph: Graph
+    nodes: Mapping[str, NodeId]
+    weights: Arrays
+    log: Arrays
+    rows: NDArray[np.int64]
+    states: Arrays
+
+
+def undecided(given: Steps, dtype: FloatType) -> Undecided:
+    """The choices of all steps at which a condition is undecided in float64 or float32.
+
+    That is where the rounding of what is compared may decide, and where the arithmetic decides
+    otherwise than float64 since a rounded input lies on the other side.
+    """
+    own = _Evaluation(given, dtype)
+    choices: list[OpenDecision] = []
+    vast: set[int] = set()
+    if own.decisions:
+        judge = own if dtype == "float64" else _Evaluation(given, "float64")
+        # in blocks, as memory grows with steps times nodes
+        for begin in range(0, len(given.rows), _BLOCK):
+            block = list(range(begin, min(begin + _BLOCK, len(given.rows))))
+            doubtful = own.doubtful(block, judge)
+            choices += own.choices(doubtful, vast)
+    return Undecided(tuple(choices), frozenset(vast))
+
+
+class _Evaluation:
+    """The graph in one arithmetic."""
+
+    def __init__(self, given: Steps, dtype: FloatType) -> None:
+        kind = np.dtype(dtype)
+        self._given = given
+        self._log = {name: series.astype(kind) for name, series in given.log.items()}
+        self._states = {name: values.astype(kind) for name, values in given.states.items()}
+        self._bounds = BoundedGraph(given.graph, given.nodes.values(), given.weights, kind)
+        self.decisions = self._bounds.decisions
+
+    def doubtful(self, steps: Sequence[int], judge: _Evaluation) -> list[int]:
+        """Those of the steps at which other programs, or the judge, may decide otherwise."""
+        values = self._run(steps, [{} for _ in steps])
+        judged = values if judge is self else judge._run(steps, [{} for _ in steps])
+        found = np.zeros(len(steps), bool)
+        for node in self.decisions:
+            # open by rounding, or decided otherwise since inputs were rounded
+            differs = (values[node].error > 0) | (values[node].value != judged[node].value)
+            found |= differs.reshape(len(differs), -1).any(axis=1)
+        return [step for step, is_doubtful in zip(steps, found, strict=True) if is_doubtful]
+
+    def choices(self, steps: Sequence[int], vast: set[int]) -> list[OpenDecision]:
+        """Every way to decide at the steps; those that have too many are added to `vast`."""
+        found: list[OpenDecision] = []
+        pending: list[tuple[int, _Way]] = [(step, {}) for step in steps]
+        while pending:
+            at = [step for step, _ in pending]
+            values = self._run(at, [way for _, way in pending])
+            doubts = {node: self._doubts(node, values[node], len(at)) for node in self.decisions}
+            following: list[tuple[int, _Way]] = []
+            for place, (step, way) in enumerate(pending):
+                # one condition after the other: what a choice leads to may decide the next
+                node = next((n for n, doubt in doubts.items() if doubt[place].any()), None)
+                if node is None:
+                    found.append(self._choice(step, values, place))
+                    continue
+                elements = np.flatnonzero(doubts[node][place]).tolist()
+                # 2ⁿ ways of n elements
+                if len(elements) > MOST_WAYS.bit_length():
+                    vast.add(step)
+                    continue
+                keys = [(node, element) for element in elements]
+                for options in product(self.decisions[node], repeat=len(elements)):
+                    following.append((step, way | dict(zip(keys, options, strict=True))))
+            counts = Counter(step for step, _ in following)
+            vast.update(step for step, count in counts.items() if count > MOST_WAYS)
+            pending = [one for one in following if one[0] not in vast]
+        return [choice for choice in found if choice.step not in vast]
+
+    def _run(self, steps: Sequence[int], ways: Sequence[_Way]) -> list[Bounded]:
+        at = np.array(steps, np.int64)
+        states = {name: exact(values[at]) for name, values in self._states.items()}
+        rows, taken = self._given.rows[at], self._taken(ways)
+        return self._bounds.run(self._log, rows, states, taken=taken)
+
+    def _taken(self, ways: Sequence[_Way]) -> dict[NodeId, Taken]:
+        found: dict[NodeId, Taken] = {}
+        for place, way in enumerate(ways):
+            for (node, element), value in way.items():
+                shape = (len(ways), *self._given.graph[node].type.shape)
+                taken = found.setdefault(node, Taken(np.zeros(shape, bool), np.zeros(shape)))
+                taken.where.reshape(len(ways), -1)[place, element] = True
+                taken.value.reshape(len(ways), -1)[place, element] = value
+        return found
+
+    def _doubts(self, node: NodeId, decision: Bounded, count: int) -> NDArray[np.bool_]:
+        """The undecided elements, (steps, elements)."""
+        shape = (count, *self._given.graph[node].type.shape)
+        return np.broadcast_to(decision.error > 0, shape).reshape(count, -1)
+
+    def _choice(self, step: int, values: Sequence[Bounded], place: int) -> OpenDecision:
+        # what no data enter has one row for all
+        def at(array: NDArray[Any]) -> NDArray[Any]:
+            return array[place if len(array) > 1 else 0]
+
+        bounded = {name: values[node] for name, node in self._given.nodes.items()}
+        return OpenDecision(
+            step,
+            {name: at(one.value) for name, one in bounded.items()},
+            {name: at(one.spread(self._bounds.unit)) for name, one in bounded.items()},
+        )

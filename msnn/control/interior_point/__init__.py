@@ -1,0 +1,1 @@
+"""Solves an optimal control problem by a primal-dual interior-point method."""

@@ -1,0 +1,1 @@
+"""Reads files of named arrays: MAT, HDF5, NPZ, Parquet."""

@@ -1,0 +1,151 @@
+"""Columns out of named arrays: what MAT, HDF5, NPZ and Parquet files and frames have in common."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msnn.data.dataset import FloatArray
+from msnn.data.formats.arrays.array_dates import dates_of, has_dates
+from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
+from msnn.data.formats.written_units import column_and_unit
+from msnn.errors.data import cells as cell_errors
+from msnn.errors.data import files as errors
+from msnn.errors.data import formats as data_formats
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.expressions.moments import Moment
+from spec_schema.units.unit import Unit
+
+_ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>[0-9]{1,9})\]")
+
+
+@dataclass(frozen=True, slots=True)
+class NamedArrays:
+    """The arrays of one file: their names, in the file's order, and how to get one."""
+
+    file: str
+    names: Sequence[str]
+    get: Callable[[str], NDArray[Any]]
+    zoned: frozenset[str] = frozenset()
+    """Names of arrays of dates that are of UTC; numpy knows no zones."""
+
+    def table(self, wanted: WantedColumns) -> ColumnTable:
+        """The wanted columns. An array of one dimension is a column by its name; `name[2]` is the
+        third column of one of two dimensions, whose rows are samples. `F` is also `F [kN]`.
+
+        Raises SpecError with everything that is wrong.
+        """
+        faults: list[Diagnostic] = []
+        missing: dict[str, str] = {}
+        columns: dict[ColumnKey, FloatArray] = {}
+        units: dict[ColumnKey, Unit] = {}
+        begins: dict[ColumnKey, Moment] = {}
+        for key, user in wanted.users.items():
+            name, index = self._split(key)
+            if name is None:
+                if self._is_double(key):
+                    faults.append(errors.duplicate_column(str(key), self.file, None))
+                elif key not in wanted.spare:
+                    missing[str(key)] = user
+                continue
+            unit = column_and_unit(name)[1]
+            if unit is not None:
+                units[key] = unit
+            array = self.get(name)
+            if key in wanted.moments and has_dates(array):
+                dates = dates_of(array, self.file, str(key), is_utc=name in self.zoned)
+                columns[key] = dates.seconds
+                faults += dates.faults
+                if dates.begins is not None:
+                    begins[key] = dates.begins
+                continue
+            column, reason = _column(array, index)
+            if column is None:
+                faults.append(data_formats.unusable_array(str(key), self.file, user, reason))
+                continue
+            columns[key] = column
+            faults += value_faults(self.file, key, column, may_miss=key in wanted.optional)
+        if missing:
+            faults.append(
+                errors.missing_columns(missing, self.file, self.names, None, numbers=False)
+            )
+        if not faults:
+            faults += length_faults(self.file, columns)
+        if faults:
+            raise SpecError(faults)
+        return ColumnTable(columns=columns, units=units, begins=begins)
+
+    def has(self, key: ColumnKey) -> bool:
+        """Whether there is an array for a column."""
+        return self._split(key)[0] is not None
+
+    def _split(self, key: ColumnKey) -> tuple[str | None, int | None]:
+        if isinstance(key, int):
+            return (self.names[key] if key < len(self.names) else None), None
+        if key in self.names:
+            return key, None
+        found = _ELEMENT.fullmatch(key)
+        if found is not None and found["name"] in self.names:
+            return found["name"], int(found["index"])
+        alike = self._before_units(key)
+        return (alike[0] if len(alike) == 1 else None), None
+
+    def _before_units(self, key: ColumnKey) -> list[str]:
+        """The names of which the key is what stands before a unit."""
+        return [name for name in self.names if column_and_unit(name)[0] == key]
+
+    def _is_double(self, key: ColumnKey) -> bool:
+        return len(self._before_units(key)) > 1
+
+
+def length_faults(file: str, columns: Mapping[ColumnKey, FloatArray]) -> list[Diagnostic]:
+    """What is wrong with the lengths of columns that should be rows of one table."""
+    lengths = {str(key): len(column) for key, column in columns.items()}
+    if len(set(lengths.values())) > 1:
+        return [data_formats.unequal_columns(file, lengths)]
+    if not next(iter(lengths.values()), 1):
+        return [errors.empty_file(file, header=True)]
+    return []
+
+
+def value_faults(
+    file: str, key: ColumnKey, column: FloatArray, *, may_miss: bool
+) -> list[Diagnostic]:
+    """Values that are infinite, and those that are missing where they may not be."""
+    faults: list[Diagnostic] = []
+    missing, infinite = np.isnan(column), np.isinf(column)
+    if missing.any() and not may_miss:
+        row, more = int(np.argmax(missing)), int(missing.sum()) - 1
+        faults.append(cell_errors.missing_value(file, row, str(key), "NaN", more, None))
+    if infinite.any():
+        row, more = int(np.argmax(infinite)), int(infinite.sum()) - 1
+        faults.append(cell_errors.infinite_value(file, row, str(key), "inf", more, None))
+    return faults
+
+
+def _column(array: NDArray[Any], index: int | None) -> tuple[FloatArray | None, str]:
+    """One column in float64, or None with the reason; times become seconds."""
+    if array.dtype.kind == "M":
+        # from the earliest on: nanoseconds since 1970 have more digits than a float64
+        array = (array - array.min(initial=array[0])) / np.timedelta64(1, "ns") * 1e-9
+    elif array.dtype.kind == "m":
+        array = array / np.timedelta64(1, "ns") * 1e-9
+    if array.dtype.kind not in "biuf":
+        return None, "it does not hold real numbers"
+    # MAT files have vectors as matrices of one row or column
+    if array.ndim == 2 and index is None and 1 in array.shape:
+        array = array.ravel()
+    if index is not None:
+        if array.ndim != 2 or index >= array.shape[1]:
+            return None, f"its shape {array.shape} has no column {index}"
+        array = array[:, index]
+    if array.ndim == 2:
+        return None, f"it has {array.shape[1]} columns; choose one with `[0]`, `[1]`, …"
+    if array.ndim != 1:
+        return None, f"its shape {array.shape} is no column"
+    return np.ascontiguousarray(array, np.float64), ""

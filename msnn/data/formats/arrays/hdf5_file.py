@@ -1,0 +1,58 @@
+"""Reads columns from HDF5 files; a dataset in groups is named by its path, `run1/speed`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.table import ColumnTable, WantedColumns
+from msnn.data.formats.text.csv_header import Dialect
+from msnn.errors.data import files as errors
+from spec_schema.diagnostics.diagnostic import SpecError
+
+
+def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
+    """The wanted datasets of the file; (rows,) or (rows, columns).
+
+    Raises SpecError with everything that is wrong.
+    """
+    del dialect  # lays out text
+    return read_datasets(path, shown, wanted, transposed=False, separator="/")
+
+
+def read_datasets(
+    path: Path, shown: str, wanted: WantedColumns, *, transposed: bool, separator: str
+) -> ColumnTable:
+    """The wanted datasets; `transposed` where the file keeps matrices column by column, as MATLAB.
+
+    A dataset whose numbers stand in another file is not followed: a data file reads nothing else.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            found = _datasets(file)
+            names = {name.replace("/", separator): name for name in found}
+
+            def get(name: str) -> NDArray[Any]:
+                array = np.asarray(found[names[name]][()])
+                return array.T if transposed else array
+
+            return NamedArrays(shown, tuple(names), get).table(wanted)
+    except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as error:
+        raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error
+
+
+def _datasets(file: Any) -> dict[str, Any]:
+    """All datasets of the file by path. Links to other files and data kept in them are left out."""
+    found: dict[str, Any] = {}
+
+    def visit(name: str, entry: Any) -> None:
+        if isinstance(entry, h5py.Dataset) and not entry.external and not entry.is_virtual:
+            found[name] = entry
+
+    file.visititems(visit)  # visits hard links only
+    return {name: entry for name, entry in found.items() if not name.startswith("#")}

@@ -1,0 +1,51 @@
+"""Reads columns from MATLAB files, of version 5 to 7.2 with scipy and of 7.3, which is HDF5."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
+
+from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.arrays.hdf5_file import read_datasets
+from msnn.data.formats.table import ColumnTable, WantedColumns
+from msnn.data.formats.text.csv_header import Dialect
+from msnn.errors.data import files as errors
+from spec_schema.diagnostics.diagnostic import SpecError
+
+
+def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
+    """The wanted variables; a field of a struct is named `log.speed`.
+
+    Raises SpecError with everything that is wrong.
+    """
+    del dialect  # lays out text
+    if h5py.is_hdf5(path):
+        return read_datasets(path, shown, wanted, transposed=True, separator=".")
+    try:
+        found = loadmat(path, mat_dtype=False, squeeze_me=False, struct_as_record=True)
+    except (
+        *(OSError, ValueError, TypeError, NotImplementedError, MemoryError, IndexError, KeyError),
+        *(MatReadError, struct.error, zlib.error),
+    ) as error:
+        raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error
+    arrays = dict(_variables("", {n: v for n, v in found.items() if not n.startswith("__")}))
+    return NamedArrays(shown, tuple(arrays), arrays.__getitem__).table(wanted)
+
+
+def _variables(prefix: str, values: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    for name, value in values.items():
+        array = np.asarray(value)
+        if array.dtype.names is None:
+            yield prefix + name, array
+        elif array.size == 1:
+            fields = {field: array[field].item() for field in array.dtype.names}
+            yield from _variables(f"{prefix}{name}.", fields)

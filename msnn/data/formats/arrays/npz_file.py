@@ -1,0 +1,29 @@
+"""Reads columns from NumPy's `.npz` archives; pickled objects are refused."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.table import ColumnTable, WantedColumns
+from msnn.data.formats.text.csv_header import Dialect
+from msnn.errors.data import files as errors
+from spec_schema.diagnostics.diagnostic import SpecError
+
+
+def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
+    """The wanted arrays of the archive. Raises SpecError with everything that is wrong."""
+    del dialect  # lays out text
+    try:
+        # numpy leaves a broken file open that it opened itself
+        with path.open("rb") as file:
+            archive = np.load(file, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise SpecError((errors.unreadable_file(shown, "it is a lone array"),))
+            return NamedArrays(shown, tuple(archive.files), archive.__getitem__).table(wanted)
+    except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
+        raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error

@@ -1,0 +1,56 @@
+"""Reads columns from Parquet files with pyarrow; only those that are wanted are decoded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as arrow
+import pyarrow.parquet as parquet
+from numpy.typing import NDArray
+
+from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.table import ColumnTable, WantedColumns
+from msnn.data.formats.text.csv_header import Dialect
+from msnn.errors.data import files as errors
+from spec_schema.diagnostics.diagnostic import SpecError
+
+
+def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
+    """The wanted columns of the file; null is a missing value.
+
+    Raises SpecError with everything that is wrong.
+    """
+    del dialect  # lays out text
+    try:
+        with parquet.ParquetFile(path) as file:
+            names = tuple(str(name) for name in file.schema_arrow.names)
+            zoned = zoned_columns(file.schema_arrow)
+            return NamedArrays(shown, names, lambda name: _array(file, name), zoned).table(wanted)
+    except (OSError, arrow.ArrowException) as error:
+        raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
+
+
+def _array(file: Any, name: str) -> NDArray[Any]:
+    return as_array(file.read([name]).column(0))
+
+
+def zoned_columns(schema: Any) -> frozenset[str]:
+    """The names of columns of dates that are of UTC."""
+    return frozenset(
+        str(field.name)
+        for field in schema
+        if arrow.types.is_timestamp(field.type) and field.type.tz is not None
+    )
+
+
+def as_array(column: Any) -> NDArray[Any]:
+    """The numbers or dates of a column; null is NaN."""
+    if arrow.types.is_decimal(column.type):
+        column = column.cast(arrow.float64())
+    if arrow.types.is_integer(column.type) and column.null_count:
+        column = column.cast(arrow.float64())  # an integer cannot be NaN
+    if arrow.types.is_boolean(column.type) and column.null_count:
+        column = column.cast(arrow.int8()).cast(arrow.float64())
+    return np.asarray(column.to_numpy())

@@ -1,0 +1,46 @@
+"""Reads row groups of Parquet files one at a time, with the columns that folders name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as arrow
+import pyarrow.dataset as dataset
+from numpy.typing import NDArray
+
+from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.arrays.parquet_file import as_array, zoned_columns
+from msnn.errors.data import files as errors
+from spec_schema.diagnostics.diagnostic import SpecError
+
+
+def row_groups(path: Path, shown: str) -> Sequence[NamedArrays]:
+    """The row groups of a file as records; nothing is read before a column is asked for.
+
+    A folder `vehicle=7` above the file is a column `vehicle`, as Hive has it. Raises SpecError for
+    what is no Parquet file.
+    """
+    try:
+        source = dataset.dataset(
+            str(path.absolute()),
+            format="parquet",
+            partitioning=dataset.partitioning(flavor="hive"),
+        )
+        (fragment,) = source.get_fragments()
+        count = fragment.num_row_groups
+    except (OSError, arrow.ArrowException) as error:
+        raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
+    names = tuple(str(name) for name in source.schema.names)
+    zoned = zoned_columns(source.schema)
+
+    def group(number: int) -> NamedArrays:
+        def column(name: str) -> NDArray[Any]:
+            part = fragment.subset(row_group_ids=[number])
+            table = part.to_table(schema=source.schema, columns=[name], use_threads=False)
+            return as_array(table.column(0))
+
+        return NamedArrays(f"{shown}, row group {number}", names, column, zoned)
+
+    return [group(number) for number in range(count)]

@@ -1,0 +1,42 @@
+"""Columns out of recordings in which every signal has times of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from msnn.data.dataset import FloatArray
+from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.table import ColumnKey, Streams, WantedColumns
+from msnn.errors.data import files as errors
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+
+Lookup = Callable[[str], tuple[FloatArray, NamedArrays] | None]
+"""A column's name → the seconds of its samples and its values under that name; None: no such."""
+
+
+def stream_columns(file: str, wanted: WantedColumns, names: Sequence[str], find: Lookup) -> Streams:
+    """The wanted columns; an index counts along `names`.
+
+    Raises SpecError with all that is wrong.
+    """
+    faults: list[Diagnostic] = []
+    missing: dict[str, str] = {}
+    columns: dict[ColumnKey, tuple[FloatArray, FloatArray]] = {}
+    for key, user in wanted.users.items():
+        name = key if isinstance(key, str) else names[key] if key < len(names) else None
+        try:
+            found = None if name is None else find(name)
+            if found is None or name is None:
+                if key not in wanted.spare:
+                    missing[str(key)] = user
+                continue
+            time, values = found
+            optional = frozenset({name}) if key in wanted.optional else frozenset[ColumnKey]()
+            columns[key] = (time, values.table(WantedColumns({name: user}, optional)).columns[name])
+        except SpecError as error:
+            faults += error.diagnostics
+    if missing:
+        faults.append(errors.missing_columns(missing, file, names, None, numbers=False))
+    if faults:
+        raise SpecError(faults)
+    return Streams(columns)

@@ -1,0 +1,228 @@
+"""Reads a CSV file cell by cell, to say exactly which cells are wrong and where."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, partial
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+from msnn.data.formats.table import ColumnKey, WantedColumns
+from msnn.data.formats.text.csv_header import Dialect, Header, Lines, is_number, split_cells
+from msnn.data.formats.written_units import MISSING
+from msnn.errors.data import cells as cell_errors
+from msnn.errors.data import files as errors
+from msnn.errors.data import units as data_units
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.moments import Moment, read_moment
+
+CellFault = Callable[[str, int, str, str, int, Span], Diagnostic]
+"""A constructor of `errors`: (file, row, column, text, more of the kind, place)."""
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
+"""`1.500`, which is fifteen hundred where commas are decimal, and 1.5 where they are not."""
+_LONGEST_SHOWN = 40
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedColumns:
+    """Columns of a table, and the first moment of those that have dates."""
+
+    columns: Sequence[FloatArray]
+    begins: Mapping[ColumnKey, Moment]
+
+
+def checked_columns(
+    lines: Lines, header: Header, places: Mapping[ColumnKey, int], wanted: WantedColumns
+) -> CheckedColumns:
+    """The columns at `places`, NaN where an optional cell is empty.
+
+    Raises SpecError with one diagnostic for each kind of fault and column; it shows the first and
+    counts the others.
+    """
+    faults = _Faults()
+    readers = [
+        (_Times if key in wanted.moments else _Numbers)(
+            index=index, dialect=header.dialect, may_miss=key in wanted.optional
+        )
+        for key, index in places.items()
+    ]
+    line: _Line | None = None
+    for line in _lines(lines, header):
+        # an odd number: cells are split at delimiters inside quotes then, and their count says
+        # nothing
+        if line.text.count('"') % 2:
+            faults.add("quote", line.quote_fault)
+        elif len(line.cells) != header.width:
+            faults.add("ragged", line.ragged_fault)
+        else:
+            for reader in readers:
+                fault = reader.fault_of(line.cells[reader.index].strip())
+                if fault is not None:
+                    faults.add((fault, reader.index), line.cell_fault(fault, reader.index))
+    if line is None:
+        raise SpecError((errors.empty_file(header.file, header=header.lines > 0),))
+    faults.raise_found()
+    begins = {
+        key: Moment(reader.nanoseconds[0], reader.has_zone)
+        for key, reader in zip(places, readers, strict=True)
+        if isinstance(reader, _Times) and reader.nanoseconds
+    }
+    return CheckedColumns([reader.column for reader in readers], begins)
+
+
+def line_of_row(lines: Lines, header: Header, row: int) -> int:
+    """The line of the file, counted from 1, that holds a data row."""
+    for found, (number, _) in enumerate(lines()):
+        if found == row + header.lines:
+            return number
+    raise IndexError("the file has fewer rows")
+
+
+@dataclass(slots=True, kw_only=True)
+class _Numbers:
+    """Reads a column of numbers."""
+
+    index: int
+    dialect: Dialect
+    may_miss: bool
+    values: list[float] = field(default_factory=list[float])
+
+    def fault_of(self, cell: str) -> CellFault | None:
+        """Takes a cell of the column, and says what is wrong with it."""
+        value, fault = _number(cell, self.dialect, self.may_miss)
+        self.values.append(value)
+        return fault
+
+    @property
+    def column(self) -> FloatArray:
+        return np.array(self.values)
+
+
+@dataclass(slots=True, kw_only=True)
+class _Times(_Numbers):
+    """Reads a column of time: moments where the first cell is one, else numbers."""
+
+    nanoseconds: list[int] = field(default_factory=list[int])
+    has_zone: bool = False
+
+    def fault_of(self, cell: str) -> CellFault | None:
+        # the first cell decides what the column is; a date further down in numbers is a fault of
+        # that cell
+        if not self.nanoseconds and self.values:
+            return _Numbers.fault_of(self, cell)
+        moment = read_moment(cell)
+        if moment is None:
+            if not self.nanoseconds:
+                return _Numbers.fault_of(self, cell)
+            is_missing = cell.lower() in MISSING
+            return cell_errors.missing_value if is_missing else data_units.not_a_moment
+        if not self.nanoseconds:
+            self.has_zone = moment.has_zone
+        self.nanoseconds.append(moment.nanoseconds)
+        return data_units.mixed_zones if moment.has_zone != self.has_zone else None
+
+    @property
+    def column(self) -> FloatArray:
+        """Seconds from the first row; exact to a nanosecond over a hundred days."""
+        if not self.nanoseconds:
+            return np.array(self.values)
+        moments = np.array(self.nanoseconds, dtype=np.int64)
+        # subtracted as integers: nanoseconds since 1970 have 61 bits, doubles 53
+        return (moments - moments[0]) / 1e9
+
+
+@cache
+def _comma_fault(delimiter: str) -> CellFault:
+    return partial(cell_errors.decimal_comma, delimiter=delimiter)
+
+
+def _number(cell: str, dialect: Dialect, may_miss: bool) -> tuple[float, CellFault | None]:
+    has_commas = dialect.decimal != "."
+    text = cell.replace(dialect.decimal, ".") if has_commas else cell
+    if text.lower() in MISSING:
+        return math.nan, None if may_miss else cell_errors.missing_value
+    # reading it as 1.5 would be wrong by a factor of a thousand without a word
+    if has_commas and _THOUSANDS.fullmatch(cell):
+        return math.nan, cell_errors.not_a_number
+    if not is_number(text):
+        comma = _DECIMAL_COMMA.fullmatch(text) is not None
+        return math.nan, _comma_fault(dialect.delimiter) if comma else cell_errors.not_a_number
+    value = float(text)
+    if math.isnan(value):  # "-nan", "+NaN"
+        return value, None if may_miss else cell_errors.missing_value
+    return value, cell_errors.infinite_value if math.isinf(value) else None
+
+
+def _lines(lines: Lines, header: Header) -> Iterator[_Line]:
+    for found, (number, text) in enumerate(lines()):
+        if found >= header.lines:
+            cells = split_cells(text, header.dialect.delimiter)
+            yield _Line(
+                header=header, row=found - header.lines, number=number, text=text, cells=cells
+            )
+
+
+@dataclass(slots=True, kw_only=True)
+class _Line:
+    """One row of the file, and the faults that may be found in it."""
+
+    header: Header
+    row: int
+    number: int
+    text: str
+    cells: list[str]
+
+    def _place(self, start: int, end: int) -> Span:
+        return Span(
+            file=self.header.file,
+            line=self.number,
+            column=start + 1,
+            end_line=self.number,
+            end_column=end + 1,
+        )
+
+    def quote_fault(self, more: int) -> Diagnostic:
+        column = self.text.rindex('"')
+        place = self._place(column, column + 1)
+        return cell_errors.unbalanced_quote(self.header.file, self.row, more, place)
+
+    def ragged_fault(self, more: int) -> Diagnostic:
+        found, expected = len(self.cells), self.header.width
+        commas = self.header.dialect.delimiter == "," and found >= 2 * expected
+        place = self._place(0, len(self.text))
+        return cell_errors.ragged_row(
+            self.header.file, self.row, found, expected, more, place, commas=commas
+        )
+
+    def cell_fault(self, fault: CellFault, index: int) -> Callable[[int], Diagnostic]:
+        # cells lost their quotes when they were split: with quotes the whole line is underlined
+        start = sum(len(cell) + 1 for cell in self.cells[:index])
+        end = start + max(len(self.cells[index]), 1)
+        if '"' in self.text:
+            start, end = 0, len(self.text)
+        label, text = self.header.label(index), self.cells[index].strip()[:_LONGEST_SHOWN]
+        place = self._place(start, end)
+        return lambda more: fault(self.header.file, self.row, label, text, more, place)
+
+
+class _Faults:
+    """The first fault of each kind, and how many more there are."""
+
+    def __init__(self) -> None:
+        self._first: dict[object, Callable[[int], Diagnostic]] = {}
+        self._count: dict[object, int] = {}
+
+    def add(self, kind: object, make: Callable[[int], Diagnostic]) -> None:
+        self._first.setdefault(kind, make)
+        self._count[kind] = self._count.get(kind, 0) + 1
+
+    def raise_found(self) -> None:
+        if self._first:
+            raise SpecError([make(self._count[kind] - 1) for kind, make in self._first.items()])

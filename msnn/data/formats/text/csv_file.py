@@ -1,0 +1,150 @@
+"""Reads columns of numbers from a CSV file: fast where all is well, exact about what is wrong."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
+from msnn.data.formats.text.csv_cells import CheckedColumns, checked_columns, line_of_row
+from msnn.data.formats.text.csv_header import (
+    BLANKS,
+    Dialect,
+    Header,
+    Lines,
+    content_lines,
+    read_header,
+)
+from msnn.data.formats.text.text_encoding import not_utf8
+from msnn.errors.data import files as errors
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.diagnostics.source import Span
+
+_CHUNK = 1 << 20
+
+
+def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
+    """The wanted columns of a UTF-8 text file.
+
+    An empty or NaN cell becomes NaN in optional columns and is an error in the others. `shown` is
+    the file's name in messages. Raises SpecError with all faults of the file.
+    """
+    _refuse_workbooks(path, shown)
+    try:
+        return _table(path, shown, wanted, dialect)
+    except UnicodeDecodeError as error:
+        raise SpecError((not_utf8(path, shown, error),)) from error
+    except OSError as error:
+        raise SpecError((errors.unreadable_file(shown, error.strerror or str(error)),)) from error
+
+
+def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
+    def lines() -> Iterator[tuple[int, str]]:
+        return content_lines(path, dialect)
+
+    header = read_header(lines, shown, dialect, wanted.users)
+    places = header.places(wanted)
+    # numpy first, as it is far faster; it explains nothing, so what it refuses is read cell by
+    # cell
+    columns = _numbers(path, header, tuple(places.values()))
+    if columns is None or not _complete(columns, tuple(places), wanted.optional):
+        return text_table(lines, header, places, wanted)
+    return named_table(lines, header, places, CheckedColumns(columns, {}))
+
+
+def text_table(
+    lines: Lines, header: Header, places: Mapping[ColumnKey, int], wanted: WantedColumns
+) -> ColumnTable:
+    """The wanted columns of a table, cell by cell. Raises SpecError with all of its faults."""
+    return named_table(lines, header, places, checked_columns(lines, header, places, wanted))
+
+
+def named_table(
+    lines: Lines, header: Header, places: Mapping[ColumnKey, int], found: CheckedColumns
+) -> ColumnTable:
+    """Columns with what the file says of them and where their rows stand."""
+
+    def place(row: int) -> Span:
+        line = line_of_row(lines, header, row)
+        return Span(file=header.file, line=line, column=1, end_line=line, end_column=1)
+
+    units = header.units(places.values())
+    return ColumnTable(
+        columns=dict(zip(places, found.columns, strict=True)),
+        place=place,
+        units={key: units[index] for key, index in places.items() if index in units},
+        begins=found.begins,
+    )
+
+
+_WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+"""How files of .xlsx, .ods and of .xls begin."""
+
+
+def _refuse_workbooks(path: Path, shown: str) -> None:
+    try:
+        with path.open("rb") as file:
+            begins = file.read(4)
+    except OSError:
+        return  # what is wrong with it the reader says
+    if begins in _WORKBOOKS:
+        raise SpecError((errors.spreadsheet(shown),))
+
+
+def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatArray] | None:
+    """The columns as numpy reads them, None if the file has anything but plain rows of numbers."""
+    dialect = header.dialect
+    if dialect.decimal != "." or dialect.comment is not None:
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # no data rows; the other reader explains
+        try:
+            blanks = dialect.delimiter == BLANKS
+            table = np.loadtxt(
+                path,
+                delimiter=None if blanks else dialect.delimiter,
+                skiprows=header.skipped,
+                usecols=None if blanks else indices,
+                comments=None,
+                encoding="utf-8-sig",
+                ndmin=2,
+            )
+        except UnicodeDecodeError:
+            # a ValueError too, yet the file is wrong and not its numbers
+            raise
+        except ValueError:
+            return None
+    if not len(table):
+        return None
+    if blanks:  # all columns were read, so that rows of another width are seen
+        whole = table.shape[1] == header.width
+        return [np.ascontiguousarray(table[:, i]) for i in indices] if whole else None
+    # a row with a cell too many or too few shifts the columns, and numpy sees only those it reads
+    if _delimiters(path, header) != len(table) * (header.width - 1):
+        return None
+    return [np.ascontiguousarray(column) for column in table.T]
+
+
+def _delimiters(path: Path, header: Header) -> int:
+    """How many there are after the header: loadtxt does not look at columns it does not read."""
+    sign, total = header.dialect.delimiter.encode(), 0
+    with path.open("rb") as file:
+        for _ in range(header.skipped):
+            file.readline()
+        while chunk := file.read(_CHUNK):
+            total += chunk.count(sign)
+    return total
+
+
+def _complete(
+    columns: Sequence[FloatArray], keys: Sequence[ColumnKey], optional: frozenset[ColumnKey]
+) -> bool:
+    for key, column in zip(keys, columns, strict=True):
+        fine = ~np.isinf(column) if key in optional else np.isfinite(column)
+        if not fine.all():
+            return False
+    return True

@@ -1,0 +1,255 @@
+"""Reads the header of a text table: names of columns, their units, the delimiter that fits."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import TypeAlias
+
+from msnn.data.formats.table import ColumnKey, WantedColumns
+from msnn.data.formats.written_units import column_and_unit, units_line
+from msnn.errors.data import files as errors
+from msnn.errors.data import units as data_units
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.diagnostics.source import Span
+from spec_schema.units.unit import Unit
+
+BLANKS = " "
+"""The delimiter of tables whose cells stand apart by one or more blanks or tabs."""
+
+_DELIMITERS = (";", ",", "\t", "|", BLANKS)
+_UNIT_ALONE = re.compile(r"[\[(].*[\])]")
+
+Lines: TypeAlias = Callable[[], Iterator[tuple[int, str]]]
+"""The lines of a table with their numbers from 1, from its first on each time it is called."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dialect:
+    """How the text of a file is laid out: `skip` lines, a header line if there is one, rows."""
+
+    delimiter: str = ","
+    is_usual: bool = False
+    """Whether nobody said the delimiter, so that the header may show another."""
+    decimal: str = "."
+    comment: str | None = None
+    header: bool = True
+    skip: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Header:
+    """The first line with content; `lines` is 0 where it is data already, 2 with units below."""
+
+    file: str
+    dialect: Dialect
+    line: int
+    text: str
+    names: tuple[str, ...]
+    lines: int
+    below: int = 0
+    """The number of the line of units, where there is one."""
+    below_units: tuple[Unit | None, ...] = ()
+
+    @property
+    def width(self) -> int:
+        return len(self.names)
+
+    @property
+    def skipped(self) -> int:
+        """Lines of the file before its first row of data, blank ones after them left aside."""
+        return max(self.line, self.below) if self.lines else self.dialect.skip
+
+    @property
+    def place(self) -> Span:
+        return Span(
+            file=self.file,
+            line=self.line,
+            column=1,
+            end_line=self.line,
+            end_column=len(self.text) + 1,
+        )
+
+    @property
+    def holds_numbers(self) -> bool:
+        """Whether the line is one of data, by its looks."""
+        return all(is_number(name.replace(self.dialect.decimal, ".")) for name in self.names)
+
+    def label(self, index: int) -> str:
+        """What messages call a column: its name, or its index."""
+        return self.names[index] if self.lines else str(index)
+
+    def places(self, wanted: WantedColumns) -> dict[ColumnKey, int]:
+        """The index of each wanted column that is there; SpecError with all that are missing.
+
+        A name is that of the header, or what stands before the unit there: `F` of `F [N]`.
+        """
+        found: dict[ColumnKey, int] = {}
+        faults: list[Diagnostic] = []
+        missing: dict[str, str] = {}
+        names = self.names if self.lines else ()
+        plain = [column_and_unit(name)[0] for name in names]
+        for key, user in wanted.users.items():
+            if isinstance(key, int):
+                if key < self.width:
+                    found[key] = key
+                elif key not in wanted.spare:
+                    faults.append(
+                        errors.no_such_index(key, self.file, self.width, user, self.place)
+                    )
+                continue
+            # a name as it stands counts before one without its unit
+            alike = [index for index, name in enumerate(names) if name == key]
+            alike = alike or [index for index, name in enumerate(plain) if name == key]
+            if len(alike) == 1:
+                found[key] = alike[0]
+            elif alike:
+                faults.append(errors.duplicate_column(key, self.file, self.place))
+            elif key not in wanted.spare:
+                missing[key] = user
+        if missing:
+            numbers = self.lines > 0 and self.holds_numbers
+            faults.append(
+                errors.missing_columns(missing, self.file, names, self.place, numbers=numbers)
+            )
+        if faults:
+            raise SpecError(faults)
+        return found
+
+    def units(self, places: Iterable[int]) -> dict[int, Unit]:
+        """The units that the file states of columns; SpecError where it states two of one."""
+        found: dict[int, Unit] = {}
+        faults: list[Diagnostic] = []
+        for index in places if self.lines else ():
+            beside = column_and_unit(self.names[index])[1]
+            below = self.below_units[index] if self.below_units else None
+            if beside is not None and below is not None and not beside.same_as(below):
+                faults.append(
+                    data_units.units_differ(
+                        self.file, self.names[index], beside.text, below.text, self.place
+                    )
+                )
+            unit = below or beside
+            if unit is not None:
+                found[index] = unit
+        if faults:
+            raise SpecError(faults)
+        return found
+
+
+def read_header(lines: Lines, shown: str, dialect: Dialect, keys: Iterable[ColumnKey]) -> Header:
+    """The header of a table; SpecError if it is empty or the delimiter is plainly another.
+
+    Where all keys are indices a first line of numbers is taken as data. Where nobody said the
+    delimiter and the usual one finds a single column, one that finds all names is taken.
+    """
+    keys = set(keys)
+    (line, text), below = _first_two(lines)
+    if not line:
+        raise SpecError((errors.empty_file(shown, header=False),))
+    if dialect.header and not _finds_any(text, keys):
+        _refuse_late_header(lines, shown, dialect, keys)
+    names = header_cells(text, dialect.delimiter)
+    # a single column is no fault where nothing else is wanted
+    if len(names) == 1 and not keys <= {names[0], 0}:
+        meant = _meant_delimiter(text, keys)
+        if meant is not None and not (dialect.is_usual and _finds_all(text, meant, keys)):
+            place = Span(file=shown, line=line, column=1, end_line=line, end_column=len(text) + 1)
+            raise SpecError((errors.wrong_delimiter(shown, dialect.delimiter, meant, place),))
+        dialect = replace(dialect, delimiter=meant or dialect.delimiter)
+        names = header_cells(text, dialect.delimiter)
+    by_index = all(isinstance(key, int) for key in keys)
+    header = Header(file=shown, dialect=dialect, line=line, text=text, names=names, lines=0)
+    if not dialect.header or (by_index and header.holds_numbers):
+        return header
+    cells = split_cells(below[1], dialect.delimiter)
+    units = units_line(cells) if len(cells) == len(names) else None
+    if units is None:
+        return replace(header, lines=1)
+    return replace(header, lines=2, below=below[0], below_units=units)
+
+
+def _first_two(lines: Lines) -> Sequence[tuple[int, str]]:
+    found = list(islice(lines(), 2))
+    return [*found, *((0, ""), (0, ""))][:2]
+
+
+def _meant_delimiter(text: str, keys: Iterable[ColumnKey]) -> str | None:
+    """The sign that makes several columns of a header: one that finds all names, or most cells."""
+    cells = {sign: len(header_cells(text, sign)) for sign in _DELIMITERS}
+    several = [sign for sign in _DELIMITERS if cells[sign] > 1]
+    fitting = [sign for sign in several if _finds_all(text, sign, keys)]
+    return max(fitting or several, key=lambda sign: cells[sign], default=None)
+
+
+def _finds_all(text: str, sign: str, keys: Iterable[ColumnKey]) -> bool:
+    """Whether a delimiter finds every name in the header, and there are names to find."""
+    names = header_cells(text, sign)
+    known = {*names, *(column_and_unit(name)[0] for name in names)}
+    wanted = [key for key in keys if isinstance(key, str)]
+    return bool(wanted) and known.issuperset(wanted)
+
+
+def _finds_any(text: str, keys: Iterable[ColumnKey]) -> bool:
+    return any(_finds_all(text, sign, [key]) for sign in _DELIMITERS for key in keys)
+
+
+def _refuse_late_header(
+    lines: Lines, shown: str, dialect: Dialect, keys: Iterable[ColumnKey]
+) -> None:
+    """SpecError where a line further down has every name: loggers write about themselves first."""
+    signs = _DELIMITERS if dialect.is_usual else (dialect.delimiter,)
+    for line, text in islice(lines(), 1, _FURTHEST_HEADER):
+        if any(_finds_all(text, sign, keys) for sign in signs):
+            end = len(text) + 1
+            place = Span(file=shown, line=line, column=1, end_line=line, end_column=end)
+            raise SpecError((errors.late_header(shown, line, place),))
+
+
+_FURTHEST_HEADER = 100
+
+
+def content_lines(path: Path, dialect: Dialect) -> Iterator[tuple[int, str]]:
+    """Number (from 1) and text of the lines after `skip` that are not blank and no comment."""
+    # a byte order mark is no part of the first name; `csv` wants line ends as they are
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        for number, line in enumerate(file, start=1):
+            if number <= dialect.skip or not line.strip():
+                continue
+            if dialect.comment is None or not line.lstrip().startswith(dialect.comment):
+                yield number, line.rstrip("\r\n")
+
+
+def split_cells(line: str, delimiter: str) -> list[str]:
+    """The cells of one line, quotes removed."""
+    if delimiter == BLANKS:
+        if '"' not in line:
+            return line.split()
+        return next(csv.reader([line.strip()], delimiter=" ", skipinitialspace=True))
+    if '"' not in line:
+        return line.split(delimiter)
+    return next(csv.reader([line], delimiter=delimiter))
+
+
+def header_cells(text: str, delimiter: str) -> tuple[str, ...]:
+    """The names in a header; between blanks `F [N]` is one."""
+    found: list[str] = []
+    for cell in split_cells(text, delimiter):
+        if delimiter == BLANKS and found and _UNIT_ALONE.fullmatch(cell):
+            found[-1] += f" {cell}"
+        else:
+            found.append(cell.strip())
+    return tuple(found)
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell holds a number; NaN and infinities count, `1_000` does not."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text

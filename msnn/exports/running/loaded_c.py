@@ -1,0 +1,63 @@
+"""Runs built C in floating point: freely, in single steps, and its slopes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from backends.c.host.library import CStep
+from backends.c.interface.interface import Interface
+from msnn.agreement.judging.judgement import Arrays, Beginning
+from msnn.agreement.loaded import ExportedSlopes, Loaded, stacked
+
+
+def loaded_c(step: CStep, interface: Interface) -> Loaded:
+    """What one instance can do; slopes where the export has a Jacobian."""
+    model = _CModel(step, interface)
+    matrices = interface.jacobian
+    slopes = None if matrices is None else ExportedSlopes(matrices.jacobian, model.slopes)
+    return Loaded(model.run, model.start, model.step_each, slopes)
+
+
+@dataclass(frozen=True, slots=True)
+class _CModel:
+    step: CStep
+    interface: Interface
+
+    def start(self, beginning: Beginning) -> Arrays:
+        """What `reset` makes of the samples around the first step."""
+        windows = {
+            field.name: beginning.window(
+                field.name, port.first, port.last - port.first + 1
+            ).reshape(field.shape)
+            for field, port in self.interface.windows
+        }
+        supplied = {
+            field.name: beginning.states[state.name] for field, state in self.interface.supplied
+        }
+        self.step.reset(windows | supplied)
+        return {name: value[np.newaxis] for name, value in self.step.states().items()}
+
+    def run(self, beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
+        """A run of the loop in C from there."""
+        self.start(beginning)
+        return self.step.run(inputs, steps)[0]
+
+    def step_each(self, inputs: Arrays, states: Arrays, steps: int) -> tuple[Arrays, Arrays]:
+        outputs: list[Arrays] = []
+        following: list[Arrays] = []
+        for k in range(steps):
+            self.step.set_states({name: values[k] for name, values in states.items()})
+            found, _ = self.step.step({name: values[k] for name, values in inputs.items()})
+            outputs.append(found)
+            following.append(self.step.states())
+        return stacked(outputs), stacked(following)
+
+    def slopes(self, inputs: Arrays, states: Arrays, steps: int) -> Arrays:
+        found: list[Arrays] = []
+        for k in range(steps):
+            self.step.set_states({name: values[k] for name, values in states.items()})
+            slopes, _ = self.step.linearize({name: values[k] for name, values in inputs.items()})
+            found.append(slopes)
+        return stacked(found)

@@ -1,0 +1,63 @@
+"""Lists the kinds of relations that are functions of values, and reads what stands beside these."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from msnn.importing.followed_python.torch_names import SAME, negative
+from msnn.importing.terms.terms import Term, call, minus, plus, power, quotient, same, times
+from msnn.importing.terms.values import ShapeError, Value
+
+OF_TWO: Mapping[str, Callable[[Term, Term], Term]] = {
+    "Add": plus,
+    "Sub": minus,
+    "Mul": times,
+    "Div": quotient,
+    "Pow": power,
+}
+"""Functions of two values, element by element."""
+OF_ONE: Mapping[str, Callable[[Term], Term]] = {
+    "Neg": negative,
+    "Sign": SAME["sign"],
+    "Sin": SAME["sin"],
+    "Cos": SAME["cos"],
+    "Tan": SAME["tan"],
+    "Tanh": SAME["tanh"],
+    "Cosh": SAME["cosh"],
+    "Sech": lambda x: call("sech", x),
+    "Relu": SAME["relu"],
+    "ELU": SAME["elu"],
+    "Sigmoid": SAME["sigmoid"],
+    "Identity": same,
+}
+"""Functions of one value, element by element."""
+
+
+class UnknownKindError(Exception):
+    """A relation that is none of those that are read."""
+
+
+def counted(values: list[Value], wanted: int) -> list[Value]:
+    """The operands, if they are as many as the relation has."""
+    if len(values) != wanted:
+        raise ShapeError(f"{len(values)} operands, where {wanted} are needed")
+    return values
+
+
+def one_name(rest: list[Any]) -> str:
+    """The name that is all that a relation has beside its operands."""
+    if len(rest) == 1 and isinstance(rest[0], str):
+        return rest[0]
+    raise UnknownKindError("a `ParamFun` of this form is not known")
+
+
+def dropout_share(rest: list[Any]) -> float:
+    """The share that a layer drops out; 0 where it says none."""
+    match rest:
+        case []:
+            return 0.0
+        case [int() | float() as share] if not isinstance(share, bool) and 0 <= share < 1:
+            return float(share)
+        case _:
+            raise UnknownKindError("a dropout that is no share")

@@ -1,0 +1,43 @@
+"""Builds QEMU's counter of instructions once for this machine, and keeps it beside the kernels."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+from contextlib import suppress
+from pathlib import Path
+
+from backends.native.kernel_cache.folders import candidates, opened
+from backends.native.kernel_cache.stored_kernel import StoredKernel
+from msnn.verification.builds.harness import TEMPLATES
+from msnn.verification.proof_step import run_tool
+from msnn.verification.tools import GCC
+
+_SOURCE = TEMPLATES / "instructions_plugin.c"
+_FLAGS = ("-O1", "-fPIC", "-shared")
+
+
+def instructions_plugin(folder: Path) -> Path:
+    """The library of the plugin: a kept one, or one in `folder` where no cache takes it.
+
+    A comparison of models counts the C of each, and would compile this for each of them.
+    """
+    # caches lie on shared disks, where another machine may run
+    described = "\n".join((_SOURCE.read_text(encoding="utf-8"), *_FLAGS, platform.machine()))
+    key = hashlib.sha256(described.encode()).hexdigest()[:32]
+    for place in candidates():
+        with suppress(OSError):  # full or closed
+            real, reason = opened(place)
+            if reason is None and not os.statvfs(real).f_flag & os.ST_NOEXEC:
+                stored = StoredKernel(real, key)
+                if stored.whole() is None:
+                    stored.built(_build)
+                return stored.library
+    library = folder / "instructions_plugin.so"
+    _build(library, folder)
+    return library
+
+
+def _build(library: Path, folder: Path) -> None:
+    run_tool([GCC.command, *_FLAGS, _SOURCE, "-o", library], folder)

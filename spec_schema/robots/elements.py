@@ -1,0 +1,93 @@
+"""Reads elements and attributes of a URDF: places, directions and numbers."""
+
+from __future__ import annotations
+
+import math
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.errors import robots as errors
+from spec_schema.robots.geometry import IDENTITY, ZERO, Matrix, Vector, rotation
+from spec_schema.robots.xml_tree import XmlElement
+
+LARGEST = 1e30
+"""In any unit: sums of mass times length squared stay far from what overflows."""
+
+
+def axis_of(element: XmlElement, what: str, findings: Findings) -> Vector | None:
+    """The unit vector of a joint, by default that of x."""
+    found = only_element(element, "axis", what, findings)
+    if found is None:
+        return (1.0, 0.0, 0.0)
+    numbers = numbers_of(found, "xyz", 3, what, findings)
+    if numbers is None:
+        return None
+    x, y, z = numbers
+    length = math.hypot(x, y, z)
+    if length < 1 / LARGEST:  # which leaves no digits of a direction
+        text = found.attributes["xyz"][:40]
+        report = errors.malformed_number("xyz", text, "a direction", found.span)
+        findings.report(report)
+        return None
+    return x / length, y / length, z / length
+
+
+def origin_of(element: XmlElement, what: str, findings: Findings) -> tuple[Matrix, Vector]:
+    """Rotation and offset of `<origin xyz rpy>`; none where it is left out."""
+    found = only_element(element, "origin", what, findings)
+    if found is None:
+        return IDENTITY, ZERO
+    if "quat_xyzw" in found.attributes:
+        findings.report(errors.rotation_as_quaternion(found.span))
+    xyz = rpy = ZERO
+    if "xyz" in found.attributes:
+        x, y, z = numbers_of(found, "xyz", 3, "`<origin>`", findings) or ZERO
+        xyz = x, y, z
+    if "rpy" in found.attributes:
+        roll, pitch, yaw = numbers_of(found, "rpy", 3, "`<origin>`", findings) or ZERO
+        rpy = roll, pitch, yaw
+    return rotation(*rpy), xyz
+
+
+def only_element(element: XmlElement, tag: str, what: str, findings: Findings) -> XmlElement | None:
+    """The element of a tag that can stand once; the first where it is reported that it does not."""
+    found = list(element.all(tag))
+    for again in found[1:]:
+        said, repair = f"{what} has two `<{tag}>`: which one counts?", "remove one of them"
+        findings.report(errors.twice_in_urdf(said, again.span, found[0].span, repair))
+    return found[0] if found else None
+
+
+def attribute_of(element: XmlElement, name: str, what: str, findings: Findings) -> str:
+    found = element.attributes.get(name, "")
+    if not found:
+        findings.report(errors.incomplete_element(what, f"`{name}=…`", element.span))
+    return found
+
+
+def numbers_of(
+    element: XmlElement,
+    name: str,
+    count: int,
+    what: str,
+    findings: Findings,
+    *,
+    largest: float = LARGEST,
+) -> tuple[float, ...] | None:
+    """The numbers of an attribute up to `largest`; None once it is reported that it has others."""
+    text = element.attributes.get(name)
+    if text is None:
+        findings.report(errors.incomplete_element(what, f"`{name}=…`", element.span))
+        return None
+    try:
+        # Python would read 1_0 and digits of any script, which no reader of XML takes for numbers
+        foreign = "_" in text or not text.isascii()
+        numbers = () if foreign else tuple(float(part) for part in text.split())
+    except ValueError:
+        numbers = ()
+    if len(numbers) == count and all(abs(number) <= largest for number in numbers):
+        return numbers
+    wanted = "a number" if count == 1 else f"{count} numbers"
+    if any(largest < abs(number) < math.inf for number in numbers):
+        wanted += f" up to {largest:g}"
+    findings.report(errors.malformed_number(name, text[:40], wanted, element.span))
+    return None
