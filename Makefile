@@ -27,7 +27,7 @@ test: setup
 	@$(MAKE) --no-print-directory -j 2 lint pytest  # one core checks types while the other tests
 
 pytest: setup
-	$(PY) -m pytest -n 3  # on two cores: some tests wait for others
+	$(PY) -m pytest -n 3 --dist worksteal  # on two cores: some tests wait for others
 
 lint: setup
 	.venv/bin/ruff check

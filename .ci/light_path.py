@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -29,14 +30,20 @@ def main() -> int:
         build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
         subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
         (wheel,) = folder.glob("*.whl")
-        made: dict[str, dict[str, bytes]] = {}
-        for version in VERSIONS:
-            python = interpreter(version)
-            if python is None:
-                print(f"light path: Python {version} is not here")
-                continue
-            made[version] = walk(python, wheel, folder / version)
-            print(f"light path: Python {version} works")
+        found = {version: interpreter(version) for version in VERSIONS}
+        with ThreadPoolExecutor() as pool:  # each waits for servers of packages most of the time
+            walks = {
+                version: pool.submit(walk, python, wheel, folder / version)
+                for version, python in found.items()
+                if python is not None
+            }
+            made: dict[str, dict[str, bytes]] = {}
+            for version in VERSIONS:
+                if version not in walks:
+                    print(f"light path: Python {version} is not here")
+                    continue
+                made[version] = walks[version].result()
+                print(f"light path: Python {version} works")
     first, *others = made
     different = [version for version in others if made[version] != made[first]]
     for version in different:

@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import sys
 
 # Before numpy is loaded: its threads take a core each to wait for small products, beside the other
 # tests that run, and made seven times the work of a fit of 60,000 rows.
@@ -14,7 +15,11 @@ from msnn.training.engines.native.kernel_or_not import NO_FALLBACK
 
 
 def pytest_configure() -> None:
-    """What a shell starts behind a `&` ignores Ctrl-C, and so would all that tests start."""
+    """What is so for all processes that tests start, the workers among them."""
+    # images for containers often forbid bytecode: each process compiled all that it imports anew
+    sys.dont_write_bytecode = False
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    # what a shell starts behind a `&` ignores Ctrl-C
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -7,11 +7,10 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 
 import templates
-from backends.c.host.build import compile_with
+from backends.c.host.build import link_library
 from backends.fmu.sources import Version
 
 HEADERS = Path(templates.__path__[0]) / "fmu" / "headers"
@@ -19,7 +18,7 @@ HEADERS = Path(templates.__path__[0]) / "fmu" / "headers"
 
 # no contraction: fused products would round otherwise than the judge; hidden names: two units in
 # one process must not share symbols
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared")
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,18 +74,13 @@ def zig_compiler(target: Platform) -> tuple[str, ...]:
 
 def binary(sources: Mapping[str, str], compiler: Sequence[str]) -> bytes:
     """A shared library of these files. Raises CompilerFailedError."""
-    return _compiled(tuple(sorted(sources.items())), tuple(compiler))
-
-
-@lru_cache(maxsize=8)  # one model is often written again: entries of `validate`, tests
-def _compiled(sources: tuple[tuple[str, str], ...], compiler: tuple[str, ...]) -> bytes:
     with tempfile.TemporaryDirectory(prefix="msnn-fmu-") as place:
         folder = Path(place)
-        for name, text in sources:
+        for name, text in sources.items():
             (folder / name).write_text(text, encoding="utf-8")
-        library = folder / "unit.library"
-        texts = [str(folder / name) for name, _ in sources if name.endswith(".c")]
-        arguments = ["-s", f"-I{HEADERS}", f"-I{folder}", *texts]
+        texts = sorted(folder.glob("*.c"))
         # -s: the symbols of a build have no place in an archive
-        compile_with([*compiler, *FLAGS], arguments, library)
+        library = link_library(
+            [*compiler, *FLAGS], texts, [HEADERS, folder], folder / "unit.library", "-s"
+        )
         return library.read_bytes()

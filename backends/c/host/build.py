@@ -1,13 +1,19 @@
-"""Builds generated C with a compiler of this machine and calls it from numpy."""
+"""Builds generated C with a compiler of this machine; a process compiles no file twice."""
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from backends.files.c_compiler import find_compiler
+from backends.files.c_compiler import find_compiler, installed_as
 from backends.files.run_compiler import CompilerTooSlowError, run_compiler
+
+_INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*[<"]([^>"]+)', re.MULTILINE)
 
 
 class CompilerFailedError(Exception):
@@ -28,39 +34,72 @@ def build_library(
 
     Raises CompilerMissingError and CompilerFailedError.
     """
-    sources = sorted(str(path) for path in (folder / "src").glob("*.c"))
-    return compile_with(
-        [*(compiler or find_compiler()), "-std=c99", *flags, "-ffp-contract=off", "-fPIC"],
-        ["-shared", f"-I{folder / 'include'}", *sources],
-        library,
-    )
+    head = [*(compiler or find_compiler()), "-std=c99", *flags, "-ffp-contract=off", "-fPIC"]
+    sources = sorted((folder / "src").glob("*.c"))
+    return link_library(head, sources, [folder / "include"], library)
 
 
-def build_test(
-    folder: Path,
-    program: Path,
-    compiler: Sequence[str] | None = None,
-    flags: Sequence[str] = ("-O2",),
+def link_library(
+    head: Sequence[str],
+    sources: Sequence[Path],
+    folders: Sequence[Path],
+    library: Path,
+    *flags: str,
 ) -> Path:
-    """Compiles sources and test program of a folder into an executable; its path."""
-    sources = sorted(str(path) for part in ("src", "test") for path in (folder / part).glob("*.c"))
-    return compile_with(
-        [*(compiler or find_compiler()), "-std=c99", *flags, "-ffp-contract=off"],
-        [f"-I{folder / 'include'}", *sources],
-        program,
-    )
+    """A shared library of sources whose headers lie in `folders`; its path.
 
-
-def compile_with(head: Sequence[str], arguments: Sequence[str], result: Path) -> Path:
-    """The file that a compiler with its flags makes of the arguments.
-
-    Raises CompilerFailedError with what it said, also where it takes too long.
+    `head` is the compiler with flags for compiling and linking, `flags` are for linking alone.
+    Raises CompilerFailedError with what the compiler said, also where it takes too long.
     """
-    command = [*head, *arguments, "-o", str(result), "-lm"]
+    installed = installed_as(tuple(head))
+    with TemporaryDirectory(prefix="msnn-objects-") as place:
+        objects: list[str] = []
+        for path in sources:
+            texts: dict[str, str] = {}
+            _read(path, folders, texts)
+            source = _Source(tuple(texts.items()), path, tuple(folders))
+            compiled = Path(place) / f"{path.stem}.o"
+            compiled.write_bytes(_object(source, tuple(head), installed))
+            objects.append(str(compiled))
+        return _made([*head, "-shared", *flags, *objects], library, "-lm")
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """A file of C and what it includes: alike files give one object wherever they lie."""
+
+    texts: tuple[tuple[str, str], ...]
+    path: Path = field(compare=False)
+    folders: tuple[Path, ...] = field(compare=False)
+
+
+def _read(path: Path, folders: Sequence[Path], texts: dict[str, str]) -> None:
+    """Adds the file and, of those that it includes, the ones that are not the system's."""
+    texts[path.name] = path.read_text(encoding="utf-8")
+    for name in _INCLUDE.findall(texts[path.name]):
+        beside = [folder / name for folder in (path.parent, *folders)]
+        header = next((file for file in beside if file.is_file()), None)
+        if header is not None and header.name not in texts:
+            _read(header, folders, texts)
+
+
+# see decisions/0364: a model is compiled for its golden steps, for both versions of FMI and for
+# comparisons
+@lru_cache(maxsize=256)
+def _object(source: _Source, head: tuple[str, ...], _installed: tuple[int, ...]) -> bytes:
+    with TemporaryDirectory(prefix="msnn-objects-") as place:
+        compiled = Path(place) / "object.o"
+        includes = [f"-I{folder}" for folder in source.folders]
+        return _made([*head, "-c", *includes, str(source.path)], compiled).read_bytes()
+
+
+def _made(command: Sequence[str], result: Path, *libraries: str) -> Path:
+    """The file that a command of the compiler writes."""
+    whole = [*command, "-o", str(result), *libraries]
     try:
-        done = run_compiler(command)
+        done = run_compiler(whole)
     except CompilerTooSlowError as error:
-        raise CompilerFailedError(command, f"it {error}") from None
+        raise CompilerFailedError(whole, f"it {error}") from None
     if done.code != 0:
-        raise CompilerFailedError(command, done.errors + done.output)
+        raise CompilerFailedError(whole, done.errors + done.output)
     return result

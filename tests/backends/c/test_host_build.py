@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from backends.c import COptions
-from backends.c.host.build import CompilerFailedError, build_library, build_test
+from backends.c.host import build
+from backends.c.host.build import CompilerFailedError, build_library
+from backends.files.run_compiler import Finished, run_compiler
 from tests.backends.c.c_programs import built, closed_sample
 
 
@@ -19,9 +23,40 @@ def test_what_the_compiler_says_is_shown(tmp_path: Path) -> None:
         build_library(tmp_path, tmp_path / "bad.so")
 
 
-def test_the_test_program_is_built_too(tmp_path: Path) -> None:
-    built(closed_sample("fir_closed_loop"), tmp_path, COptions())
-    assert build_test(tmp_path, tmp_path / "program").stat().st_size > 0
+def test_a_header_that_changed_is_seen(tmp_path: Path) -> None:
+    """What is compiled once is a text with all that it includes, not a name."""
+    (tmp_path / "src").mkdir()
+    (tmp_path / "include").mkdir()
+    (tmp_path / "src" / "it.c").write_text('#include "outer.h"\nint it(void) { return IT; }\n')
+    (tmp_path / "include" / "outer.h").write_text('#include "inner.h"\n')
+    found: list[int] = []
+    for number in (1, 2, 1):
+        (tmp_path / "include" / "inner.h").write_text(f"#define IT {number}\n")
+        library = build_library(tmp_path, tmp_path / f"{len(found)}.so")
+        found.append(ctypes.CDLL(str(library)).it())
+    assert found == [1, 2, 1]
+
+
+def test_a_file_is_compiled_once_for_each_compiler_and_its_flags(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiled: list[Sequence[str]] = []
+
+    def counted(command: Sequence[str]) -> Finished:
+        compiled.extend([command] if "-c" in command else [])
+        return run_compiler(command)
+
+    monkeypatch.setattr(build, "run_compiler", counted)
+    for name in ("one", "other"):
+        (tmp_path / name / "src").mkdir(parents=True)
+        (tmp_path / name / "src" / "own.c").write_text("int once(void) { return 7; }\n")
+        for compiler, level in (("gcc", "-O0"), ("gcc", "-O1"), ("clang", "-O0")):
+            build_library(tmp_path / name, tmp_path / "own.so", [compiler], [level])
+    assert [(command[0], command[2]) for command in compiled] == [
+        ("gcc", "-O0"),
+        ("gcc", "-O1"),
+        ("clang", "-O0"),
+    ]
 
 
 def test_values_are_checked_before_they_reach_c(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from compiler.optimal_control.horizon import Given
 from compiler.optimal_control.kkt import Judge
 from msnn.exports.judged_controller import compare_controller
 from msnn.model.load import load_model
+from tests.backends.predictive_control.strict_builds import build_strictly
 from tests.conditions import require_tool
 from tests.control.specs import DELAYED, WINDOW_AND_NO_WEIGHT, load
 
@@ -156,16 +157,10 @@ def test_compilers_and_levels_give_the_same_bits(tmp_path: Path) -> None:
 
 
 def test_sources_are_c_plus_plus_without_warnings(tmp_path: Path) -> None:
-    require_tool("g++", install="apt install g++")
     for plant in PLANTS:
         folder = tmp_path / plant
         folder.mkdir()
-        out = _written(plant, folder)
-        strict = ["-Wall", "-Wextra", "-Werror", "-Wdouble-promotion", "-O2", "-ffp-contract=off"]
-        for source in sorted((out / "src").glob("*.c")):
-            include = [f"-I{out / 'include'}", "-c", source, "-o", "/dev/null"]
-            subprocess.run(["gcc", "-std=c99", "-pedantic", *strict, *include], check=True)
-            subprocess.run(["g++", "-x", "c++", *strict, *include], check=True)
+        build_strictly(_written(plant, folder))
 
 
 def test_nothing_moves_the_control_where_the_state_is_not_a_number(tmp_path: Path) -> None:
