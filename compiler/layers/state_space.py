@@ -60,6 +60,8 @@ def _turned(context: LayerContext, settings: StateSpace, state: NodeId, order: A
     r = [builder.element(reflection, axis.name, i) for i in range(order.size)]
     x = [builder.element(state, order.name, i) for i in range(order.size)]
     forward = builder.negate(builder.multiply(r[last], x[last]))
+    # each rotation passes `forward` on to the one before it, so they come from the last to the
+    # first
     turned: list[NodeId] = []
     for i in reversed(range(last)):
         # r is the sine of the rotation: |r| < 1 whatever training does, so that √ has a slope

@@ -74,6 +74,7 @@ def expected_values(context: Context) -> list[Expected]:
         if declared is None or not nodes:
             continue
         try:
+            # the unit that lowering found: an equation that declares none has that of its formula
             limits = range_in(context, declared, builder.type(nodes[0]).unit)
         except LoweringFailed:
             continue

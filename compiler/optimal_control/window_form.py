@@ -90,6 +90,7 @@ def window_form(problem: ControlProblem) -> WindowForm:
             ]
             continue
         first = sum(sizes)
+        # before `memory` grows: its length is where this buffer begins in x
         newest += [len(memory) + i * length + length - 1 for i in range(count)]
         memory += [
             # and here, with the newest of this stage, s_{k−L+1+j}

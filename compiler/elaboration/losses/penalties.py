@@ -35,6 +35,7 @@ def lower_penalty(context: Context, function: str, call: Call) -> tuple[NodeId, 
     builder = context.builder(_LOSS)
     value = lower(context, call.arguments[0], _LOSS)
     op = builder.graph()[value].op
+    # of an expression such as |2 x − 1| steps would have to solve where it is 0: plain slopes then
     array = op.name if isinstance(op, ReadParameter) else None
     axes = builder.type(value).axes
     match function:

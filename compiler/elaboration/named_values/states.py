@@ -153,6 +153,8 @@ class States:
         following = self._lower_law(name, entry)
         type = self._context.type_of(entry)
         limits = range_in(self._context, entry.range, type.unit)
+        # saturation is a part of `next`, so that training sees its slopes; a reset is for deployed
+        # code
         if entry.on_range is None or entry.on_range.value != "saturate" or limits is None:
             return following
         builder = self._context.builder(STEP)

@@ -42,6 +42,7 @@ def call(subroutine: Subroutine, *arguments: Real) -> Real:
     return result
 
 
+# by kernel and format: a routine that several others call is traced, and written, once
 @cache
 def trace(subroutine: Subroutine, format: Format) -> Routine:
     """The statements of a kernel in one format."""

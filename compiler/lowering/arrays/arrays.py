@@ -61,6 +61,7 @@ class Arrays:
         if name in self._failed:
             raise LoweringFailed
         if name not in self._parameters:
+            # it stays there where declaring raises: a mistake is told at the first use alone
             self._failed.add(name)
             self._parameters[name] = self._with_given(self._declared(name, entry))
             self._failed.remove(name)
@@ -83,6 +84,8 @@ class Arrays:
             )
             raise LoweringFailed
         outside = bool(
+            # on a bound the raw variable, by sigmoid or softplus, would be at ∞ and never move
+            # again
             (low is not None and np.any(initial <= low))
             or (high is not None and np.any(initial >= high))
         )
