@@ -134,7 +134,7 @@ def _scale(
     # how much one row counts is data: a number of elements is exact
     part = float(counts[term.loss.name].off()) / count if term.loss.rows is not None else 0.0
     if not term.is_root:
-        found = weight / (2.0 * 0.5 * count)
+        found = weight / count
         return found, abs(found) * part
 
     # ∂√(s/n)/∂s = 1 / (2 n √(s/n)), s the sum and n the count

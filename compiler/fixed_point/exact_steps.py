@@ -81,6 +81,7 @@ class ExactStepper:
 
         They are kept within no range.
         """
+        # as many rows before t0 as the longest look-back: every window then begins inside the log
         t0 = max([0, *(-first for first in firsts.values())])
         series: dict[str, Reals] = {}
         for name, window in windows.items():

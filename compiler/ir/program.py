@@ -126,6 +126,11 @@ class State:
     """The first evaluations of each run that decide by least squares where the state starts, from
     `start` on; None where `start` does."""
 
+    @property
+    def is_buffer(self) -> bool:
+        """Whether it holds samples, which a `Window` shifts by one in each step."""
+        return Type(self.axes).window is not None
+
 
 @dataclass(frozen=True, slots=True)
 class Output:
@@ -217,6 +222,7 @@ class Loss:
     @property
     def entry(self) -> str:
         """The name under `losses:`, or of the output whose default loss this is."""
+        # no name that can have a loss has a dot: losses of sub-models stay behind (R11)
         return self.name.partition(".")[0]
 
 

@@ -13,7 +13,7 @@ from spec_schema.fields.located import Located
 from spec_schema.sections.values import Initializer
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Affine:
     """y[o] = Σᵢ W[o, i] · x[i] (+ b[o]) for every sample and every other axis of x."""
 

@@ -34,11 +34,17 @@ def state_space(context: LayerContext, settings: StateSpace, arguments: Argument
     memory = CallMemory.of(context, arguments, (order,), None)
     state = memory.value()
     (source,) = context.elements(value)
-    result = Affine("C", None, out, None, 1.0 / order.size).of(context, state, order)
+    result = Affine(weight="C", bias=None, out=out, init=None, bound=1.0 / order.size).of(
+        context, state, order
+    )
     if settings.feedthrough:
-        direct = Affine("D", None, out, None, 1.0 / source.size).of(context, value, source)
+        direct = Affine(weight="D", bias=None, out=out, init=None, bound=1.0 / source.size).of(
+            context, value, source
+        )
         result = builder.add(result, direct)
-    driven = Affine("B", None, (order,), None, 1.0 / source.size).of(context, value, source)
+    driven = Affine(weight="B", bias=None, out=(order,), init=None, bound=1.0 / source.size).of(
+        context, value, source
+    )
     following = builder.add(_turned(context, settings, state, order), driven)
     start = starting(context).builder
     initial = initial_value(context, settings.init, (Axis(UNNAMED, order.size),))

@@ -253,12 +253,12 @@ def _state(
     assert isinstance(old.origin, History)
     source = graph[use].label or old.origin.source
     return State(
-        move.name,
-        builder.type(following).axes,
-        builder.type(following).unit,
-        History(source),
-        following,
-        start,
+        name=move.name,
+        axes=builder.type(following).axes,
+        unit=builder.type(following).unit,
+        origin=History(source),
+        next=following,
+        start=start,
         doc=old.doc,
         span=graph[use].span or old.span,
     )

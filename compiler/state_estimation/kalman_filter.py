@@ -277,11 +277,11 @@ class KalmanFilter:
         )
         own = self.problem.parameters
         return Estimate(
-            status,
-            {name: value for name, value in found.items() if name not in own},
-            {name: value for name, value in found.items() if name in own},
-            deviations,
-            innovations,
+            status=status,
+            states={name: value for name, value in found.items() if name not in own},
+            parameters={name: value for name, value in found.items() if name in own},
+            std=deviations,
+            innovations=innovations,
         )
 
 

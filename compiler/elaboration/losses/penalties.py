@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from compiler.builtins.call_options import option
 from compiler.builtins.reductions import reduce_axes
 from compiler.ir.known import Penalty
 from compiler.ir.ops import ReadParameter
@@ -88,7 +89,7 @@ def checked_penalties(
 
 def _dim(context: Context, call: Call, axes: tuple[Axis, ...]) -> str:
     named = {_WORDS.get(axis.name, axis.name.rpartition(".")[2]): axis for axis in axes}
-    over = next((keyword.value for keyword in call.keywords if keyword.name == "over"), None)
+    over = option(call, "over")
     if over is None:
         context.findings.report(knowledge.group_over_nothing(tuple(named), call.span))
         raise LoweringFailed

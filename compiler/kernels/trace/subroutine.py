@@ -50,4 +50,11 @@ def trace(subroutine: Subroutine, format: Format) -> Routine:
     parameters = tuple(tracer.new_local(ValueKind.REAL, name) for name in subroutine.parameters)
     arguments = tuple(Real(tracer, parameter) for parameter in parameters)
     body = drop_unused(tracer.block(lambda: subroutine.build(*arguments)))
-    return Routine(subroutine.name, subroutine.doc, format, parameters, subroutine.results, body)
+    return Routine(
+        name=subroutine.name,
+        doc=subroutine.doc,
+        format=format,
+        parameters=parameters,
+        results=subroutine.results,
+        body=body,
+    )

@@ -96,14 +96,14 @@ class Arrays:
             self._context.findings.report(names.unfit_constant(f"`{name}`", problem, span))
             raise LoweringFailed
         return Parameter(
-            name,
-            axes,
-            unit,
-            tuple(float(v) for v in initial.ravel()),
-            low,
-            high,
-            1.0 if entry.scale is None or entry.scale == "data" else entry.scale,
-            entry.learn,
+            name=name,
+            axes=axes,
+            unit=unit,
+            initial=tuple(float(v) for v in initial.ravel()),
+            minimum=low,
+            maximum=high,
+            scale=1.0 if entry.scale is None or entry.scale == "data" else entry.scale,
+            learn=entry.learn,
             scales_by_data=entry.scale == "data",
             prior=self._prior(entry.prior, unit),
             doc=entry.doc or "",
@@ -138,7 +138,17 @@ class Arrays:
             low, high = bounds
             learn = statistic is None
             found = Parameter(
-                name, axes, unit, values, low, high, 1.0, learn, statistic, doc=doc, span=span
+                name=name,
+                axes=axes,
+                unit=unit,
+                initial=values,
+                minimum=low,
+                maximum=high,
+                scale=1.0,
+                learn=learn,
+                statistic=statistic,
+                doc=doc,
+                span=span,
             )
             found = self._parameters[name] = self._with_given(found)
         return Type(found.axes, found.unit)

@@ -77,7 +77,9 @@ def _kept(graph: Graph, live: list[bool]) -> tuple[Graph, dict[NodeId, NodeId]]:
         if live[index]:
             now[index] = len(kept)
             args = tuple(now[arg] for arg in node.args)
-            kept.append(Node(node.op, args, node.type, node.span, node.label))
+            kept.append(
+                Node(op=node.op, args=args, type=node.type, span=node.span, label=node.label)
+            )
     return Graph(tuple(kept)), now
 
 

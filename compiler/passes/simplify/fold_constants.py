@@ -52,7 +52,7 @@ def folded(
             copies[index] = copies[chosen]
         elif index >= exact and value is not None and _replaces(graph, node, value):
             numbers = ops.Constant(tuple(float(number) for number in value.ravel()))
-            folded = Node(numbers, (), node.type, node.span, node.label)
+            folded = Node(op=numbers, args=(), type=node.type, span=node.span, label=node.label)
             copies[index] = copy_node(builder, folded, ())
         else:
             copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
