@@ -155,7 +155,7 @@ def short_lines(texts: list[str], indent: str) -> str:
 def main() -> None:
     lines = [
         '"""Polynomials and constants of the kernels, one set a format.\n\n',
-        "Written by benchmarks/kernel_accuracy/fit_coefficients.py, which holds the definitions. "
+        "Written by benchmarks/kernel_accuracy/fit_coefficients.py, which holds the definitions. ",
         "P has its\ncoefficients from the constant on; z is the square of r or s.\n",
         '"""\n\n',
         "from __future__ import annotations\n\n",

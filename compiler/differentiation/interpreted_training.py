@@ -19,7 +19,7 @@ from compiler.interpreter.bounded_sums import AdjointTape, Total
 from compiler.interpreter.operations import Array
 from compiler.interpreter.rounding import BoundedGraph
 from compiler.ir.program import NodeId
-from compiler.ir.training_values import LossScale, NewestSample, StateAdjoint, TrainingValue
+from compiler.ir.training.values import LossScale, NewestSample, StateAdjoint, TrainingValue
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from compiler.differentiation.reverse_mode import StepGradients, step_gradients
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import ReadTraining, Relation, Slice, Window
 from compiler.ir.program import Graph, Loss, Measure, Node, NodeId, Program, State
-from compiler.ir.training_values import LossScale, NewestSample, StateAdjoint
+from compiler.ir.training.values import LossScale, NewestSample, StateAdjoint
 from compiler.ir.types import Type
 from compiler.passes.derivatives.guard_untaken import guard_untaken
 

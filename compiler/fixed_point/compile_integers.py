@@ -241,7 +241,6 @@ class _Compilation:
 
     def _memory(self, state: State, step: Lowering, start: Lowering) -> IntegerMemory:
         following = step.nodes(state.next)
-        # a buffer that no value reads was never asked for its words
         if state.name not in self.formats:
             self._state_words(step, state.name)
         fraction, low, high = self.formats[state.name]

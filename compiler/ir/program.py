@@ -11,7 +11,7 @@ from compiler.ir.fit import Fit
 from compiler.ir.graph import Graph as Graph
 from compiler.ir.graph import Node as Node
 from compiler.ir.graph import NodeId as NodeId
-from compiler.ir.known import Penalty, Prior, Statistic
+from compiler.ir.training.known import Penalty, Prior, Statistic
 from compiler.ir.types import Axis, Prediction, Type
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import Unit

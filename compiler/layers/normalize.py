@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from compiler.ir.known import Statistic
 from compiler.ir.program import NodeId
+from compiler.ir.training.known import Statistic
 from compiler.ir.types import Axis, describe_axes
 from compiler.layers.rules.arguments import read_value
 from compiler.layers.rules.layer_context import LayerContext

@@ -139,7 +139,6 @@ class _Admission:
                 return self.expression(operand, depth)
             case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _OPERATORS:
                 kind = _OPERATORS[type(operator)]
-                # both sides, even where the left one is refused: all mistakes are told at once
                 a, b = self.expression(left, depth), self.expression(right, depth)
                 return Binary(
                     operator=kind,
@@ -240,7 +239,6 @@ class _Admission:
     def window(self, node: ast.Subscript, span: Span, depth: int) -> Expression:
         operand = self.expression(node.value, depth)
         match node.slice:
-            # both ends, as `x[t-3:]` would leave open how far the data go
             case ast.Slice(lower=ast.expr() as lower, upper=ast.expr() as upper, step=None):
                 return Window(operand, self.time(lower), self.time(upper), span)
             case ast.Slice():

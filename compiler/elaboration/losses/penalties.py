@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from compiler.builtins.call_options import option
 from compiler.builtins.reductions import reduce_axes
-from compiler.ir.known import Penalty
 from compiler.ir.ops import ReadParameter
 from compiler.ir.program import Loss, NodeId, Parameter
+from compiler.ir.training.known import Penalty
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart

@@ -87,7 +87,6 @@ class Elaboration:
         if argument is not None:
             return argument_value(self.context, argument, environment)
         builder = self.context.builder(environment)
-        # before the scope: nothing can be declared by the name of a number, they are reserved
         if name.name in NUMBERS:
             return builder.constant(NUMBERS[name.name])
         if name.name == "dt":
@@ -201,7 +200,6 @@ class Elaboration:
             )
             raise LoweringFailed
         name = function.name
-        # an argument hides a function of the same name, as it hides every other entry
         if name in environment.arguments:
             self.context.findings.report(names.not_callable(name, "an argument", function.span))
             raise LoweringFailed

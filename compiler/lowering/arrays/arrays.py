@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.known import Prior, Statistic
 from compiler.ir.program import NodeId, Parameter
 from compiler.ir.scalars.table import Array
+from compiler.ir.training.known import Prior, Statistic
 from compiler.ir.types import Axis, Type
 from compiler.lowering.arrays.initial_values import initial_values
 from compiler.lowering.context import Context
