@@ -32,10 +32,8 @@ def control_program(
     try:
         program = close_loop(program, asked.closed)
     except LoopError as error:
-        through = f" ({' → '.join(error.cycle)})" if error.cycle else ""
-        place = asked.section.place.key
-        fault = not_closable(error.signal, error.span or place, f"{error.kind.value}{through}")
-        findings.report(fault)
+        place = error.span or asked.section.place.key
+        findings.report(not_closable(error.signal, place, error.reason))
         return None
     # on the closed program: what a control moves through the feedback counts
     _check_cost(asked, program, findings)

@@ -61,7 +61,7 @@ def _problem(
     try:
         closed = close_loop(program, fed)
     except LoopError as error:
-        findings.report(not_closable(error.signal, error.span or place, error.kind.value))
+        findings.report(not_closable(error.signal, error.span or place, error.reason))
         return None
     step = _with_measurements(spec, section, program, closed, findings)
     if step is None:
