@@ -159,6 +159,7 @@ _MAY_BE_WHOLE = {
     "compiler.ir",
     "compiler.ir.rules",
     "compiler.ir.scalars",
+    "compiler.ir.training",
     "compiler.linking",
     "compiler.lowering",
     "compiler.lowering.arrays",
