@@ -110,6 +110,7 @@ _NOT_WHOLE = {
         "intervals",
         "kept_slices",
         "pointwise_windows",
+        "saturation",
         "value_ranges",
     },
     "compiler.passes.pruning": {"prune_outputs"},
