@@ -24,8 +24,8 @@ from backends.c_lowering.values import copy_value
 from compiler.ir.liveness import needed
 from compiler.ir.ops import Slice, Window
 from compiler.ir.program import History, NodeId, Program, State, Tape
-from compiler.ir.saturation import unsaturated
 from compiler.ir.types import WINDOW
+from compiler.passes.analyses.saturation import unsaturated
 
 _LONGEST_SHIFT = 32
 """Samples up to which moving them costs little against reading them (measured on Cortex-M4F)."""

@@ -15,7 +15,7 @@ from pathlib import Path
 from minimax import fit, round_to
 from mpmath import mp, mpf
 
-TARGET = Path(__file__).parents[2] / "compiler" / "kernels" / "coefficients.py"
+TARGET = Path(__file__).parents[2] / "compiler" / "kernels" / "tables" / "coefficients.py"
 SMALLEST = mpf(2) ** -60  # stands for 0 where a formula divides by its argument
 QUARTER_TURN = mp.pi / 4
 
@@ -88,6 +88,27 @@ FITS = {
 }  # fmt: skip
 
 
+# what a reader of the tables is told of each
+MEANINGS = {
+    "EXPONENTIAL": "e^r = 1 + r + r²·P(r), |r| ≤ log(2) / 2",
+    "LOGARITHM": "log((1+s)/(1−s)) = 2s + s·z·P(z), (1+s)/(1−s) from 1/√2 to √2",
+    "LOGARITHM_TAIL": "the same as 2s + s·(2/3·z + z²·P(z)), 2/3 in two words: for powers",
+    "SINE": "sin r = r + r·z·P(z), |r| ≤ π/4",
+    "COSINE": "cos r = 1 − z/2 + z²·P(z), |r| ≤ π/4",
+    "TANGENT": "tan r = r + r·z·P(z), |r| ≤ π/4",
+    "ARC_SINE": "asin r = r + r·z·P(z), |r| ≤ 1/2",
+    "ARC_TANGENT": "atan r = r + r·z·P(z), |r| ≤ 7/16",
+    "HYPERBOLIC_SINE": "sinh r = r + r·z·P(z), |r| ≤ 1",
+    "HYPERBOLIC_TANGENT": "tanh r = r + r·z·P(z), |r| ≤ 0.95 in float, ≤ 0.55 in double",
+    "LN_2": "log(2) in two words, the first so short that products with exponents are exact",
+    "HALF_PI": "π/2 in two words",
+    "HALF_PI_PARTS": "π/2 in three words: products of the first two with quarter turns are exact",
+    "TWO_THIRDS": "2/3 in two words",
+    "ARC_TANGENT_HALF": "angles to which arguments of the arc tangent are reduced, in two words",
+    "EXPONENTIAL_LIMITS": "beyond the first e^x rounds to ∞, below the second to 0",
+}
+
+
 def words(value: mpf, digits: int, leading: list[int]) -> list[mpf]:
     """The value as an unevaluated sum; leading words have the given bits, the last one all."""
     parts: list[mpf] = []
@@ -134,7 +155,8 @@ def short_lines(texts: list[str], indent: str) -> str:
 def main() -> None:
     lines = [
         '"""Polynomials and constants of the kernels, one set a format.\n\n',
-        "Written by benchmarks/kernel_accuracy/fit_coefficients.py, which holds the definitions.\n",
+        "Written by benchmarks/kernel_accuracy/fit_coefficients.py, which holds the definitions. ",
+        "P has its\ncoefficients from the constant on; z is the square of r or s.\n",
         '"""\n\n',
         "from __future__ import annotations\n\n",
         "from compiler.kernels.tables.formats import DOUBLE, FLOAT, Format\n\n\n",
@@ -154,6 +176,7 @@ def main() -> None:
     for name in constants(24):
         sets[name] = [constants(24)[name], constants(53)[name]]
     for name, (single, double) in sets.items():
+        lines.append(f"\n# {MEANINGS[name]}" if name in MEANINGS else "")
         lines.append(f"\n{name}: dict[Format, tuple[float, ...]] = {{\n")
         for format, values in (("FLOAT", single), ("DOUBLE", double)):
             body = short_lines([float(value).hex() for value in values], " " * 8)

@@ -76,15 +76,15 @@ def keep(
     doc = f"memory of {expression_text(call)}"
     context.memories.keep(
         State(
-            name,
-            type.axes,
-            type.unit,
-            LayerMemory(starts_fresh_each_run),
-            following,
-            start,
-            None,
-            doc,
-            call.span,
+            name=name,
+            axes=type.axes,
+            unit=type.unit,
+            origin=LayerMemory(starts_fresh_each_run),
+            next=following,
+            start=start,
+            range=None,
+            doc=doc,
+            span=call.span,
         )
     )
 
@@ -102,15 +102,15 @@ def _remembered(context: Context, call: Call, environment: Environment) -> NodeI
     first = context.memories.name("first_step", ())
     context.memories.keep(
         State(
-            first,
-            (),
-            None,
-            LayerMemory(starts_fresh_each_run=True),
+            name=first,
+            axes=(),
+            unit=None,
+            origin=LayerMemory(starts_fresh_each_run=True),
             # 0 from the second step on
-            builder.constant(0.0, unit=None),
-            start.constant(1.0, unit=None),
-            None,
-            "1 in the first step of a run",
+            next=builder.constant(0.0, unit=None),
+            start=start.constant(1.0, unit=None),
+            range=None,
+            doc="1 in the first step of a run",
         )
     )
     begins = builder.compare(

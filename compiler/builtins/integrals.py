@@ -23,6 +23,7 @@ def lower_integral(context: Context, call: Call, environment: Environment) -> No
     """I[t] = I[t−1] + dt·e[t], or I[t−1] + dt/2·(e[t] + e[t−1]); I[t0−1] is `init=`, else 0."""
     method = method_of(context, call, _METHODS)
     if environment.part is EnvironmentPart.START and environment.time == (-1, None):
+        # I[t0−1] is the start itself: nothing has been summed by then
         return _start(context, call, None)
     is_last = environment.time == (-1, None)
     now = in_the_step(context, call, environment.shifted(1) if is_last else environment)

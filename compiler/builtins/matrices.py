@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from compiler.builtins.call_options import option
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import WINDOW, Axis, describe_axes, in_order
@@ -13,7 +14,7 @@ from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.twin_axes import warn_of_twin_axes
 from spec_schema.errors import names, shapes
-from spec_schema.expressions.tree import Call, Expression, Name
+from spec_schema.expressions.tree import Call, Name
 
 
 def lower_softmax(context: Context, call: Call, environment: Environment) -> NodeId:
@@ -81,7 +82,7 @@ _EYE, _DIM = "an argument of `eye`", "a name of `dims:`"
 
 
 def _softmax_axis(context: Context, call: Call, axes: tuple[Axis, ...]) -> Axis:
-    over: Expression | None = next((k.value for k in call.keywords), None)
+    over = option(call, "over")
     elements = [axis for axis in axes if axis.name != WINDOW]
     if over is None and elements:
         return elements[-1]
@@ -104,6 +105,7 @@ def _softmax_axis(context: Context, call: Call, axes: tuple[Axis, ...]) -> Axis:
 def largest_along(builder: GraphBuilder, node: NodeId, axis: Axis) -> NodeId:
     """The largest element along an axis, repeated along it; halves are compared, then quarters."""
     axes, size, found = builder.type(node).axes, axis.size, node
+    # log₂ n operations on halves, where element by element there would be n
     while size > 1:
         half = size // 2
         first = builder.slice(found, axis.name, 0, half)

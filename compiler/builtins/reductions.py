@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from compiler.builtins.call_options import option
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import Axis, describe_axes
@@ -37,7 +38,7 @@ def _reduced_axes(
     context: Context, name: str, call: Call, environment: Environment, axes: tuple[Axis, ...]
 ) -> list[str]:
     """Names of the axes that `sum(x, over=…)` removes; all of them without `over`."""
-    over = next((k.value for k in call.keywords if k.name == "over"), None)
+    over = option(call, "over")
     if over is None:
         if environment.window is not None:
             context.findings.report(time.window_not_yet("a reduction", call.span))

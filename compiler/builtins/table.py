@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from compiler.builtins.call_options import option
 from compiler.builtins.derivatives import lower_derivative
 from compiler.builtins.gradients import lower_gradient
 from compiler.builtins.integrals import lower_integral
@@ -23,7 +24,7 @@ from compiler.lowering.expressions import aligning, lower, lower_all
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.twin_axes import warn_of_twin_axes
 from spec_schema.errors import names, shapes
-from spec_schema.expressions.tree import Call, Expression, Name
+from spec_schema.expressions.tree import Call, Name
 
 Lower = Callable[[Context, Call, Environment], NodeId]
 
@@ -44,10 +45,6 @@ def lower_builtin(context: Context, name: str, call: Call, environment: Environm
         )
         raise LoweringFailed
     return LOWERINGS[name](context, call, environment)
-
-
-def _keyword(call: Call, name: str) -> Expression | None:
-    return next((k.value for k in call.keywords if k.name == name), None)
 
 
 def _scalar(name: str) -> Lower:
@@ -160,7 +157,7 @@ def _stack(context: Context, call: Call, environment: Environment) -> NodeId:
     builder = context.builder(environment)
     nodes = lower_all(context, call.arguments, environment)
     name, size = UNNAMED, len(nodes)
-    dim = _keyword(call, "dim")
+    dim = option(call, "dim")
     if dim is not None:
         name = dim.name if isinstance(dim, Name) else "?"
         known = context.dimension(name, dim.span)

@@ -25,7 +25,16 @@ def compared_squares(program: Program) -> Program:
         if loss.target is not None and loss.measure is not Measure.MEAN:
             losses.append(replace(loss, measure=Measure.MSE))
             square = _square(builder, loss, loss.target)
-            sizes.append(Loss(f"{SIZE_OF}{loss.name}", Measure.MEAN, square, None, 0.0))
+            # of weight 0: it is summed beside the others, and adds no slope
+            sizes.append(
+                Loss(
+                    name=f"{SIZE_OF}{loss.name}",
+                    measure=Measure.MEAN,
+                    prediction=square,
+                    target=None,
+                    weight=0.0,
+                )
+            )
     return replace(program, losses=(*losses, *sizes), step=builder.graph())
 
 
@@ -33,6 +42,7 @@ def _square(builder: GraphBuilder, loss: Loss, target: NodeId) -> NodeId:
     """The square of each element of a target by its factor, 0 where it is missing."""
     axes = builder.type(target).axes
     zero = builder.broadcast(builder.constant(0.0), axes)
+    # false for NaN alone, which marks what was not recorded
     there = builder.compare(Relation.LESS_EQUAL, target, target)
     known = builder.select(there, target, zero)
     square = builder.multiply(known, known)

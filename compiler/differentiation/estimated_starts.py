@@ -66,6 +66,7 @@ def _with_starts(program: Program, offsets: Mapping[str, str]) -> Program:
         start = builder.log(name, 0, 0, type)
         if state.name in offsets:
             start = builder.add(start, builder.parameter(offsets[state.name], type))
+        # a target, so that deployed code has no port for it
         signals.append(Signal(name, Role.TARGET, state.axes, state.unit))
         states.append(replace(state, start=start, fit_over=None))
     return replace(

@@ -44,6 +44,7 @@ def tangents(
     """
     found: dict[NodeId, NodeId] = dict(seeds)
     for node in range(len(builder.graph()) if count is None else count):
+        # a truth has no slope; where it switches values have kinks, and these one-sided slopes
         if node in found or builder.type(node).kind == "bool":
             continue
         with builder.at(builder.node(node).span):
@@ -140,6 +141,8 @@ class _Rule:
                     self._contracted(args[1], args[0], axis),
                 )
             case ops.Window():
+                # whoever seeds tangents names the buffers of all states that move: another one is a
+                # fault of ours
                 message = "the past of a buffer depends on what its newest sample depends on"
                 raise AssertionError(message)
             case ops.Leaf() | ops.Compare():
@@ -245,6 +248,7 @@ def _first_direction(seed: ops.Op, type: Type, count: int) -> int | None:
     """Where the unit directions of a leaf's elements begin; None for any other seed."""
     if not isinstance(seed, ops.Constant):
         return None
+    # only the seeds that `sensitivities` makes are recognised; all others are summed as they stand
     values = np.reshape(seed.values, (type.shape[0], count))
     rows = np.flatnonzero(values.any(axis=1))
     if len(rows) != count or not np.array_equal(values[rows], np.eye(count)):

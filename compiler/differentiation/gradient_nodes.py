@@ -44,6 +44,7 @@ class _Differentiated:
         self._builder = builder
         self._value = value
         self._draft, self._guarded = guarded(builder.graph(), [value])
+        # shared by all rows of a Jacobian: what they have in common is copied to the graph once
         self._copies: dict[NodeId, NodeId] = {}
 
     def gradients(self, weights: Array, wanted: Sequence[NodeId]) -> list[NodeId | None]:
@@ -68,6 +69,8 @@ class _Differentiated:
         builder = self._builder
         self._copy(slope)
         copied = self._copies[slope]
+        # rules of slopes leave units unknown here and there; that of the result follows from its
+        # ends
         unit = quotient_unit(builder.type(self._value).unit, builder.type(node).unit)
         type = builder.type(copied)
         if unit is None or type.unit == unit:

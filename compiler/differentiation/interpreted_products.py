@@ -44,6 +44,7 @@ def interpreted_products(
         for one in found.residuals
     }
     members = len(runs.t0)
+    # the first samples of a rollout let states settle and count in no loss
     for moment in forward.moments(runs)[runs.skip :]:
         for one in found.residuals:
             total = sums[one.loss.name]
@@ -62,6 +63,7 @@ def _rows(
     values, slopes = (moment.values[node].repeated(members) for node in (one.values, one.slopes))
 
     def joined(of_slopes: Array, of_values: Array) -> Array:
+        # (members, numbers, …) → (members, elements, numbers), with the residual as the last column
         columns = of_slopes.reshape(members, numbers, -1).transpose(0, 2, 1)
         return np.concatenate([columns, of_values.reshape(members, -1, 1)], axis=2)
 

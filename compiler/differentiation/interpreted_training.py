@@ -19,7 +19,7 @@ from compiler.interpreter.bounded_sums import AdjointTape, Total
 from compiler.interpreter.operations import Array
 from compiler.interpreter.rounding import BoundedGraph
 from compiler.ir.program import NodeId
-from compiler.ir.training_values import LossScale, NewestSample, StateAdjoint, TrainingValue
+from compiler.ir.training.values import LossScale, NewestSample, StateAdjoint, TrainingValue
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,7 @@ def _scale(
     # how much one row counts is data: a number of elements is exact
     part = float(counts[term.loss.name].off()) / count if term.loss.rows is not None else 0.0
     if not term.is_root:
-        found = weight / (2.0 * 0.5 * count)
+        found = weight / count
         return found, abs(found) * part
 
     # ∂√(s/n)/∂s = 1 / (2 n √(s/n)), s the sum and n the count

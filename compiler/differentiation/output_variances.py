@@ -38,6 +38,7 @@ def with_variances(program: Program, learned: Sequence[str], outputs: Collection
         if output.name in outputs:
             type = builder.type(output.node)
             zero = builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
+            # beside 0 an output is its own residual, and the slopes of that are the ones wanted
             compared.append(Loss(output.name, Measure.MSE, output.node, zero))
     whole = sensitivities(replace(program, step=builder.graph(), losses=tuple(compared)), learned)
     builder = GraphBuilder(whole.program.step)
@@ -46,6 +47,7 @@ def with_variances(program: Program, learned: Sequence[str], outputs: Collection
     found: list[Output] = []
     for residual in whole.residuals:
         along = builder.contract_over(residual.slopes, root, LEARNED)
+        # a sum of squares is never negative, which y' C y by its products could be by rounding
         variance = builder.sum(builder.power(along, 2), _DIRECTION)
         found.append(Output(f"{VARIANCE}{residual.loss.name}", variance))
     size = whole.numbers * whole.numbers

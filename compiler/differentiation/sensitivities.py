@@ -29,7 +29,7 @@ from compiler.differentiation.training_step import (
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import ReadParameter, ReadState, Window
 from compiler.ir.program import Declared, Graph, Loss, NodeId, Program, State
-from compiler.ir.types import WINDOW, Axis, Type
+from compiler.ir.types import Axis, Type
 
 LEARNED = "learned number"
 """The axis of all numbers of the learned parameters, one parameter after the other."""
@@ -87,12 +87,12 @@ def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
         infinite |= reached
     slopes = tuple(
         State(
-            f"{SLOPE}{state.name}",
-            (directions, *state.axes),
-            None,
-            Declared(),
-            step.slopes[state.name],
-            starts[state.name],
+            name=f"{SLOPE}{state.name}",
+            axes=(directions, *state.axes),
+            unit=None,
+            origin=Declared(),
+            next=step.slopes[state.name],
+            start=starts[state.name],
         )
         for state in moving
     )
@@ -118,7 +118,7 @@ class _Step:
         leaves_out: Callable[[], bool],
     ) -> None:
         # the slope of a buffer is a buffer too: its Window shifts the slopes of the samples
-        buffers = {state.name: f"{SLOPE}{state.name}" for state in moving if _is_buffer(state)}
+        buffers = {state.name: f"{SLOPE}{state.name}" for state in moving if state.is_buffer}
         step = GraphBuilder(program.step)
         self.losses = loss_terms(step, program)
         unsquared = {
@@ -147,10 +147,6 @@ class _Step:
 
 def _size(program: Program, parameter: str) -> int:
     return Type(program.parameter(parameter).axes).size
-
-
-def _is_buffer(state: State) -> bool:
-    return bool(state.axes) and state.axes[-1].name == WINDOW
 
 
 def _or_zero(

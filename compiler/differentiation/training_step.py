@@ -14,8 +14,8 @@ from compiler.differentiation.reverse_mode import StepGradients, step_gradients
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import ReadTraining, Relation, Slice, Window
 from compiler.ir.program import Graph, Loss, Measure, Node, NodeId, Program, State
-from compiler.ir.training_values import LossScale, NewestSample, StateAdjoint
-from compiler.ir.types import WINDOW, Type
+from compiler.ir.training.values import LossScale, NewestSample, StateAdjoint
+from compiler.ir.types import Type
 from compiler.passes.derivatives.guard_untaken import guard_untaken
 
 
@@ -107,11 +107,7 @@ def loss_terms(builder: GraphBuilder, program: Program) -> tuple[LossTerm, ...]:
 
 def newest_samples(program: Program) -> dict[str, NodeId]:
     """The newest sample of every buffer state, a node of the step."""
-    return {state.name: _newest(program, state) for state in program.states if _is_buffer(state)}
-
-
-def _is_buffer(state: State) -> bool:
-    return bool(state.axes) and state.axes[-1].name == WINDOW
+    return {state.name: _newest(program, state) for state in program.states if state.is_buffer}
 
 
 def _newest(program: Program, state: State) -> NodeId:

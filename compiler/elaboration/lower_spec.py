@@ -113,7 +113,16 @@ def _outputs(elaborated: Elaboration) -> list[Output]:
         except LoweringFailed:
             continue
         needs = needed_submodels(context.spec, Name(name, entry.place.key))
-        found.append(Output(name, node, predicts, entry.doc or "", entry.place.key, needs))
+        found.append(
+            Output(
+                name=name,
+                node=node,
+                predicts=predicts,
+                doc=entry.doc or "",
+                span=entry.place.key,
+                needs=needs,
+            )
+        )
     return found
 
 

@@ -31,6 +31,11 @@ def lower_unused(elaborated: Elaboration) -> None:
     for name, entry in context.spec.equations.items():
         with suppress(LoweringFailed):
             elaborated.entries.value(name, entry, STEP, entry.place.key)
+    for name, constant in context.spec.constants.items():
+        if name not in context.used and not owner_of(name):
+            with suppress(LoweringFailed):
+                elaborated.constants.value(name, constant)
+    _report_parameters(elaborated)
     for name, layer in context.spec.layers.items():
         if name not in context.used and not owner_of(name):
             _report_layer(elaborated, name, layer)
@@ -41,7 +46,27 @@ def lower_unused(elaborated: Elaboration) -> None:
             context.findings.report(*(d for d in found if d.code in _OF_NAMES))
 
 
+def _report_parameters(elaborated: Elaboration) -> None:
+    """What is wrong with parameters that nothing uses."""
+    context = elaborated.context
+    unused = {
+        name: entry
+        for name, entry in context.spec.parameters.items()
+        if name not in context.used and not owner_of(name)
+    }
+    if not unused:
+        return
+    # the first use declares a parameter: looked at apart, these are not in the program
+    apart = elaborated.afresh(FoundBefore())
+    for name, entry in unused.items():
+        with suppress(LoweringFailed):
+            apart.arrays.parameter(name, entry)
+    context.findings.report(*_errors_of(apart))
+
+
+# findings at this place are about the call that is made up here, not about the spec
 _NOWHERE = Span(file="", line=0, column=0, end_line=0, end_column=0)
+# names, numbers of arguments, misplaced calls: wrong whatever a function is called with
 _OF_NAMES = frozenset(
     {"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0319", "E0349", "E0350"}
 )
@@ -78,6 +103,10 @@ def _found_by_calling(elaborated: Elaboration, name: str, count: int) -> list[Di
         attempt = _lowered_alone(elaborated, call, known)
         # for its reports alone: a past that nothing fills
         attempt.histories.states()
+    return _errors_of(attempt)
+
+
+def _errors_of(attempt: Elaboration) -> list[Diagnostic]:
     return [d for d in attempt.context.findings.in_order if d.severity == "error"]
 
 

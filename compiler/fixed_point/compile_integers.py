@@ -20,7 +20,7 @@ from compiler.fixed_point.integers.program import (
     Width,
     WordPort,
 )
-from compiler.fixed_point.invariants import is_buffer, proved_bounds
+from compiler.fixed_point.invariants import proved_bounds
 from compiler.fixed_point.lowering.lower_graph import Elements, Lowering, UnsupportedError, elements
 from compiler.fixed_point.step_errors import start_errors, step_errors
 from compiler.ir.liveness import extents, reads_log
@@ -76,6 +76,7 @@ class _Compilation:
 
     def result(self) -> IntegerProgram:
         program = self.program
+        # the start comes first: how large a filter may become depends on where it begins
         first = Lowering(program.start, self.width, self._window_words, self._no_state)
         self._bound_states(first)
         step = Lowering(program.step, self.width, self._input_words, self._state_words)
@@ -191,7 +192,7 @@ class _Compilation:
             if limits is not None:
                 bits = self.width.word if self._is_word(state) else self.width.sum - 2
                 self.formats[state.name] = word_format(*limits, bits)
-            elif not is_buffer(state, self.program.step):
+            elif not state.is_buffer:
                 unknown.append(state)
         if not unknown:
             return
@@ -211,7 +212,7 @@ class _Compilation:
 
     def _is_word(self, state: State) -> bool:
         """Buffers keep words; a state that is summed up keeps all bits of a sum of words."""
-        return self.width.word >= 32 or is_buffer(state, self.program.step)
+        return self.width.word >= 32 or state.is_buffer
 
     def _state_words(self, lowering: Lowering, name: str) -> Elements:
         key = id(lowering), name
@@ -268,7 +269,7 @@ class _Compilation:
 
     def _filling(self, state: State, step: Lowering) -> tuple[str, tuple[int, ...]] | None:
         """The input words that fill a buffer of an input; None for any other memory."""
-        if not isinstance(state.origin, History) or not is_buffer(state, self.program.step):
+        if not isinstance(state.origin, History) or not state.is_buffer:
             return None
         samples = state.axes[-1].size
         # the newest sample is the last of each row

@@ -40,6 +40,11 @@ def finite(limits: tuple[float, float] | None) -> tuple[float, float] | None:
 
 def word_format(low: float, high: float, bits: int) -> tuple[int, int, int]:
     """Fraction and integer limits of values low … high in that many bits."""
+    # what is always 0 has a format too
     reach = max(abs(low), abs(high), 2.0**-bits)
+    # reach = m · 2^e with m in [1/2, 1): a bit for the sign, e before the point, the rest behind it
     fraction = bits - 1 - math.frexp(reach)[1]
+    # just below a power of 2 rounding reaches it, one unit more than the bits can hold
+    if round(math.ldexp(reach, fraction)) == 2 ** (bits - 1):
+        fraction -= 1
     return fraction, round(math.ldexp(low, fraction)), round(math.ldexp(high, fraction))

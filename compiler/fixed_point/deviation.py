@@ -64,6 +64,8 @@ def output_errors(
             # every second run changes its inputs in every step
             if run % 2 == 0 or k % HELD == 0:
                 words = {name: drawn(port, random) for name, port in inputs.items()}
+            # real numbers of the same words: what is measured is the arithmetic, not the rounding
+            # of inputs
             answer = step(integers, state, words)
             real = {name: _real(port, words[name])[np.newaxis] for name, port in inputs.items()}
             result = stepper.steps(real, states, 1)

@@ -54,6 +54,7 @@ def golden_equalities(program: IntegerProgram, steps: int, seed: int) -> list[Go
     pending = list(_comparisons(program))
     search = _Search(program, np.random.Generator(np.random.Philox(seed)))
     found: list[GoldenWords] = []
+    # each run draws anew: what one begins with may keep a comparison from ever being met
     for _ in range(_MOST_RUNS):
         if not pending or search.work > _MOST_WORK:
             break
@@ -242,6 +243,7 @@ class _Search:
         apart: Callable[[], int],
     ) -> bool:
         """Moves one of some words until a comparison is met; else they stay as they are."""
+        # few words a time: most comparisons depend on most words, and a miss costs a whole search
         for place in _shuffled(len(places), self.random)[:_TRIED]:
             name, element = places[place]
             before = words[name][element]

@@ -15,8 +15,8 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, with_step
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import Declared, NodeId, Program, Signal, State
-from compiler.ir.saturation import saturated
 from compiler.ir.types import Type
+from compiler.passes.analyses.saturation import saturated
 
 Reals = NDArray[np.float64]
 
@@ -81,6 +81,7 @@ class ExactStepper:
 
         They are kept within no range.
         """
+        # as many rows before t0 as the longest look-back: every window then begins inside the log
         t0 = max([0, *(-first for first in firsts.values())])
         series: dict[str, Reals] = {}
         for name, window in windows.items():

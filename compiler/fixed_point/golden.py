@@ -46,6 +46,8 @@ def golden_run(
         words = {entry.port.name: drawn(entry.port, random) for entry in program.inputs}
         if k % _INVALID_EVERY == _INVALID_EVERY // 2:
             for values in words.values():
+                # far outside on both sides in turn; the words beside it show that they are judged
+                # one by one
                 values[0] = limit if k % 2 else -limit
         inputs.append(words)
     return answered(program, windows, inputs, from_init=from_init)

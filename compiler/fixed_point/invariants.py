@@ -11,7 +11,7 @@ from compiler.fixed_point.constants import word_format
 from compiler.fixed_point.integers.program import Width
 from compiler.fixed_point.lowering.forms import PolynomialForm
 from compiler.fixed_point.lowering.lower_graph import Elements, Lowering, UnsupportedError, elements
-from compiler.ir.ops import Clamp, Constant, Window
+from compiler.ir.ops import Clamp, Constant
 from compiler.ir.program import Graph, Node, NodeId, Program, State
 
 _MARGIN = 1.0 + 2.0**-6
@@ -94,6 +94,7 @@ def _proved(
     for name in sizes:
         state_values(lowering, name)
     count = len(symbols)
+    # A is (count, count) over all elements of all states, d the bound of the rest of each row
     matrix, drive = np.zeros((count, count)), np.zeros(count)
     first = np.concatenate([np.full(sizes[name], starts[name]) for name in sizes])
     row = 0
@@ -172,11 +173,6 @@ class _Symbolic(Lowering):
             raise UnsupportedError("a state", self.builder.span, why)
 
 
-def is_buffer(state: State, graph: Graph) -> bool:
-    """Whether the state is the window of a signal or an equation."""
-    return any(isinstance(node.op, Window) and node.op.state == state.name for _, node in graph)
-
-
 def _reach(
     matrix: NDArray[np.float64], drive: NDArray[np.float64], first: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
@@ -185,6 +181,7 @@ def _reach(
         # |Aᵏ| |d| is what an input k steps ago can add now; the start fades by the same powers
         size = np.abs(power)
         driven, started = driven + size @ drive, np.maximum(started, size @ first)
+        # signed: |Aᵏ| forgets where |A|ᵏ may not, as in a filter whose taps alternate in sign
         power = power @ matrix
         if not np.isfinite(power).all():
             return None

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from compiler.fixed_point.constants import finite
 from compiler.fixed_point.integers.builder import IntegerBuilder
 from compiler.fixed_point.integers.program import IntegerMemory, StepError, WordPort
-from compiler.fixed_point.invariants import is_buffer
 from compiler.ir.program import Program
 
 
@@ -27,7 +26,7 @@ def step_errors(
         error = max(builder.errors[node] for node in memory.next)
         if memory.restarts and _may_leave(builder, memory, error):
             error = math.inf  # one of the two may start anew
-        limits = None if is_buffer(state, program.step) else finite(state.range)
+        limits = None if state.is_buffer else finite(state.range)
         if limits is not None:  # both are kept within their limits, which are rounded
             ends = zip(limits, (memory.low, memory.high), strict=True)
             error = max(error, *(abs(a - math.ldexp(b, -memory.fraction)) for a, b in ends))

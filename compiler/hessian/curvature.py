@@ -154,6 +154,7 @@ class _Block:
         if left is None or right is None:
             return None
         b = self._b
+        # (directions, …) under the name with a quote: both tangents may be of one group
         right = b.reshape(right, (self._columns, *b.type(right).axes[1:]))
         # one tangent after the other: the product of both with the weight would have the axes of
         # all

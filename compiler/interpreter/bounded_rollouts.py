@@ -59,6 +59,7 @@ class Forward:
         found: list[RolloutStep] = []
         for number in range(runs.steps):
             values = self._step.run(runs.log, runs.t0 + number, states)
+            # all steps are kept: the reverse pass wants the states before each of them
             found.append(RolloutStep(states, values))
             states = {s.name: values[s.next].repeated(members) for s in self._program.states}
         return found

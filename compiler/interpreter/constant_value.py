@@ -20,4 +20,5 @@ def constant_value(graph: Graph, node: NodeId) -> Array:
                 types = tuple(graph[arg].type for arg in graph[index].args)
                 evaluate = evaluator(graph[index], types, {}, np.dtype(np.float64))
                 values[index] = evaluate(values, NOWHERE)
+    # of a batch of one, as everything is that reads nothing
     return values[node][0]

@@ -113,6 +113,7 @@ class Interpreter:
         States that only losses need and that read the log are then left out.
         """
         rows = _rows(t)
+        # apart, so that a simulation never evaluates what reads targets
         plan = self._score if losses else self._simulate
         every = {state.name: state.next for state in self.program.states}
         following = every if losses else self._simulated

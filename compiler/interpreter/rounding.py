@@ -31,7 +31,7 @@ from compiler.ir import ops
 from compiler.ir.liveness import needed
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
-from compiler.ir.training_values import TrainingValue
+from compiler.ir.training.values import TrainingValue
 
 FUNCTION_ERROR = {"float32": 4e-6, "float64": 1e-14}
 """Relative error of a scalar function in any backend: what tests/native/test_lane_kernels holds the

@@ -86,6 +86,7 @@ class GraphBuilder(NodeStore):
         """baseⁿ as a fixed chain of squarings and products, 1/… for a negative exponent."""
         if exponent < 0:
             return self.divide(self.constant(1.0), self.power(base, -exponent))
+        # the order of the products is part of what a power means: every backend repeats these nodes
         result: NodeId | None = None
         square = base
         while exponent:
@@ -188,6 +189,7 @@ class GraphBuilder(NodeStore):
 
     def concat(self, values: Sequence[NodeId], axis: str) -> NodeId:
         types = [self.type(value) for value in values]
+        # a part of unknown unit takes that of its neighbours, as terms of a sum do
         unit = types[0].unit
         for type in types[1:]:
             unit, conflict = sum_unit("concat", unit, type.unit)
@@ -213,6 +215,8 @@ class GraphBuilder(NodeStore):
     def contract_over(self, left: NodeId, right: NodeId, axis: str) -> NodeId:
         """Σ over one axis that both have of their product, other axes aligned by name."""
         mine, other = self.type(left), self.type(right)
+        # unlike `@` this looks for no partner: whoever calls it knows the axis, and a window stays
+        # last
         rest = [a for a in mine.axes if a.name != axis]
         rest += [a for a in other.axes if a.name != axis and mine.axis(a.name) is None]
         unit = product_unit(mine.unit, other.unit)

@@ -20,6 +20,7 @@ class Node:
     op: Op
     args: tuple[NodeId, ...]
     type: Type
+    # equal operations are one node, wherever the spec writes them: it has the place of the first
     span: Span | None = field(default=None, compare=False)
     label: str | None = field(default=None, compare=False)
     """Name of the equation, output or layer that this value is, for comments and reports."""

@@ -28,6 +28,7 @@ def kept_for_same(most: int) -> Callable[[Callable[[*Given], Made]], Callable[[*
         @wraps(make)
         def made(*given: *Given) -> Made:
             key = tuple(map(_key, given))
+            # taken out and put back last: the order of the dictionary is that of the latest use
             found = kept.pop(key, None)
             if found is None:
                 found = given, make(*given)  # what is given stays, and so does its identity

@@ -22,6 +22,7 @@ class NodeStore:
         self._nodes: list[Node] = list(graph.nodes) if graph else []
         self._known: dict[_Key, NodeId] = {}
         for index, node in enumerate(self._nodes):
+            # where a given graph has equal nodes, users made from here on take the first
             self._known.setdefault(_key(node.op, node.args, node.type), index)
         self._span: Span | None = None
 
@@ -51,6 +52,8 @@ class NodeStore:
     def set_unit(self, node: NodeId, unit: Unit | None) -> None:
         """Give a value whose unit was not known the one that the spec declares for it."""
         found = self._nodes[node]
+        # the key of the node stays the old one: the same formula written again finds it, unit and
+        # all
         if found.type.unit is None:
             self._nodes[node] = replace(found, type=found.type.with_unit(unit))
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
 
-from compiler.ir.training_values import TrainingValue
+from compiler.ir.training.values import TrainingValue
 
 
 class Relation(Enum):

@@ -11,7 +11,7 @@ from compiler.ir.fit import Fit
 from compiler.ir.graph import Graph as Graph
 from compiler.ir.graph import Node as Node
 from compiler.ir.graph import NodeId as NodeId
-from compiler.ir.known import Penalty, Prior, Statistic
+from compiler.ir.training.known import Penalty, Prior, Statistic
 from compiler.ir.types import Axis, Prediction, Type
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import Unit
@@ -126,6 +126,11 @@ class State:
     """The first evaluations of each run that decide by least squares where the state starts, from
     `start` on; None where `start` does."""
 
+    @property
+    def is_buffer(self) -> bool:
+        """Whether it holds samples, which a `Window` shifts by one in each step."""
+        return Type(self.axes).window is not None
+
 
 @dataclass(frozen=True, slots=True)
 class Output:
@@ -217,6 +222,7 @@ class Loss:
     @property
     def entry(self) -> str:
         """The name under `losses:`, or of the output whose default loss this is."""
+        # no name that can have a loss has a dot: losses of sub-models stay behind (R11)
         return self.name.partition(".")[0]
 
 

@@ -23,6 +23,7 @@ from compiler.ir.program import (
 from compiler.ir.types import Axis, Type, describe_axes
 from spec_schema.units.unit import Unit
 
+# enough for the taps of most filters; goldens with tables stay readable
 MOST_NUMBERS = 12
 """Constants with more elements show the first ones and their count."""
 
@@ -33,7 +34,8 @@ def program_text(program: Program) -> str:
         %4: [joint=6, t=5] N*m = contract(%1, %3) over t   # line 12 x_next
 
     Times are written as in specs: `signal x[t-4:t]`, `log x[t+1]`. Two programs with the same text
-    are the same but for places, docs, labels and what long constants hold after their beginning.
+    compute the same step but for what long constants hold after their beginning; places, docs and
+    what training alone asks for (fits, penalties, statistics, fitted starts) are not shown.
     """
     return "".join(f"{line}\n" for line in _lines(program))
 
@@ -80,6 +82,7 @@ def _parameter(parameter: Parameter) -> str:
     if parameter.minimum is not None or parameter.maximum is not None:
         bounds = f" in {_bounds(parameter.minimum, parameter.maximum)}"
     scale = f" scale {parameter.scale!r}" if parameter.scale != 1.0 else ""
+    # its own scale is 1 then, until training has seen the data
     scale = " scale of the data" if parameter.scales_by_data else scale
     fixed = "" if parameter.learn else " fixed"
     prior = ""

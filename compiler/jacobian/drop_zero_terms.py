@@ -65,6 +65,7 @@ class _Draft:
     def add(self, node: Node) -> NodeId:
         b = self.builder
         numbers = [known_number(b, arg) for arg in node.args]
+        # numbers match by value, so that −0 counts as 0 too; x · 1 and x / 1 keep the bits of x
         match node.op, numbers:
             case ops.Add() | ops.Subtract(), [_, 0.0]:
                 return node.args[0]

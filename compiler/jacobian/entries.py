@@ -30,6 +30,7 @@ def matrix_of(
     for row, by_part in enumerate(slopes):
         entries.add_row(row, by_part)
     moving = moving_nodes(builder.graph())
+    # what no state and no input moves is one number for all steps: it may be computed once
     fixed = [True] * len(entries.known)
     for block in entries.blocks:
         for place in block.places(builder.type(block.node).shape).ravel().tolist():

@@ -4,9 +4,9 @@ For x' = f(x, u, p), y = h(x, u, p) the matrices are A = ∂x'/∂x, B = ∂x'/�
 and on request ∂x'/∂p and ∂y/∂p. The vector x is all memory of the step: declared states, and the
 samples in buffers, so that A is that of the whole discrete system.
 
-Every next number and every output is a row of its own, computed without the others; what of a row
-cannot be anything but 0, or is the same number always, is known and not computed. The rest comes
-from reverse mode, one pass a row, with the conventions at kinks of `differentiate`.
+Every next number and every output is a row of its own, computed without the others. Entries that
+are structurally 0 or constant are recorded as numbers; only the others are computed, by reverse
+mode, one pass a row, with its conventions at kinks (`reverse_mode`).
 """
 
 from __future__ import annotations

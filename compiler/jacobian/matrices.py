@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,11 +77,16 @@ class MatrixBlock:
 
     def places(self, shape: tuple[int, ...]) -> NDArray[np.int64]:
         """The entry of every element of the node."""
-        grid = np.array(self.offset)
-        # one axis more for each of the node: in the end an array of entries in the node's shape
-        for size, stride in zip(shape, self.strides, strict=True):
-            grid = grid[..., np.newaxis] + stride * np.arange(size)
-        return grid
+        return strided_places(self.offset, shape, self.strides)
+
+
+def strided_places(offset: int, shape: Sequence[int], strides: Sequence[int]) -> NDArray[np.int64]:
+    """The place offset + Σ stride · index of every element of an array of this shape."""
+    grid = np.array(offset)
+    # one axis more for each of the array: in the end the places have its shape
+    for size, stride in zip(shape, strides, strict=True):
+        grid = grid[..., np.newaxis] + stride * np.arange(size)
+    return grid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,6 +27,7 @@ def slopes_of_elements(elements: Elements, parts: Sequence[NodeId]) -> tuple[Gra
     one = draft.constant(1.0)
     passes = {
         element: gradients(draft, {element: one}, parts)
+        # an element that two rows share, as of `y: x`, is differentiated once
         for element in dict.fromkeys(elements.nodes)
     }
     slopes = [
@@ -35,6 +36,7 @@ def slopes_of_elements(elements: Elements, parts: Sequence[NodeId]) -> tuple[Gra
     ]
     wanted = [slope for by_part in slopes for slope in by_part.values()]
     graph, read = _with_leaves(draft.graph(), elements.parts, wanted)
+    # slopes of constants are known numbers: folding finds them before zeros are looked for
     graph, moved = folded(graph)
     builder = GraphBuilder()
     found = without_zeros(graph, [moved[read[slope]] for slope in wanted], builder)

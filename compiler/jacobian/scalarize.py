@@ -18,6 +18,7 @@ from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import WINDOW, Axis, Type
+from compiler.jacobian.matrices import strided_places
 
 Fixed = tuple[tuple[str, int], ...]
 """Axes that are fixed, by name and in the order of the type, each at an index."""
@@ -47,10 +48,7 @@ class LeafSlice:
     @property
     def numbers(self) -> list[int]:
         """The places of its elements in the leaf, in C order."""
-        grid = np.array(self.offset)
-        for size, stride in zip(self.type.shape, self.strides, strict=True):
-            grid = grid[..., np.newaxis] + stride * np.arange(size)
-        return [int(place) for place in grid.ravel()]
+        return strided_places(self.offset, self.type.shape, self.strides).ravel().tolist()
 
 
 @dataclass(frozen=True, slots=True)

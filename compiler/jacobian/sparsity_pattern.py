@@ -44,6 +44,7 @@ def _marks(graph: Graph, node: Node, marks: list[Any]) -> Marks:
             return np.minimum(found, 1.0)
         case ops.Add() | ops.Subtract() | ops.Minimum() | ops.Maximum():
             return np.maximum(of[0], of[1])
+        # a quotient is 0 where its dividend is, whatever divides it: 0/0 has no part in a pattern
         case ops.Negate() | ops.Identity() | ops.Divide():
             return of[0]
         case ops.Select():

@@ -39,7 +39,13 @@ class MathKernel:
 def _kernel(subroutine: Subroutine, domain: str, error: float) -> MathKernel:
     parameters = subroutine.parameters
     return MathKernel(
-        subroutine.name, len(parameters), parameters, subroutine.doc, domain, error, subroutine
+        name=subroutine.name,
+        arity=len(parameters),
+        parameters=parameters,
+        doc=subroutine.doc,
+        domain=domain,
+        error=error,
+        subroutine=subroutine,
     )
 
 

@@ -13,7 +13,7 @@ from spec_schema.fields.located import Located
 from spec_schema.sections.values import Initializer
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Affine:
     """y[o] = Σᵢ W[o, i] · x[i] (+ b[o]) for every sample and every other axis of x."""
 
@@ -34,6 +34,7 @@ class Affine:
         if summed in self.out:  # from a dimension to itself: the inner one gets another name
             inner = context.own_axis(f"{self.weight}.in", summed.size)
             value, summed = builder.rename(value, summed.name, inner.name), inner
+        # an axis of both argument and result would be summed and kept at once
         others = [axis for axis in context.elements(value) if axis in self.out]
         if others:
             what, wanted = f"the argument of `{context.name}`", f"without `{others[0].name}`"

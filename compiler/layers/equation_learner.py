@@ -36,7 +36,9 @@ def equation_learner(
     inner = context.own_axis("in", sum(arities))
     summed = context.elements(value)[-1]
     bias = ("bias_in", "bias_out") if settings.bias else (None, None)
-    first = Affine("weight_in", bias[0], (inner,), settings.init, 1.0 / summed.size)
+    first = Affine(
+        weight="weight_in", bias=bias[0], out=(inner,), init=settings.init, bound=1.0 / summed.size
+    )
     z = first.of(context, value, summed)
     values: list[NodeId] = []
     taken = 0
@@ -51,7 +53,9 @@ def equation_learner(
     if not settings.mix:
         return builder.rename(joined, terms.name, UNNAMED)
     out = context.out(settings.out)
-    last = Affine("weight_out", bias[1], out, settings.init, 1.0 / len(values))
+    last = Affine(
+        weight="weight_out", bias=bias[1], out=out, init=settings.init, bound=1.0 / len(values)
+    )
     return last.of(context, joined, terms)
 
 

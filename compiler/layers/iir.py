@@ -31,10 +31,12 @@ def iir(context: LayerContext, settings: Iir, arguments: Arguments) -> NodeId:
     if settings.fit is not None:
         orders = Orders(kind="iir", num=settings.num, den=settings.den, out=elements)
         declare_fit(context, settings.fit, signal, orders)
+    # both sums read the same delays of w: the longer one says how many are kept
     depth = max(settings.num, settings.den)
     delays = context.own_axis("delay", depth)
     memory = CallMemory.of(context, arguments, (*elements, delays), unit)
     past = memory.value()
+    # w[t] first, from its own past alone; y is then a sum of it and of the same past
     coefficients = _denominator(context, settings, elements)
     feedback = _sum_of_past(builder, coefficients, past, delays.name)
     now = builder.subtract(signal, feedback)
@@ -46,6 +48,7 @@ def iir(context: LayerContext, settings: Iir, arguments: Arguments) -> NodeId:
         # direct form II: one past w serves numerator and denominator
         older = [builder.element(taps, axes[-1].name, k) for k in range(1, settings.num + 1)]
         result = builder.add(result, _sum_of_past(builder, older, past, delays.name))
+    # w[t] enters in front and the oldest delay leaves: the first one is w[t−1] in the next step
     rest = memory.type.axes[:-1]
     newest = builder.reshape(builder.broadcast(now, rest), (*rest, Axis(delays.name, 1)))
     kept = [newest]
@@ -91,6 +94,7 @@ def _start(context: LayerContext, settings: Iir, elements: tuple[Axis, ...]) -> 
         return value
     start = starting(context)
     builder = start.builder
+    # A(1) = Π (1 − pᵢ) is above 0 for poles inside the unit circle: the quotient always exists
     gain = builder.constant(1.0)
     for coefficient in _denominator(start, settings, elements):
         gain = builder.add(gain, coefficient)

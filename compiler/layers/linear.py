@@ -22,7 +22,14 @@ def linear(context: LayerContext, settings: Linear, arguments: Arguments) -> Nod
     summed = context.elements(value)[-1]
     bias = "bias" if settings.bias is True else settings.bias or None
     out = context.out(settings.out)
-    layer = Affine("weight", bias, out, settings.init, 1.0 / summed.size, settings.weight)
+    layer = Affine(
+        weight="weight",
+        bias=bias,
+        out=out,
+        init=settings.init,
+        bound=1.0 / summed.size,
+        given=settings.weight,
+    )
     return context.dropout(layer.of(context, value, summed), settings.dropout)
 
 

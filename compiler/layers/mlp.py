@@ -31,7 +31,9 @@ def mlp(context: LayerContext, settings: Mlp, arguments: Arguments) -> NodeId:
         rows = math.prod(axis.size for axis in out)
         bound = math.sqrt(6.0 / (summed.size + rows))
         bias = f"bias{number}" if settings.bias else None
-        layer = Affine(f"weight{number}", bias, out, settings.init, bound)
+        layer = Affine(
+            weight=f"weight{number}", bias=bias, out=out, init=settings.init, bound=bound
+        )
         value = layer.of(context, value, summed)
         if number <= len(sizes):
             value = context.dropout(context.apply(activation, [value]), settings.dropout)

@@ -6,14 +6,14 @@ from typing import Literal
 
 import numpy as np
 
-from compiler.ir.known import Statistic
 from compiler.ir.program import NodeId
+from compiler.ir.training.known import Statistic
 from compiler.ir.types import Axis, describe_axes
 from compiler.layers.rules.arguments import read_value
 from compiler.layers.rules.layer_context import LayerContext
 from compiler.layers.rules.layer_rule import Arguments, LayerRule
 from compiler.linking.connected import Connected
-from compiler.lowering.constants import evaluate
+from compiler.lowering.constants import evaluate, refuse_infinite
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Expression, Future, Member, Name, Past, Window
 from spec_schema.sections.layers.tables import Normalize
@@ -145,6 +145,8 @@ def _constant(
             what = f"an option of `{context.name}`"
             shown = describe_axes(found.axes)
             context.refuse(shapes.wrong_axes(what, wanted, shown, expression.span))
+    what = f"an option of `{context.name}`"
+    refuse_infinite(context.lowering, what, found.values, expression.span)
     number = builder.constant(found.values, axes, unit)
     return builder.broadcast(number, builder.type(value).axes)
 

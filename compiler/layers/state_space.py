@@ -34,11 +34,17 @@ def state_space(context: LayerContext, settings: StateSpace, arguments: Argument
     memory = CallMemory.of(context, arguments, (order,), None)
     state = memory.value()
     (source,) = context.elements(value)
-    result = Affine("C", None, out, None, 1.0 / order.size).of(context, state, order)
+    result = Affine(weight="C", bias=None, out=out, init=None, bound=1.0 / order.size).of(
+        context, state, order
+    )
     if settings.feedthrough:
-        direct = Affine("D", None, out, None, 1.0 / source.size).of(context, value, source)
+        direct = Affine(weight="D", bias=None, out=out, init=None, bound=1.0 / source.size).of(
+            context, value, source
+        )
         result = builder.add(result, direct)
-    driven = Affine("B", None, (order,), None, 1.0 / source.size).of(context, value, source)
+    driven = Affine(weight="B", bias=None, out=(order,), init=None, bound=1.0 / source.size).of(
+        context, value, source
+    )
     following = builder.add(_turned(context, settings, state, order), driven)
     start = starting(context).builder
     initial = initial_value(context, settings.init, (Axis(UNNAMED, order.size),))
@@ -60,6 +66,8 @@ def _turned(context: LayerContext, settings: StateSpace, state: NodeId, order: A
     r = [builder.element(reflection, axis.name, i) for i in range(order.size)]
     x = [builder.element(state, order.name, i) for i in range(order.size)]
     forward = builder.negate(builder.multiply(r[last], x[last]))
+    # each rotation passes `forward` on to the one before it, so they come from the last to the
+    # first
     turned: list[NodeId] = []
     for i in reversed(range(last)):
         # r is the sine of the rotation: |r| < 1 whatever training does, so that √ has a slope

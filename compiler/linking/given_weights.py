@@ -29,6 +29,7 @@ class GivenWeights:
         for index, owner in enumerate(owners):
             own = name.removeprefix(f"{owner}.")
             arrays = self._weights.get(owner)
+            # without `weights:` of its own a sub-model has those that its parent may give
             if arrays is None:
                 continue
             if own in arrays:
@@ -61,6 +62,7 @@ class GivenWeights:
             self._findings.report(errors.unusable_weights(part, problem, place, repair))
         for part, arrays in self._weights.items():
             spec = self._files[part].spec
+            # by the first word: arrays of layers and of inner sub-models have a dot
             known = {*spec.parameters, *spec.layers, *spec.use}
             extra = sorted(name for name in arrays if name.partition(".")[0] not in known)
             if extra:

@@ -207,6 +207,7 @@ class _Linking:
     def _compare_sample_times(self, part: str, use: Use, spec: Spec, inner: Spec) -> None:
         # two sub-models without a sample time agree as well
         expected, found = (s.sample_time.value if s.sample_time else None for s in (spec, inner))
+        # a window of so many samples would mean another time: nothing is resampled between models
         if expected != found:
             place = use.file.span
             declared = inner.sample_time.span if inner.sample_time else inner.name.span

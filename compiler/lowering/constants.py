@@ -20,6 +20,7 @@ from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Expression, LanguageName, ListLiteral, Name
 from spec_schema.units.unit import ONE, Unit
 
+# its square is a million numbers, which a graph holds one by one
 LARGEST_EYE = 1000
 
 
@@ -44,6 +45,7 @@ def number(context: Context, expression: Expression, what: str) -> float:
             names.unfit_constant(what, f"is {found}, not one number", expression.span)
         )
         raise LoweringFailed
+    refuse_infinite(context, what, array.values, expression.span)
     return float(array.values)
 
 
@@ -60,6 +62,7 @@ def evaluate(
     context: Context, expression: Expression, environment: Environment = _CONSTANT
 ) -> NamedArray:
     """The array of an expression that depends on constants only, or on what `environment` adds."""
+    # rows of a matrix have no axis in the language before `dims:` names it: no node can hold them
     if isinstance(expression, ListLiteral) and any(
         isinstance(element, ListLiteral) for element in expression.elements
     ):
@@ -92,6 +95,7 @@ def _eye(context: Context, call: Call) -> NamedArray:
         report = names.unfit_constant("the size of `eye`", problem, argument.span)
         context.findings.report(report)
         raise LoweringFailed
+    # twice the same axis, which no node may have: `shaped` replaces both by those of `dims:`
     axis = Axis("", int(size))
     return NamedArray(np.eye(axis.size), (axis, axis), ONE)
 
@@ -116,7 +120,13 @@ def shaped(context: Context, name: str, values: Array, axes: tuple[Axis, ...], s
         repair = shape_repair(context, name, values.shape, axes)
         context.findings.report(names.unfit_constant(f"`{name}`", problem, span, repair))
         raise LoweringFailed
-    if not np.all(np.isfinite(values)):
-        context.findings.report(names.unfit_constant(f"`{name}`", "is not finite", span))
-        raise LoweringFailed
+    refuse_infinite(context, f"`{name}`", values, span)
+    # read-only, and one number for all is not copied
     return np.broadcast_to(values, shape)
+
+
+def refuse_infinite(context: Context, what: str, values: Array | float, span: Span) -> None:
+    """Reports numbers of which one is infinite or NaN: no program has such constants."""
+    if not np.all(np.isfinite(values)):
+        context.findings.report(names.unfit_constant(what, "is not finite", span))
+        raise LoweringFailed

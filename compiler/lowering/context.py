@@ -68,6 +68,7 @@ class Graphs:
             EnvironmentPart.START: GraphBuilder(),
             EnvironmentPart.CONSTANT: GraphBuilder(),
         }
+        # the step and the losses share a graph: a loss compares the nodes that the step computes
         self._step = GraphBuilder()
 
     def builder(self, environment: Environment) -> GraphBuilder:
@@ -75,6 +76,7 @@ class Graphs:
         return self._builders.get(environment.part, self._step)
 
 
+# compared by identity: two lowerings of one spec grow different graphs
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Context:
     """One lowering of a spec. Every field is a value or a collector; none knows how names lower."""
@@ -110,6 +112,7 @@ class Context:
         if not isinstance(entry, Dimension):
             self.findings.report(shapes.unknown_dimension(name, span))
             raise LoweringFailed
+        # a dim that something is laid along is in use, as a name in an expression is
         self.used.add(name)
         return Axis(name, entry.size)
 

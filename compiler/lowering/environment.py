@@ -70,6 +70,8 @@ class Environment:
 
     def of_entry(self) -> Environment:
         """The environment of an equation used here: same time, no arguments, the step's names."""
+        # what a model computes does not change because a loss looks at it (R6); and a formula of
+        # the spec does not see the arguments of the function that names it
         part = EnvironmentPart.STEP if self.part is EnvironmentPart.LOSS else self.part
         return replace(self, part=part, arguments={}, functions=())
 
@@ -87,6 +89,8 @@ class Environment:
 
     def at_start(self) -> Environment:
         """This place in the start of a run: what it reads before t0 is evaluated over the log."""
+        # arguments are lowered where the call stands, which is the start now; what was lowered of
+        # them for the step are numbers of another graph
         arguments = {
             name: FunctionArgument(argument.expression, argument.environment.at_start())
             for name, argument in self.arguments.items()

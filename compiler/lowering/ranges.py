@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from compiler.ir.program import Expected
 from compiler.linking.connected import Connected
 from compiler.lowering.context import Context
@@ -26,6 +28,11 @@ def range_in(
     if low >= high:
         context.findings.report(schema.reversed_range(range.low.text, range.high.text, range.span))
         raise LoweringFailed
+    # checks, tests and controllers draw numbers from all of a range, by its width
+    if not math.isfinite(high - low):
+        text, wanted = f"{range.low.text} … {range.high.text}", "a range whose width is a number"
+        context.findings.report(schema.out_of_range(text, range.span, wanted))
+        raise LoweringFailed
     return low, high
 
 
@@ -45,7 +52,7 @@ def width_in(context: Context, width: Quantity, unit: Unit | None) -> float:
     if width.unit is None or unit is None:
         return width.value
     # scales alone: 10 K wide is 10 degC wide
-    return width.value * (width.unit.scale / unit.scale)
+    return width.value * width.unit.factor_to(unit)
 
 
 def signal_ranges(context: Context) -> dict[str, tuple[float, float]]:
@@ -74,6 +81,7 @@ def expected_values(context: Context) -> list[Expected]:
         if declared is None or not nodes:
             continue
         try:
+            # the unit that lowering found: an equation that declares none has that of its formula
             limits = range_in(context, declared, builder.type(nodes[0]).unit)
         except LoweringFailed:
             continue

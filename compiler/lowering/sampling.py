@@ -13,6 +13,7 @@ from spec_schema.expressions.tree import Duration, Length, Samples, TimeOffset
 LONGEST_WINDOW = 1_000_000
 # A duration such as 0.3 s at 0.1 s is 2.9999999999999996 samples in floating point.
 _TOLERANCE = 1e-9
+_BEYOND = 1e15
 
 
 class Sampling:
@@ -48,7 +49,8 @@ class Sampling:
     def from_seconds(self, seconds: float, text: str, span: Span) -> int:
         """Samples of a duration in seconds; `text` is how the user wrote it."""
         sample_time = self.required(f"the duration {text}", span)
-        exact = seconds / sample_time
+        # a quotient that is ∞ has no nearest integer; far above it nothing is a window
+        exact = min(seconds / sample_time, _BEYOND)
         nearest = round(exact)
         if abs(exact - nearest) > _TOLERANCE * max(1.0, abs(exact)):
             # 0 s is no window and no delay

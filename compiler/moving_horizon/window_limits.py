@@ -34,6 +34,7 @@ def with_limits(
                 outputs.append(
                     Output(f"{word} {state.name}", builder.constant(end, unit=state.unit))
                 )
+        # no name of a spec has a blank: outputs of the window meet none of the model
         value = f"bounded {state.name}"
         outputs.append(Output(value, builder.state(state.name, Type(state.axes, state.unit))))
         paths.append(

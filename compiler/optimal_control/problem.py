@@ -159,6 +159,12 @@ class ControlProblem:
         found = {state.name: state.origin for state in self.program.states}
         return {n: o for n, o in found.items() if isinstance(o, History | Tape)}
 
+    @property
+    def longest_preview(self) -> int:
+        """Samples of the disturbance that looks ahead farthest, its own among them; 1 without."""
+        windows = [Type(member.axes).window or 1 for member in self.disturbances.members]
+        return max(windows, default=1)
+
     def previous(self, control: str) -> tuple[int, ...] | None:
         """The places in x of the elements of u_{k−1}; None where x does not hold them."""
         name = f"{control}.history"

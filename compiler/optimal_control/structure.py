@@ -32,6 +32,7 @@ class ProductEstimate:
     @property
     def least(self) -> Chosen:
         """The structure with fewer products."""
+        # a tie goes to the recursion, whose memory grows with N and not with its square
         return "condensed" if self.condensed < self.staged else "staged"
 
 

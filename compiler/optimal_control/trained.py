@@ -48,7 +48,8 @@ def size_of_cost(problem: ControlProblem) -> float:
     # the same points each time: an exported controller must not depend on chance
     random = np.random.default_rng(0)
     limits = {control.name: control.scale for control in problem.control_limits}
-    rows = DRAWS + 1 + max((_ahead(m.axes) for m in problem.disturbances.members), default=0)
+    # rows beyond the last point, for windows that look ahead of it
+    rows = DRAWS + problem.longest_preview
     log = {
         signal.name: _drawn(random, rows, signal.axes, signal.range, limits.get(signal.name, 1.0))
         for signal in program.signals
@@ -62,11 +63,6 @@ def size_of_cost(problem: ControlProblem) -> float:
     # costs that are 0 everywhere say nothing of how steep they are
     finite = costs[np.isfinite(costs) & (costs > 0)]
     return float(finite.max()) if finite.size else 1.0
-
-
-def _ahead(axes: tuple[Axis, ...]) -> int:
-    window = Type(axes).window
-    return 0 if window is None else window - 1
 
 
 def _drawn(

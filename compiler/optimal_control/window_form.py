@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from compiler.hessian.step_derivatives import next_value
 from compiler.ir.ops import Identity, ReadSignal, Reshape, Slice, Window
 from compiler.ir.program import NodeId, Output, Program, State
 from compiler.ir.types import Type
@@ -73,7 +74,7 @@ def window_form(problem: ControlProblem) -> WindowForm:
             newest += range(len(memory), len(memory) + size)
             memory += [Sample(is_control=False, number=first + i, lag=0) for i in range(size)]
             names.append(state.name)
-            results.append(f"next({state.name})")
+            results.append(next_value(state.name))
             sizes.append(size)
             continue
         # windows are last among the axes (R1), so that a row of the buffer is one element's past
@@ -90,6 +91,7 @@ def window_form(problem: ControlProblem) -> WindowForm:
             ]
             continue
         first = sum(sizes)
+        # before `memory` grows: its length is where this buffer begins in x
         newest += [len(memory) + i * length + length - 1 for i in range(count)]
         memory += [
             # and here, with the newest of this stage, s_{k−L+1+j}

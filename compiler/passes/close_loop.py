@@ -54,6 +54,12 @@ class LoopError(Exception):
         self.cycle = cycle
         self.span = span
 
+    @property
+    def reason(self) -> str:
+        """Why, with what the cycle runs through, as messages say it."""
+        through = f" ({' → '.join(self.cycle)})" if self.cycle else ""
+        return f"{self.kind.value}{through}"
+
 
 WARM_UP = "warm-up"
 """The state that counts down the evaluations in which closed signals are still read."""

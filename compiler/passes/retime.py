@@ -144,6 +144,8 @@ def _name(
 def _worthwhile(program: Program, moves: list[_Move]) -> list[_Move]:
     """The moves that need no second buffer, or else those that save calls of functions."""
     fit = [move for move in moves if _fits(program, move)]
+    # several functions of one buffer mean several buffers: memory for time, worth it for calls
+    # alone
     if len(moves) > 1:
         return [move for move in fit if move.calls]
     return fit
@@ -253,12 +255,12 @@ def _state(
     assert isinstance(old.origin, History)
     source = graph[use].label or old.origin.source
     return State(
-        move.name,
-        builder.type(following).axes,
-        builder.type(following).unit,
-        History(source),
-        following,
-        start,
+        name=move.name,
+        axes=builder.type(following).axes,
+        unit=builder.type(following).unit,
+        origin=History(source),
+        next=following,
+        start=start,
         doc=old.doc,
         span=graph[use].span or old.span,
     )

@@ -27,6 +27,7 @@ def settle_zeros(program: Program) -> Program:
         %9: scalar = %8 + 0.0
     """
     sums = active_sums(program.step, supports(program.step, compact_sets(program.step)))
+    # a pass over its own result changes nothing
     settled = {
         arg
         for _, node in program.step

@@ -15,7 +15,6 @@ from functools import cache
 from types import NoneType
 from typing import Any, Literal, TypeVar, assert_never, cast, get_args, get_origin, get_type_hints
 
-from compiler.ir.known import Penalty, Prior, Statistic
 from compiler.ir.ops import Op, ReadTraining
 from compiler.ir.program import (
     Declared,
@@ -29,6 +28,7 @@ from compiler.ir.program import (
     Parameter,
     Tape,
 )
+from compiler.ir.training.known import Penalty, Prior, Statistic
 from compiler.ir.types import Axis, Prediction, Type
 from compiler.program_file.plain_data import (
     Malformed,

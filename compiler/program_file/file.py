@@ -44,6 +44,7 @@ def data_from_json(text: str, name: str) -> Any:
     if len(text) > LONGEST_TEXT:
         raise SpecError([files.not_a_program(name, "it is too long")])
     try:
+        # Python reads NaN and Infinity, which JSON does not have
         return json.loads(text, parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
         reason = "it is not JSON" if isinstance(error, ValueError) else "it is nested too deep"

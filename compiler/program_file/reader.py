@@ -51,5 +51,6 @@ def read_program(data: Any) -> Program:
         doc=record.text("doc"),
         spec_hash=record.text("spec_hash"),
     )
+    # a key that this version does not know may change what the program means: refused
     record.close()
     return program

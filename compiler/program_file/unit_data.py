@@ -16,6 +16,8 @@ _LARGEST_POWER = 1000
 def unit_to_data(unit: Unit) -> Any:
     """`"N*m"`; for what texts cannot say, as the root of a metre, `[["m", "1/2"]]`."""
     try:
+        # roots of units have a text that nothing reads, and products may round their scale another
+        # way
         readable = parse_unit(unit.text).same_as(unit)
     except UnitError:
         readable = False

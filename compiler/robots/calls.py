@@ -133,6 +133,7 @@ class _RobotCall:
         """Refuses an argument without the joints, or with another axis that the result has."""
         axes = self._builder.type(node).axes
         rest = [axis for axis in axes if axis != self._joint]
+        # a scalar is the same number at every joint; axes beside the joints, as a window, are kept
         if axes == tuple(rest) != () or any(axis in rest for axis in self._own_axes(member)):
             shown, wanted = _shown(self.call.function), f"`{self._joint.name}`"
             report = robots.argument_of_robot(
@@ -242,6 +243,8 @@ class _RobotCall:
         flat = Axis(f"{self.name}.{len(nodes)} numbers", 1)
         parts = [builder.reshape(builder.broadcast(node, rest), (flat, *rest)) for node in nodes]
         whole = Axis(flat.name, len(parts))
+        # emitted with the unit of the result: numbers of turning and sliding joints have none in
+        # common
         joined = builder.emit(Concat(flat.name), tuple(parts), Type((whole, *rest), unit))
         if len(parts) == 1:
             joined = parts[0]

@@ -11,6 +11,7 @@ def position(bodies: RigidBodies, place: BodyPoint, q: Numbers) -> list[Number]:
     """x, y, z of a point of a body, in the frame of the world."""
     poses = bodies.poses(q)
     point, body = place.offset, place.body
+    # from the body to the base: each pose turns into the parent's frame what is known in its own
     while body != WORLD:
         point = plus(times(poses[body].rotation, point), poses[body].offset)
         body = bodies.robot.bodies[body].parent

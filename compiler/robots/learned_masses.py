@@ -42,6 +42,7 @@ def _learned(robot: Robot, index: int, read: Callable[[str], Sequence[Number]]) 
     if "inertia" in robot.learned:
         factor = of_factor(mass, _triple(read("size")), _triple(read("shear")))
         return about_origin(mass, com, congruent(to_body, factor))
+    # `heavy` bodies alone come here: their mass in the file is above 0
     growth = mass * (1.0 / body.inertia.mass)
     a, b, c = (scaled(growth, row) for row in body.inertia.spread)
     spread: Rows = (a, b, c)

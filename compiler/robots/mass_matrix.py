@@ -30,6 +30,8 @@ def mass_matrix(bodies: RigidBodies, q: Numbers) -> Entries:
         pose = poses[index]
         composite[body.parent] += composite[index].in_parent(pose.rotation, pose.offset)
         at = index
+        # along the line to the base alone: joints of two branches do not couple, their entries stay
+        # 0.0
         while tree[at].parent != WORLD:
             force, moment = times(poses[at].rotation, force), times(poses[at].rotation, moment)
             moment = plus(moment, cross(poses[at].offset, force))
@@ -53,6 +55,7 @@ def solved(bodies: RigidBodies, matrix: Entries, right: list[Number]) -> list[Nu
     """x of M x = b."""
     parents = [body.parent for body in bodies.robot.bodies]
     factors, pivots_of = _factorised(parents, matrix)
+    # one quotient for each joint; all that is left are products, which a processor pipelines
     inverses = [1.0 / pivot for pivot in pivots_of]
     x = list(right)
     # Lᵀ D L x = b: Lᵀ from the leaves to the base, then D, then L back to the leaves
@@ -83,9 +86,11 @@ def _factorised(parents: list[int], matrix: Entries) -> tuple[Entries, list[Numb
             continue  # nothing couples, and a pivot of 0 is no division by 0
         inverse = 1.0 / factors[k][k]
         slopes = {i: factors[k][i] * inverse for i in above}
+        # of the symmetric rest the lower triangle: `above` runs towards the base, so that j ≤ i
         for position, i in enumerate(above):
             for j in above[position:]:
                 factors[i][j] = factors[i][j] - slopes[i] * factors[k][j]
+        # only now: until here row k is needed as it was
         for i, slope in slopes.items():
             factors[k][i] = slope
     return factors, [factors[k][k] for k in range(len(parents))]

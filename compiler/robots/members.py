@@ -79,6 +79,7 @@ def undetermined_joint(bodies: RigidBodies) -> int | None:
 
     Looked for at a pose that is special in nothing, with masses that are known.
     """
+    # at 0 or π/2 axes can line up that do so nowhere else
     pose = [0.3 + 0.37 * index for index in range(len(bodies.robot.bodies))]
     matrix = _with_armature(bodies, mass_matrix(bodies, pose))
     diagonal = [matrix[index][index] for index in range(len(matrix))]

@@ -60,6 +60,7 @@ def joint_forces(
         angular.append(twist)
         accelerations.append(pull)
         turning.append(_turning(spin, twist))
+        # of the body alone; what hangs on it adds its own in the sweep back
         forces.append(_force(mass, pull, turning[-1]))
     found: list[Number] = [0.0] * len(tree)
     # outwards speeds, inwards forces: what a body needs its parent must pass on

@@ -30,6 +30,7 @@ class SignedNode:
             if other == 0.0:
                 return self
             other = SignedNode(self.builder, self.builder.constant(other, unit=None))
+        # −a − b is −(a + b): the sign waits for a sum that can take it as a subtraction
         if self.is_negative and other.is_negative:
             return -self._made(ops.Add(), self.node, other.node)
         if self.is_negative:
@@ -75,6 +76,7 @@ class SignedNode:
         """An even or odd scalar function of it: `cos`, `sin`."""
         made = ops.Apply(function)
         result = SignedNode(self.builder, self.builder.emit(made, (self.node,), self._type()))
+        # sine is odd and cosine even: the sign of an argument costs no operation
         return -result if self.is_negative and function == "sin" else result
 
     def as_node(self) -> NodeId:

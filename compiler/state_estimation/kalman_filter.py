@@ -53,6 +53,7 @@ class KalmanFilter:
         self.numbers = vector_of("x", [(s.name, s.axes, s.unit) for s in program.states])
         """ξ: states, then estimated parameters."""
         self._size = self.numbers.size
+        # slopes by ξ alone: inputs are known, and have no variance
         self._derivatives = step_derivatives(program, inputs=(), hessian=False)
         self._judge = DerivativeInterpreter(self._derivatives, program, self._weights, self.dtype)
         self._columns = self._places()
@@ -76,6 +77,7 @@ class KalmanFilter:
         self.covariance = np.diag(deviations(problem, self.numbers, initial=True) ** 2).astype(
             self.dtype
         )
+        # a start that reads the log cannot be evaluated online: such states wait to be given (R13)
         alone = [s for s in program.states if not reads_log(program.start, s.start)]
         # registers fill with the first sample that they are given, not with what `history` says
         alone = [state for state in alone if state.name not in problem.registers]
@@ -275,11 +277,11 @@ class KalmanFilter:
         )
         own = self.problem.parameters
         return Estimate(
-            status,
-            {name: value for name, value in found.items() if name not in own},
-            {name: value for name, value in found.items() if name in own},
-            deviations,
-            innovations,
+            status=status,
+            states={name: value for name, value in found.items() if name not in own},
+            parameters={name: value for name, value in found.items() if name in own},
+            std=deviations,
+            innovations=innovations,
         )
 
 

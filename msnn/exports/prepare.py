@@ -90,8 +90,7 @@ def _late(request: Request, program: Program, delay: Sequence[Located[str]]) -> 
 
 def loop_fault(error: LoopError, place: Span | None) -> Diagnostic:
     """Why a signal cannot be fed back, at the place that asks for it or else where it fails."""
-    through = f" ({' → '.join(error.cycle)})" if error.cycle else ""
-    return not_closable(error.signal, place or error.span, f"{error.kind.value}{through}")
+    return not_closable(error.signal, place or error.span, error.reason)
 
 
 def _closed(request: Request, entry: TargetEntry | None) -> Program | None:

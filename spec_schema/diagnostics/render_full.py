@@ -48,6 +48,7 @@ class Told(Protocol):
 
 def in_full(told: Iterable[Told], sources: Iterable[SourceText], *, color: bool) -> str:
     """All diagnostics, an empty line between two; `sources` are the files whose lines are shown."""
+    # whole files at once: a name or a line can hold what would steer the terminal
     texts = {source.path: source for source in map(printable_source, sources)}
     return "\n\n".join(_full_text(each, texts, color) for each in told)
 
@@ -154,6 +155,7 @@ def _columns(text: str) -> int:
 def _column_count(character: str) -> int:
     if character == "\t":
         return len(_TAB)
+    # an accent of its own stands above the letter before it
     if unicodedata.combining(character):
         return 0
     return 2 if unicodedata.east_asian_width(character) in {"W", "F"} else 1

@@ -24,6 +24,7 @@ def sarif_log(diagnostics: Iterable[Diagnostic]) -> dict[str, Any]:
     driver = {"name": "msnn", "version": __version__, "rules": [_rule(code) for code in codes]}
     run = {
         "tool": {"driver": driver},
+        # columns of spans count characters, not units of UTF-16 or bytes
         "columnKind": "unicodeCodePoints",
         "results": [
             _result(diagnostic, codes.index(diagnostic.code)) for diagnostic in diagnostics
@@ -75,4 +76,5 @@ def _uri(file: str) -> str:
     if not path.is_absolute():
         return quote(path.as_posix())
     here = Path.cwd()
+    # a host looks for relative names in its checkout, and takes absolute ones for another machine's
     return quote(path.relative_to(here).as_posix()) if path.is_relative_to(here) else path.as_uri()

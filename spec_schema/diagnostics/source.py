@@ -59,6 +59,7 @@ class SourceText:
     def position(self, offset: int) -> tuple[int, int]:
         """1-based line and column of a character offset."""
         offset = min(max(offset, 0), len(self.text))
+        # the last line that starts at or before the offset
         line = bisect_right(self._starts, offset)
         return line, offset - self._starts[line - 1] + 1
 

@@ -17,9 +17,11 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     best, nearness = None, (furthest + 1, False)
     for candidate in known:
         longer = len(candidate) - len(word)
+        # each character more or less is a typing error: the distance need not be computed
         if abs(longer) > min(furthest, nearness[0]):
             continue
         distance = _distance(word.casefold(), candidate.casefold())
+        # a word of which every letter is wrong is another word
         if (distance, longer != 0) < nearness and distance < len(word):
             best, nearness = candidate, (distance, longer != 0)
     return best
@@ -37,6 +39,8 @@ def _distance(left: str, right: str) -> int:
         before, previous, current = current, before, [row]
         for column, b in enumerate(right, start=1):
             cost = min(before[column] + 1, current[-1] + 1, before[column - 1] + (a != b))
+            # `previous` is the row before the last: a swap reaches two characters back in both
+            # words
             swapped = row > 1 and column > 1 and a == right[column - 2] and b == left[row - 2]
             current.append(min(cost, previous[column - 2] + 1) if swapped else cost)
     return current[-1]

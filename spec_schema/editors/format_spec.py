@@ -32,10 +32,13 @@ def format_spec(path: str, text: str) -> str:
     text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
     if not path.endswith(".json"):
         text = _quoted_where_needed(path, text)
+    # raises for a spec with errors: what nobody can read is not to be moved about
     read_one_spec(path, text)
     before = _meaning(path, text)
     if path.endswith(".json"):
         return _json(text)
+    # whatever a layout overlooks, such as an alias above its anchor, shows in another tree: the
+    # text then keeps its order, or stays as it is
     for layout in (_in_order, _tidied):
         formatted = layout(path, text)
         if _meaning(path, formatted) == before:
@@ -46,6 +49,7 @@ def format_spec(path: str, text: str) -> str:
 def _quoted_where_needed(path: str, text: str) -> str:
     """The text with quotes around values that could not be read without them."""
     for _ in range(_MOST_QUOTES):
+        # read anew after each repair, which moves the places of all that stands behind it
         findings = Findings()
         read_tree(SourceText(path, text), findings)
         repaired = next((new for d in findings.in_order if (new := _repaired(text, d))), None)
@@ -64,6 +68,7 @@ def _repaired(text: str, diagnostic: Diagnostic) -> str | None:
     start += diagnostic.span.column - 1
     named = _QUOTABLE.fullmatch(diagnostic.help or "")
     value = named[1] if named else _call_at(text, start)
+    # quotes in quotes and values of several lines are left to people
     if not value or not text.startswith(value, start) or '"' in value or "\n" in value:
         return None
     return text[:start] + quoted(value) + text[start + len(value) :]
@@ -100,6 +105,7 @@ def _in_order(path: str, text: str) -> str:
     """The sections in the order of the grammar; what stands above the first stays on top."""
     root = _root(path, text)
     first = min(root.keys.values(), default=None)
+    # documents, directives and keys inside { } have no lines of their own that could move
     if _MARKER.search(text) or first is None or any(k.column > 1 for k in root.keys.values()):
         return _tidied(path, text)
     header, sections = _sections(_lines(root, text), root)
@@ -121,6 +127,7 @@ def _sections(lines: list[str], root: Table) -> tuple[list[str], list[_Section]]
     for index, (_, span) in enumerate(keys):
         start = span.line - 1
         above = keys[index - 1][1].line if index else start
+        # comments at the margin right above a key are about it, and move with it
         while start > above and lines[start - 1].startswith("#"):
             start -= 1
         starts.append(start)
@@ -166,6 +173,7 @@ def _without_needless(lines: Sequence[str]) -> list[str]:
 def _lines_of_texts(node: Node) -> Iterator[int]:
     match node:
         case Scalar(span=span):
+            # not the first line, which has its key: its end may be tidied
             yield from range(span.line + 1, span.end_line + 1)
         case Listing(items=items):
             for item in items:
@@ -195,6 +203,7 @@ def _meaning(path: str, text: str) -> Any:
 def _values(node: Node) -> Any:
     match node:
         case Scalar(text=text, value=value):
+            # by text and by meaning: `010` and `10` must not pass for each other, nor 1 for True
             return (text, repr(value))
         case Listing(items=items):
             return [_values(item) for item in items]

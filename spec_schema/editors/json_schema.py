@@ -40,6 +40,7 @@ def json_schema_text() -> str:
 def _definition(entry: type[Entry]) -> dict[str, Any]:
     """The mapping, and beside it the scalar or list that may stand in its place."""
     required = [key for key, _, needed in _fields(entry) if needed]
+    # a section whose entries are commented out is null, and legal
     types = ["object"] if required or issubclass(entry, OneOf) else ["object", "null"]
     mapping: dict[str, Any] = {
         "type": types,
@@ -58,6 +59,7 @@ def _definition(entry: type[Entry]) -> dict[str, Any]:
 
 def _fields(entry: type[Entry]) -> Iterator[tuple[str, JsonSchema, bool]]:
     for name, field in entry.model_fields.items():
+        # the reader adds the place, and an optimizer where a stage has none
         if name != "place":
             schema = _schema(field.annotation, field.metadata)
             yield field.alias or name, schema, field.is_required() and name != "optimizer"
@@ -80,6 +82,7 @@ def _defaults(entry: type[Entry]) -> dict[str, bool | float | str | None]:
 
 def _reserved(entry: type[Entry], key: str) -> dict[str, Any]:
     said = f"`{key}` in {entry.noun} is planned, not in this version of msnn."
+    # `not: {}` refuses every value, with words of its own in editors that have them
     return {"description": said, "errorMessage": said, "doNotSuggest": True, "not": {}}
 
 

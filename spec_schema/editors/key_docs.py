@@ -30,6 +30,7 @@ def key_doc(entry: type[Entry], key: str) -> str:
     """
     fields = ((field.alias or name, name, field) for name, field in entry.model_fields.items())
     ((name, annotation),) = ((name, field.annotation) for k, name, field in fields if k == key)
+    # the nearest class that says something about the key
     for kind in entry.__mro__:
         if issubclass(kind, Entry) and name in (
             found := _field_docs(kind.__module__)[kind.__name__]

@@ -17,6 +17,7 @@ def tab(span: Span) -> Diagnostic:
 def bracket_in_flow(text: str, span: Span) -> Diagnostic:
     """E0103: an unquoted `x[t+1]` within { } or [ ]."""
     message = "an unquoted value within { } or [ ] cannot contain brackets"
+    # the parser stopped within a call: where the value ends is anybody's guess
     is_whole = text.count("(") == text.count(")")
     meant = f'"{text}"' if is_whole else None
     repair = f"quote it: {meant}" if meant else "quote the whole expression"

@@ -18,6 +18,7 @@ def binding(expression: Expression) -> int:
             return COMPARE
         case Negate() | Binary(operator=Operator.ADD | Operator.SUBTRACT):
             return SUM
+        # a quotient is none of these: the bar of its fraction encloses both sides
         case Binary(operator=Operator.MULTIPLY | Operator.CONTRACT):
             return PRODUCT
         case Binary():

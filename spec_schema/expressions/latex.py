@@ -128,6 +128,7 @@ def _safe(text: str) -> str:
 
 def _at(operand: Expression, index: str) -> str:
     """A value with its samples as index; what has an index already is set in parentheses."""
+    # a name with an underscore has an index already, of its second word
     if isinstance(operand, Name) and "_" not in operand.name:
         return f"{name_latex(operand.name)}_{{{index}}}"
     # an index behind an index is an error in LaTeX

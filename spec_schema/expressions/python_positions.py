@@ -63,6 +63,7 @@ class PythonPositions:
     def _offset(self, line: int, byte_column: int) -> int:
         added = 1 if line == 1 else 0
         line_text = self._lines[line - 1]
+        # Python counts columns in bytes of UTF-8
         if not line_text.isascii():
             # of the bytes before it, as many characters as they decode to
             byte_column = len(line_text.encode()[: byte_column - added].decode()) + added

@@ -172,6 +172,7 @@ class _Scanner:
 
     def _open(self, bracket: str, start: int) -> None:
         # `2 (x)` is a product without its sign, `f(x)` a call
+        # only of numbers it is sure: `gain (x)` may be a call of a function that is not declared
         literal = self.operand is not None and self.text[self.operand[0]] in _DIGITS
         if literal and self.operand is not None:
             first, last = self.operand

@@ -138,6 +138,7 @@ def findings_of(info: ValidationInfo) -> Findings:
 
 def single_key(node: Node, key: str) -> Table:
     """`{key: node}` at the place of the node."""
+    # where a lone value has no key, its own place stands for one
     inner = replace(node, key=node.key or node.span)
     return Table({key: inner}, {key: node.key or node.span}, node.span, node.key)
 

@@ -68,6 +68,7 @@ def read_array(node: Node, findings: Findings) -> Expression:
             raise RefusedError
         case Listing(items=items):
             return ListLiteral(tuple(read_array(item, findings) for item in items), node.span)
+        # as YAML has it; the call that it becomes is lowered like one in a formula
         case Table(entries={"linspace": Listing(items=items)}) if len(node.entries) == 1:
             arguments = tuple(read_expression(item, findings) for item in items)
             return Call(Name("linspace", node.keys["linspace"]), arguments, (), node.span)

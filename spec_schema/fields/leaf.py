@@ -66,6 +66,7 @@ def list_of(item: JsonSchema) -> JsonSchema:
 
 def declarations(item: JsonSchema) -> JsonSchema:
     """A mapping whose keys are new names."""
+    # `x-` keys of other tools are admitted by the schema around, not here
     names = {"pattern": NEW_NAME}
     return {"type": ["object", "null"], "propertyNames": names, "additionalProperties": item}
 

@@ -33,6 +33,7 @@ def _meant(text: str, *, is_integer: bool) -> str | None:
         return f"{number} #{comment}"
     # digits grouped by underscores, and what ends a line elsewhere
     plain = re.sub(r"(?<=\d)_(?=\d)", "", text).rstrip(";, ")
+    # a share is written as a number here: `%` is a unit, of quantities alone
     percent = re.fullmatch(r"([\d.]+)\s*%", plain)
     value = _number(plain if percent is None else percent[1])
     if value is None:

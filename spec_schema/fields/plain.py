@@ -174,6 +174,7 @@ def _read_weight(node: Node, findings: Findings) -> Located[float]:
 
 def _read_character(node: Node, findings: Findings) -> str:
     found = scalar(node, findings, "one character")
+    # counted in code points: what looks like one character may be several
     if len(found.text) != 1:
         findings.report(errors.wrong_kind("one character", "several", found.span))
         raise RefusedError
@@ -182,6 +183,7 @@ def _read_character(node: Node, findings: Findings) -> str:
 
 def _read_language_version(node: Node, findings: Findings) -> int:
     found = scalar(node, findings, "the language version 1")
+    # True == 1 == 1.0 in Python
     if found.value != 1 or isinstance(found.value, bool | float):
         findings.report(errors.unknown_language(found.text[:40], found.span))
         raise RefusedError

@@ -103,6 +103,10 @@ def read_positive_length(node: Node, findings: Findings) -> Length:
             raise RefusedError
 
 
+SHORTEST_SAMPLE, LONGEST_SAMPLE = 1e-100, 1e100
+"""Seconds; between them rates, slopes and windows in samples are numbers."""
+
+
 def _read_sample_time(node: Node, findings: Findings) -> Quantity:
     second, hertz = unit_symbol("s"), unit_symbol("Hz")
     assert second is not None
@@ -112,12 +116,16 @@ def _read_sample_time(node: Node, findings: Findings) -> Quantity:
     # a bare number is no sample time: nobody could say whether it is of seconds
     quantity = read_quantity(found, findings) if has_unit else Quantity(0, None, found.span)
     unit = quantity.unit
-    if unit is not None and 0 < quantity.value < math.inf:
-        if unit.exponents == second.exponents:
-            return Quantity(unit.in_si(quantity.value), second, found.span)
+    size = 0.0 if unit is None else unit.in_si(quantity.value)
+    if unit is not None and size > 0:
         # `100 Hz` is 10 ms
-        if unit.exponents == hertz.exponents:
-            return Quantity(1 / unit.in_si(quantity.value), second, found.span)
+        seconds = 1 / size if unit.exponents == hertz.exponents else size
+        if unit.exponents in (second.exponents, hertz.exponents):
+            if SHORTEST_SAMPLE <= seconds <= LONGEST_SAMPLE:
+                return Quantity(seconds, second, found.span)
+            wanted = f"from {SHORTEST_SAMPLE:g} s to {LONGEST_SAMPLE:g} s"
+            findings.report(errors.out_of_range(found.text, found.span, wanted))
+            raise RefusedError
     findings.report(errors.malformed_sample_time(found.text[:60], found.span))
     raise RefusedError
 

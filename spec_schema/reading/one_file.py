@@ -56,6 +56,7 @@ def read_one_spec(
         root = read_tree(source, findings)
         findings.raise_errors()
         if root is not None:
+            # in the tree, before the schema: a value of a setting is checked like one of the file
             root = apply_settings(root, settings, findings)
         findings.raise_errors()
         try:

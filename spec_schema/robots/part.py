@@ -225,6 +225,7 @@ def _parameters(
     sizes: list[list[float]] = []
     shears: list[list[float]] = []
     for body in heavy if "inertia" in robot.learned else ():
+        # heavy bodies alone have parameters, so that the quotient exists
         spread = multiple(1 / body.inertia.mass, body.inertia.spread)
         # The second moment per mass as L Lᵀ: its diagonal (`size`) stays positive while it is
         # learned, so that no training leaves the possible bodies (decision 0242).

@@ -105,6 +105,7 @@ def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
             _report_names("joint", joint.name, element.span, joints[joint.name].span, findings)
         elif joint is not None:
             joints[joint.name] = joint
+    # ROS 1 has transmissions in the robot, ROS 2 in its description of the hardware
     for around in (root, *root.all("ros2_control")):
         for element in around.all("transmission"):
             _look_at_transmission(element, findings)
@@ -165,6 +166,7 @@ def _inertia(link: str, element: XmlElement | None, findings: Findings) -> Inert
     if mass == 0.0:
         return Inertia()
     spread = second_moment(moments)
+    # moments that no mass has, a ≤ b + c broken: simulators take such files, so it is a warning
     if not is_positive(spread):
         findings.report(errors.unlikely_inertia(link, inertia_element.span))
     # the matrix is along the axes of `<inertial>`: turned into those of the link

@@ -55,6 +55,7 @@ def read_xml(source: SourceText, findings: Findings) -> XmlElement | None:
 
     def offset() -> int:
         nonlocal reached
+        # expat counts bytes; decoding on from the last place makes all of them cost one pass
         index = max(parser.CurrentByteIndex, reached[0])
         reached = index, reached[1] + len(content[reached[0] : index].decode(errors="ignore"))
         return reached[1]
@@ -87,6 +88,7 @@ def read_xml(source: SourceText, findings: Findings) -> XmlElement | None:
     parser.StartElementHandler = opened
     parser.EndElementHandler = closed
     parser.CharacterDataHandler = written
+    # an entity can be declared in a document type alone: without one no text grows (billion laughs)
     parser.StartDoctypeDeclHandler = refuse
     parser.EntityDeclHandler = refuse
     try:

@@ -27,6 +27,7 @@ def _read_dimension(node: Node, findings: Findings) -> Dimension:
     labels: dict[str, Scalar] = {}
     for item in node.items:
         label = scalar(item, findings, "a label")
+        # by their text: `1` and `01` are two labels
         first = labels.setdefault(label.text, label)
         if first is not label:
             findings.report(errors.repeated_item(label.text, label.span, first.span))

@@ -134,8 +134,10 @@ class ControlBound(Entry):
     @model_validator(mode="after")
     def _says_one_thing(self, info: ValidationInfo) -> "ControlBound":
         findings = findings_of(info)
+        # such a bound is most likely a slip of indentation
         if self.min is None and self.max is None and self.rate is None:
             findings.report(errors.bound_of_nothing(self.place.key))
+        # a violation that may not be has no price
         if self.hard and self.soft is not None:
             findings.report(errors.soft_and_hard(self.soft.place.key))
         return self

@@ -55,6 +55,7 @@ def _parts(value: Any) -> Iterator[Reference | Call]:
             for part in cast("Mapping[str, Any]", value).values():
                 yield from _parts(part)
         case _ if dataclasses.is_dataclass(value):
+            # the call itself, and then what it is made of: its function is a reference too
             if isinstance(value, Call):
                 yield value
             for field in dataclasses.fields(value):

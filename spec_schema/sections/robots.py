@@ -29,6 +29,7 @@ class Joints:
 def _read_joints(node: Node, findings: Findings) -> Joints:
     if not isinstance(node, Listing):
         name = scalar(node, findings, "a dimension, or a list of joints")
+        # whether a dimension of this name has labels is known once the whole spec is read
         return Joints(Located(name.text, name.span, name.key), (), node.span)
     labels: dict[str, Located[str]] = {}
     for item in node.items:
@@ -53,6 +54,7 @@ def _read_gravity(node: Node, findings: Findings) -> tuple[Quantity, ...]:
 
 
 def _read_armature(node: Node, findings: Findings) -> tuple[Quantity, ...]:
+    # one number counts for all joints; whether a list has the right length only the URDF tells
     items = node.items if isinstance(node, Listing) else (node,)
     if not items:
         findings.report(errors.empty_section("a list of inertias", node.span))

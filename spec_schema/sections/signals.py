@@ -63,6 +63,7 @@ class InitialState(OneOf):
 
     @classmethod
     def canonical(cls, node: Node, findings: Findings) -> Node:
+        # an expression is never a mapping: whatever is one names its variant
         named = isinstance(node, Table)
         return super().canonical(node if named else single_key(node, "value"), findings)
 
@@ -119,6 +120,7 @@ class State(Entry):
     @property
     def start(self) -> Expression | None:
         """What `init` says of the value before the first step; None where it says nothing."""
+        # None is 0 for the compiler, and nothing to check for who looks for reads of the log
         return None if self.init is None else self.init.expression
 
     @property

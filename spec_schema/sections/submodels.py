@@ -43,6 +43,7 @@ def _read_freeze(node: Node, findings: Findings) -> Freeze:
             raise RefusedError
         case _:
             pattern = _pattern(node, findings)
+            # words become patterns, so that everybody behind meets one form
             word = {"all": "*", "none": None}.get(pattern.value, pattern.value)
             patterns = () if word is None else (Located(word, pattern.span, pattern.key),)
     return Freeze(patterns, node.span)
@@ -87,6 +88,7 @@ class Use(Entry):
             findings.report(errors.missing_key("spec", self.place.key, self.noun))
         elif self.robot is not None and self.spec is not None:
             findings.report(robots.spec_or_robot(self.robot.place.key))
+        # learned inertias of a robot are parameters of this spec, and in its own weights
         elif self.robot is not None and self.weights is not None:
             findings.report(robots.weights_of_robot(self.weights.span))
         return self

@@ -14,8 +14,8 @@ _TOKEN = re.compile(
     r"|(?P<operator>[*/·])|(?P<one>1)(?![0-9.]))"
 )
 _PRODUCT_DOT = re.compile(r"[^\W\d]\.[^\W\d]")
-# What people write, and what it is called here.
 _TWICE = re.compile(r"(.)\1")
+# What people write, and what it is called here.
 _SPELLINGS = {
     "°": "deg",
     "°C": "degC",
@@ -23,7 +23,6 @@ _SPELLINGS = {
     "Nm": "N*m",
     "hr": "h",
     "kmh": "km/h",
-    "kph": "km/h",
     "sec": "s",
 } | {
     word: unit
@@ -61,6 +60,7 @@ def parse_unit(text: str) -> Unit:
     text = _normalised(text)
     if not text.strip() or len(text) > _LONGEST:
         raise UnitError("a unit looks like `m/s^2`, or `1` for none", 0, len(text))
+    # from left to right, each `/` for the one factor behind it: `J/kg/K`, as `J/kg*K` is (J/kg)·K
     unit, position, divide = ONE, 0, False
     expects_factor = True
     while text[position:].strip():
@@ -77,6 +77,7 @@ def parse_unit(text: str) -> Unit:
             raise _misplaced(found, start)
         factor = ONE if found["one"] else _factor(found["symbol"], start)
         position = found.end()
+        # looked at ahead of the loop: a power belongs to the factor before it alone
         power = _TOKEN.match(text, position)
         if power is not None and power["power"]:
             factor = factor.power(_exponent(power, position))
@@ -120,6 +121,7 @@ def _meant(symbol: str) -> str | None:
 
 def _exponent(power: re.Match[str], position: int) -> int:
     text = power["exponent"]
+    # the length first: an exponent of a million digits is not to be read as a number
     if text is None or len(text) > 3 or abs(int(text)) > _LARGEST_POWER:
         message = f"a power of a unit is an integer of at most {_LARGEST_POWER}"
         raise UnitError(message, position, power.end())

@@ -96,6 +96,7 @@ UNIT_ROWS: Mapping[str, UnitRow] = {
     "arcmin": _other(math.pi / 10800, rad=1),
     "arcsec": _other(math.pi / 648000, rad=1),
     "rev": _other(2 * math.pi, rad=1),
+    # an angle a second, not a count: 1 rpm converts to rad/s
     "rpm": _other(2 * math.pi / 60, s=-1, rad=1),
     "rps": _other(2 * math.pi, s=-1, rad=1),
     "%": _other(1e-2),
@@ -116,11 +117,13 @@ UNIT_ROWS: Mapping[str, UnitRow] = {
     "kn": _other(1852.0 / 3600, m=1, s=-1),
     "mph": _other(5280 * _FOOT / 3600, m=1, s=-1),
     "kph": _other(1000.0 / 3600, m=1, s=-1),
+    # not `g`, which is the gram
     "g0": _other(_GRAVITY, m=1, s=-2),
     "hp": _other(550 * _FOOT * _POUND * _GRAVITY, m=2, kg=1, s=-3),
     "PS": _other(75 * _GRAVITY, m=2, kg=1, s=-3),
     "cal": _si(4.184, m=2, kg=1, s=-2),
     "Btu": _other(1055.05585262, m=2, kg=1, s=-2),
+    # 0 °F lies 459.67 degrees of Fahrenheit above absolute 0
     "degF": _other(5 / 9, 459.67 * 5 / 9, K=1),
     "gal": _other(231 * (_FOOT / 12) ** 3, m=3),
     "St": _si(1e-4, m=2, s=-1),

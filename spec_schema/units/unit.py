@@ -68,6 +68,7 @@ class Unit:
 
     def __hash__(self) -> int:
         # every node's type is hashed when a graph is built, and hashing a Fraction is slow
+        # equal units have equal scales, and units that differ in dimension alone are few
         return hash((self.scale, self.offset))
 
     def __mul__(self, other: "Unit") -> "Unit":
@@ -115,6 +116,7 @@ class Unit:
         if not self.same_dimension(target):
             message = f"{self.text} does not convert to {target.text}"
             raise ValueError(message)
+        # to the bit: a unit written in another way must not round the number
         if self.same_as(target):
             return value
         return (value * self.scale + self.offset - target.offset) / target.scale

@@ -31,6 +31,7 @@ def syntax_fault(error: yaml.MarkedYAMLError, source: SourceText) -> Diagnostic:
     found = text[at : at + 1]
     here = source.span(at, at + 1)
     scanning = error.context or ""
+    # the order of these matters: the first reason that fits is the nearest to what was meant
     if found == ":" and not text[:at].rpartition("\n")[2].strip():
         return errors.key_is_not_text("nothing", here)
     if found == "\t":
@@ -50,6 +51,7 @@ def syntax_fault(error: yaml.MarkedYAMLError, source: SourceText) -> Diagnostic:
     if scanning in {"while parsing a flow mapping", "while parsing a flow sequence"}:
         return _flow_fault(at, opened, source)
     if "double-quoted scalar" in scanning:
+        # the parser stops behind the backslash
         return errors.unknown_escape(source.span(at - 1, at + 1))
     if "quoted scalar" in scanning:
         return errors.open_quote(source.span(opened, opened + 1))

@@ -34,6 +34,7 @@ def read_tree(source: SourceText, findings: Findings) -> Node | None:
         span = source.span(control.start(), control.end())
         findings.report(errors.control_character(ord(control.group()), span))
         return None
+    # JSON is YAML but for its rules, which a YAML parser does not hold it to
     if source.path.endswith(".json") and not _is_json(source, findings):
         return None
     return _compose(source, findings)
@@ -41,6 +42,7 @@ def read_tree(source: SourceText, findings: Findings) -> Node | None:
 
 def _compose(source: SourceText, findings: Findings) -> Node | None:
     """The tree by the C parser where there is one; its complaints are left to the Python parser."""
+    # many times faster, and there wherever PyYAML was installed as a wheel
     fast: Any = getattr(yaml, "CSafeLoader", None)
     if fast is not None:
         own = Findings()

@@ -55,6 +55,7 @@ def _flow_offsets(text: str, start: int, end: int, style: Style, value: str) -> 
                 # what an escape means is what the value has there
                 made = value[len(characters) : len(characters) + 1]
         characters.extend(made)
+        # blanks that were not folded keep a place each; of what was, all characters have the first
         blanks_as_written = fold is not None and len(made) == length
         offsets.extend(position + (index if blanks_as_written else 0) for index in range(len(made)))
         position += length

@@ -23,6 +23,7 @@ def core_value(text: str) -> bool | int | float | str | None:
         return True
     if _FALSE.fullmatch(text):
         return False
+    # longer ones are read as floats below
     if len(text) <= _LONGEST_INTEGER:
         for pattern, base in ((_DECIMAL, 10), (_OCTAL, 8), (_HEXADECIMAL, 16)):
             if pattern.fullmatch(text):
@@ -30,5 +31,6 @@ def core_value(text: str) -> bool | int | float | str | None:
     if _FLOAT.fullmatch(text):
         return float(text)
     if _INFINITY.fullmatch(text):
+        # `-.inf` as Python writes it: `-inf`
         return float(text.replace(".", "", 1))
     return float("nan") if _NAN.fullmatch(text) else text

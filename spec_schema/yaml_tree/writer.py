@@ -27,6 +27,7 @@ def scalar_text(value: Any, *, in_flow: bool = False) -> str:
             return repr(value)
         case _:
             text = str(value)
+            # in [ ] a comma within parentheses would end the item
             return text if _is_plain(text) and not (in_flow and "(" in text) else quoted(text)
 
 
@@ -37,6 +38,7 @@ def quoted(text: str) -> str:
 
 def _is_plain(text: str) -> bool:
     kept = _PLAIN.fullmatch(text) is not None and text == text.strip()
+    # `-x` is a formula, `- x` an item of a list
     starts_list = text.startswith(("- ", "-")) and text[1:2] in {"", " "}
     return kept and not starts_list and isinstance(core_value(text), str) and text[:3] != "---"
 
@@ -62,6 +64,7 @@ def _entry(start: str, value: Any) -> Iterator[str]:
 def _list(start: str, items: Sequence[Any]) -> Iterator[str]:
     if not any(isinstance(item, Mapping | list) for item in items):
         short = f"{start} [{', '.join(scalar_text(item, in_flow=True) for item in items)}]"
+        # an empty list has no block form
         if len(short) <= _SHORT or not items:
             yield short
             return

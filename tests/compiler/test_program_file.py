@@ -16,7 +16,6 @@ import pytest
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.fit import Fit
-from compiler.ir.known import Statistic
 from compiler.ir.program import (
     Dimension,
     Expected,
@@ -32,6 +31,7 @@ from compiler.ir.program import (
     State,
 )
 from compiler.ir.text import program_text
+from compiler.ir.training.known import Statistic
 from compiler.ir.types import Axis, Prediction, Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form

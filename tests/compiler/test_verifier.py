@@ -27,7 +27,7 @@ from compiler.ir.program import (
 )
 from compiler.ir.rules.op_rules import LARGEST_SIZE, MOST_AXES
 from compiler.ir.rules.verifier import InvalidProgram, verify
-from compiler.ir.training_values import StateAdjoint
+from compiler.ir.training.values import StateAdjoint
 from compiler.ir.types import Axis, Kind, Prediction, Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form

@@ -129,3 +129,29 @@ outputs: {y: s}
     for _ in range(200):
         assert step(program, state, {"u": [program.inputs[0].port.high]}).status == 0
     assert 9.9 < float(np.ldexp(state.memories["s"][0], -memory.fraction)) <= 10.1
+
+
+@pytest.mark.parametrize("dtype", ["q15", "q31"])
+def test_words_of_a_range_that_ends_just_below_a_power_of_two_fit(
+    tmp_path: Path, dtype: str
+) -> None:
+    """Rounded at the finest scale such an end would be 2^15, which is no 16-bit integer."""
+    text = """\
+inputs: {u: {range: [0, 0.9999999999]}, v: {range: [-1.9999999999, 0]}}
+states: {x: {next: 0.5*x + 0.25*u, init: 0, range: [-0.9999999999, 0.5]}}
+outputs: {y: 0.25*x + 0.25*u + 0.125*v}
+"""
+    program = _integers(tmp_path, text, dtype)
+    width = program.width
+    ports = {entry.port.name: entry.port for entry in program.inputs}
+    for port in ports.values():
+        assert max(-port.low, port.high) <= width.largest_word
+    (memory,) = program.memories
+    limit = width.largest_sum if memory.wide else width.largest_word
+    assert max(-memory.low, memory.high) <= limit
+    # the highest words still mean the ends of the ranges, to half a unit
+    end = float(np.ldexp(ports["u"].high, -ports["u"].fraction))
+    assert end == pytest.approx(0.9999999999, abs=float(np.ldexp(0.5, -ports["u"].fraction)))
+    answer = step(program, initial(program), {"u": [ports["u"].high], "v": [ports["v"].high]})
+    assert answer.status == FixedStatus(0)
+    assert _real(program, answer.outputs, "y") == pytest.approx(0.25, abs=1e-3)

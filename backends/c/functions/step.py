@@ -34,7 +34,7 @@ from backends.c_lowering.graph import GraphLowering
 from backends.c_lowering.shift_while_summing import moving_sums
 from backends.c_lowering.state_memory import Buffer, DelayLine, PlainState, joining, seen_values
 from compiler.ir.program import Graph, Program
-from compiler.ir.saturation import unsaturated
+from compiler.passes.analyses.saturation import unsaturated
 
 
 def step_function(program: Program, model: ControllerCode) -> Function:

@@ -15,7 +15,7 @@ from backends.c_lowering.use_counts import demands, only_units_moved
 from compiler.differentiation.training_step import TrainingStep
 from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
-from compiler.ir.training_values import (
+from compiler.ir.training.values import (
     KeptRow,
     LossScale,
     NewestSample,

@@ -29,7 +29,7 @@ from compiler.ir.ops import (
     Window,
 )
 from compiler.ir.program import Graph, Node, NodeId, State
-from compiler.ir.training_values import (
+from compiler.ir.training.values import (
     KeptRow,
     LossScale,
     NewestSample,

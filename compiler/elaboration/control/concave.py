@@ -44,7 +44,7 @@ def concave_in(problem: ControlProblem, cost: str) -> Iterator[str]:
     log = {
         signal.name: scales.get(signal.name, 1.0)
         # rows beyond the last point, for windows that look ahead of it
-        * random.uniform(-1, 1, (_DRAWS + _ahead(problem), *Type(signal.axes).shape))
+        * random.uniform(-1, 1, (_DRAWS + problem.longest_preview, *Type(signal.axes).shape))
         for signal in program.signals
     }
 
@@ -65,8 +65,3 @@ def concave_in(problem: ControlProblem, cost: str) -> Iterator[str]:
         # everywhere that was tried: costs that saturate are concave in places and meant so
         if np.all(bend < -_LEAST * size):
             yield name
-
-
-def _ahead(problem: ControlProblem) -> int:
-    windows = [Type(member.axes).window or 1 for member in problem.disturbances.members]
-    return max(windows, default=1)

@@ -79,17 +79,20 @@ def _problem(asked: ControlSpec, program: Program, findings: Findings) -> Contro
     if step is None:
         return None
     scales = scales_of(section, step)
+    # each of these adds outputs for its limits, so the program is handed from one to the next
     step, controls = control_limits(asked, step, scales, findings)
     step, paths = path_limits(asked, step, scales, findings)
     _check_terminal(asked, step, findings)
     horizon = _horizon(section, step, findings)
     if horizon is None or findings.failed:
         return None
+    # of the step with the limits in it: a reference may be read by a limit alone
     read = extents(step.step, log=False)
     _report_unused(section, read, findings)
     others = [name for name in read if name not in (*asked.controls, *section.references)]
     previewed = {name for name, entry in section.references.items() if entry.preview}
     previewed |= {entry.value for entry in section.preview}
+    # the entry as it is without keys: its defaults stand in one place, the schema
     solver = section.interior_point or InteriorPoint.model_construct(place=section.place)
     problem = ControlProblem(
         program=step,
@@ -150,6 +153,7 @@ def _horizon(section: OptimalControl, program: Program, findings: Findings) -> i
         horizon = Sampling(program.sample_time, findings).samples(section.horizon)
     except LoweringFailed:
         return None
+    # blocks that end before or after the horizon would leave controls undecided, or decide too many
     total = sum(block.value for block in section.blocks)
     if section.blocks and total != horizon:
         place = section.blocks[-1].span
@@ -164,6 +168,7 @@ def _report_unused(section: OptimalControl, read: Container[str], findings: Find
 
 
 def _ports(letter: str, program: Program, names: Iterable[str]) -> Vector:
+    # of the reads in step form: their window axis says how many samples ahead a port has
     types = {
         node.op.signal: node.type for _, node in program.step if isinstance(node.op, ReadSignal)
     }

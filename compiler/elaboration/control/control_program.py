@@ -32,11 +32,10 @@ def control_program(
     try:
         program = close_loop(program, asked.closed)
     except LoopError as error:
-        through = f" ({' → '.join(error.cycle)})" if error.cycle else ""
-        place = asked.section.place.key
-        fault = not_closable(error.signal, error.span or place, f"{error.kind.value}{through}")
-        findings.report(fault)
+        place = error.span or asked.section.place.key
+        findings.report(not_closable(error.signal, place, error.reason))
         return None
+    # on the closed program: what a control moves through the feedback counts
     _check_cost(asked, program, findings)
     # not before the loop is closed: it runs through outputs that no formula names
     wanted = tuple(output for output in program.outputs if output.name in asked.formulas)
@@ -48,6 +47,7 @@ def control_program(
     # a signal that formulas read at t−d alone would become a port with a lag (R13), and a solver
     # could not tell of which stage it is
     reads = {(name, 0) for name in extents(program.step, log=False)}
+    # read a sample back, a control gets a register: the u_{k−1} of rates and blocks
     reads |= {(name, -1) for name in with_previous}
     whole = to_step_form(_with_samples(program, sorted(reads)))
     kept = tuple(output for output in whole.outputs if not output.name.startswith(_SAMPLE))
@@ -90,6 +90,7 @@ def _check_times(asked: ControlSpec, program: Program, findings: Findings) -> No
         name, first, last = node.op.signal, node.op.first, node.op.last
         if name in asked.section.references and (first, last) != (0, 0):
             findings.report(errors.read_at_other_time(name, "reference", node.span))
+        # past samples of a control are memory of the plant; later ones are not decided yet
         elif name in asked.controls and last > 0:
             findings.report(errors.read_at_other_time(name, "control", node.span))
 

@@ -56,6 +56,7 @@ def control_spec(linked: Linked, section: OptimalControl, findings: Findings) ->
     spec = linked.spec
     if spec.sample_time is None:
         findings.report(times.needs_sample_time("`mpc`", section.place.key))
+    # only of an input: what predicts a target or a state feeds nothing back
     closed = {
         output.predicts.signal.value: name
         for name, output in spec.outputs.items()
@@ -94,6 +95,7 @@ def _formulas(section: OptimalControl) -> list[tuple[str, Expression]]:
     for name, bound in section.bounds.items():
         if name not in controls:
             found.append((bounded(name), Name(name, bound.place.key)))
+        # a number becomes an output later, once the compiler knows the unit of what it limits
         for key, value in (("min", bound.min), ("max", bound.max)):
             if value is not None and not isinstance(value, Quantity):
                 found.append((limit(name, key), value))
@@ -125,6 +127,7 @@ def _check_controls(
 
 
 def _check_references(spec: Spec, section: OptimalControl, findings: Findings) -> None:
+    # findings of its own: the model has been compiled, and what is wrong with its names was told
     scope = Scope(spec, Findings())
     for name, entry in section.references.items():
         # references become inputs of the asked model, among whose names there is only one of each
@@ -140,6 +143,8 @@ def _check_bounds(spec: Spec, section: OptimalControl, findings: Findings) -> No
         kind = _kind(spec, name)
         place = bound.place.key
         if name in controls:
+            # a control goes to an actuator: its limits hold whatever the solve does, so neither
+            # word fits
             if bound.soft is not None:
                 place = bound.soft.place.key
                 findings.report(errors.bound_option(name, "soft", "a control", place))
@@ -149,6 +154,8 @@ def _check_bounds(spec: Spec, section: OptimalControl, findings: Findings) -> No
             known = [*controls, *spec.states, *spec.outputs, *spec.equations]
             reason = "which nothing declares"
             findings.report(errors.not_bounded(name, reason, place, known))
+        # an input that is fed back along the horizon moves like a state; `path_limits` refuses
+        # others
         elif not any(name in part for part in (*_bounded_sections(spec), spec.inputs)):
             findings.report(errors.not_bounded(name, f"which is {kind}", place, ()))
         elif bound.rate is not None:

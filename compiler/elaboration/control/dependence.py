@@ -27,6 +27,7 @@ def signals_in_step(program: Program, node: NodeId) -> set[str]:
     # specs without such formulas are checked without derivatives
     from compiler.jacobian.jacobian import jacobian
 
+    # ∂/∂u with the states held: what moves those was decided in earlier steps
     found = jacobian(replace(program, states=(), outputs=(Output("value", node),)))
     # of A, B, C and D the last, ∂y/∂u
     slopes = next(matrix for matrix in found.matrices if matrix.name == "D")
@@ -35,6 +36,7 @@ def signals_in_step(program: Program, node: NodeId) -> set[str]:
         member.name
         for member in slopes.columns.members
         for row in range(rows)
+        # None, a slope that is known only when the model runs, counts as dependence
         if any(
             slopes.known[row * columns + member.first + number] != 0.0
             for number in range(member.size)

@@ -35,6 +35,7 @@ def _check_size(problem: ControlProblem, section: OptimalControl, findings: Find
     chosen = chosen_structure(problem)
     found = estimate(problem)
     products = found.condensed if chosen == "condensed" else found.staged
+    # in doubles, the wider format: single precision is an option of the export
     memory = numbers_of(problem, chosen) * 8
     if memory < LONG:
         return

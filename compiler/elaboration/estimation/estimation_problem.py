@@ -56,11 +56,12 @@ def _problem(
     predicted = {
         output.predicts.signal: output for output in program.outputs if output.predicts is not None
     }
+    # a filter runs the model freely: what the model itself predicts is not read from a log
     fed = [name for name in predicted if name in spec.inputs]
     try:
         closed = close_loop(program, fed)
     except LoopError as error:
-        findings.report(not_closable(error.signal, error.span or place, error.kind.value))
+        findings.report(not_closable(error.signal, error.span or place, error.reason))
         return None
     step = _with_measurements(spec, section, program, closed, findings)
     if step is None:
@@ -189,6 +190,7 @@ def _deviations(
                 continue
             state = named[name]
             number = _in_unit(name, std, state.unit, findings)
+            # two tables of the spec name the same states: each gives its part of one record
             before = found.get(state.name, EstimatedNumbers(initial=0.0, drift=0.0))
             found[state.name] = (
                 replace(before, initial=number)
@@ -209,6 +211,7 @@ def _parameters(
             continue
         unit = program.parameter(name).unit
         low, high = (_limit(name, end, unit, findings) for end in (entry.min, entry.max))
+        # equal ends are legal: the parameter is known then, and keeps to them
         if low is not None and high is not None and low > high:
             suffix = "" if unit is None else f" {unit.text}"
             ends = f"{low:g}{suffix}", f"{high:g}{suffix}"

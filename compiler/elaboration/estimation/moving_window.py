@@ -26,6 +26,7 @@ def moving_window(
     iterations, tolerance = ITERATIONS[mode], TOLERANCE
     if solver is not None:
         check_tolerance(solver, findings)
+        # what condensing eliminates, the states, is what an estimator is asked for
         if solver.structure == "condensed":
             findings.report(errors.condensed_window(solver.place.key))
         iterations = solver.iterations or iterations

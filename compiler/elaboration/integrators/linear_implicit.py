@@ -47,6 +47,7 @@ def increments(
         parts = [builder.reshape(node, (Axis(UNNAMED, 1),)) for node in solution[:size]]
         joined = builder.concat(parts, UNNAMED) if size > 1 else parts[0]
         found[name] = builder.reshape(joined, axes)
+        # unknowns stand in the order of `values`: each state takes its own from the front
         del solution[:size]
     return found
 

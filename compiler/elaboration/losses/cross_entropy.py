@@ -29,6 +29,7 @@ def lower_cross_entropy(
     builder = context.builder(environment)
     logits, target = lower_all(context, call.arguments, environment)
     axes = builder.type(logits).axes
+    # the axis that `softmax` takes too, so that both mean the same logits
     classes = next((axis for axis in reversed(axes) if axis.name != WINDOW), None)
     rest = tuple(axis for axis in axes if axis != classes)
     found = builder.type(target).axes

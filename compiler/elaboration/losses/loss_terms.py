@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from compiler.lowering.constants import number
+from compiler.lowering.constants import number, refuse_infinite
 from compiler.lowering.context import Context
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import names
@@ -29,6 +29,7 @@ def terms_of(context: Context, expression: Expression) -> list[CostTerm]:
     without a measure is one cost.
     """
     measure = _measure_in(context, expression)
+    # a cost already: its own arithmetic is lowered whole, and the mean over samples taken of it
     if measure is None:
         return [CostTerm(1.0, expression, None)]
     match expression:
@@ -36,18 +37,20 @@ def terms_of(context: Context, expression: Expression) -> list[CostTerm]:
             assert isinstance(call.function, Name)
             return [CostTerm(1.0, call, call.function.name)]
         case Negate(operand=operand):
-            return _scaled(-1.0, terms_of(context, operand))
+            # a share below 0 rewards what it measures: no total has to stay above 0
+            return _scaled(context, -1.0, terms_of(context, operand))
         case Binary(operator=Operator.ADD | Operator.SUBTRACT as operator):
             sign = 1.0 if operator is Operator.ADD else -1.0
             left = terms_of(context, expression.left)
-            return left + _scaled(sign, terms_of(context, expression.right))
+            return left + _scaled(context, sign, terms_of(context, expression.right))
         case Binary(operator=Operator.MULTIPLY, left=left, right=right):
             factor, rest = left, right
             # `0.1 * mse(…)` and `mse(…) * 0.1` are the same; a product of two measures is neither
             if _measure_in(context, left) is not None:
                 factor, rest = right, left
             if _measure_in(context, factor) is None:
-                return _scaled(_number(context, factor), terms_of(context, rest))
+                return _scaled(context, _number(context, factor), terms_of(context, rest))
+        # a measure below the line is no sum of measures: such a loss is refused at the end
         case Binary(operator=Operator.DIVIDE, left=left, right=right):
             if _measure_in(context, right) is None:
                 divisor = _number(context, right)
@@ -56,7 +59,7 @@ def terms_of(context: Context, expression: Expression) -> list[CostTerm]:
                     report = names.unfit_constant("the divisor", "is 0", place)
                     context.findings.report(report)
                     raise LoweringFailed
-                return _scaled(1 / divisor, terms_of(context, left))
+                return _scaled(context, 1 / divisor, terms_of(context, left))
         case _:
             pass
     assert isinstance(measure.function, Name)
@@ -71,7 +74,11 @@ def _number(context: Context, expression: Expression) -> float:
     return number(context, expression, "the factor of a loss")
 
 
-def _scaled(factor: float, terms: list[CostTerm]) -> list[CostTerm]:
+def _scaled(context: Context, factor: float, terms: list[CostTerm]) -> list[CostTerm]:
+    for term in terms:
+        # two factors may each be finite and their product not, as may the quotient by 1e-320
+        place = term.expression.span
+        refuse_infinite(context, "the factor of this measure", factor * term.share, place)
     return [CostTerm(factor * term.share, term.expression, term.function) for term in terms]
 
 

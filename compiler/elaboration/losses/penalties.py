@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from compiler.builtins.call_options import option
 from compiler.builtins.reductions import reduce_axes
-from compiler.ir.known import Penalty
 from compiler.ir.ops import ReadParameter
 from compiler.ir.program import Loss, NodeId, Parameter
+from compiler.ir.training.known import Penalty
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart
@@ -35,6 +36,7 @@ def lower_penalty(context: Context, function: str, call: Call) -> tuple[NodeId, 
     builder = context.builder(_LOSS)
     value = lower(context, call.arguments[0], _LOSS)
     op = builder.graph()[value].op
+    # of an expression such as |2 x − 1| steps would have to solve where it is 0: plain slopes then
     array = op.name if isinstance(op, ReadParameter) else None
     axes = builder.type(value).axes
     match function:
@@ -87,7 +89,7 @@ def checked_penalties(
 
 def _dim(context: Context, call: Call, axes: tuple[Axis, ...]) -> str:
     named = {_WORDS.get(axis.name, axis.name.rpartition(".")[2]): axis for axis in axes}
-    over = next((keyword.value for keyword in call.keywords if keyword.name == "over"), None)
+    over = option(call, "over")
     if over is None:
         context.findings.report(knowledge.group_over_nothing(tuple(named), call.span))
         raise LoweringFailed

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from compiler.lowering.constants import NamedArray, evaluate, shaped
+from compiler.lowering.constants import NamedArray, evaluate, refuse_infinite, shaped
 from compiler.lowering.context import Context
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.shape_repair import dims_repair
@@ -41,6 +41,7 @@ class Constants:
         found = evaluate(self._context, entry.value)
         unit = entry.unit.value if entry.unit else found.unit
         if not entry.dims:
+            # one unnamed axis aligns with another unnamed one (R3); two could not be told apart
             if len([axis for axis in found.axes if not axis.name]) > 1:
                 repair = dims_repair(self._context, found.values.shape)
                 problem = "is a matrix and needs `dims:`"
@@ -48,6 +49,7 @@ class Constants:
                     names.unfit_constant(f"`{name}`", problem, entry.value.span, repair)
                 )
                 raise LoweringFailed
+            refuse_infinite(self._context, f"`{name}`", found.values, entry.value.span)
             return NamedArray(found.values, found.axes, unit)
         axes = tuple(self._context.dimension(dim.value, dim.span) for dim in entry.dims)
         return NamedArray(

@@ -33,6 +33,7 @@ class Entries:
         self._context = context
         self._histories = histories
         self._variables = variables
+        # by stage too: an equation has another value at each stage of an integrator (R6)
         self._entries: dict[
             tuple[str, EnvironmentPart, Time, IntegratorStage | None], NodeId | None
         ] = {}
@@ -66,6 +67,7 @@ class Entries:
                 recomputed = self.tried(lambda: self._lowered(name, entry, own, span))
             if recomputed is not None:
                 return recomputed
+            # a buffer ends at t: of a future sample `_lowered` reports what cannot be known
             if own.latest <= 0:
                 return self._histories.read(name, entry, span, own)
         return self._lowered(name, entry, own, span)

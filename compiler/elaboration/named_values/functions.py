@@ -17,6 +17,7 @@ def inlined(
 ) -> NodeId:
     """The value of a function's formula with the call's arguments."""
     given = _arguments(context, name, function, call)
+    # a formula takes the place of its call: one that calls itself would grow without end
     if name in environment.functions:
         context.findings.report(names.recursive_function(name, call.function.span))
         raise LoweringFailed
@@ -28,6 +29,7 @@ def argument_value(
     context: Context, argument: FunctionArgument, environment: Environment
 ) -> NodeId:
     """An argument at the time at which the formula uses it, in the names of the call's place."""
+    # by time alone: part, stage and outer arguments are those of the place of the call
     known = argument.lowered.get(environment.time)
     if known is None:
         there = argument.environment.at_time_of(environment)

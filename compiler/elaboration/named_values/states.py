@@ -8,7 +8,6 @@ from compiler.elaboration.integrators.integration import integrated
 from compiler.elaboration.named_values.histories import Histories
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
-from compiler.ir.saturation import saturated
 from compiler.lowering.context import Context
 from compiler.lowering.environment import START, STEP, Environment, EnvironmentPart
 from compiler.lowering.expressions import lower
@@ -16,6 +15,7 @@ from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.places.fitted import fitted
 from compiler.lowering.ranges import range_in
 from compiler.lowering.scope import owner_of
+from compiler.passes.analyses.saturation import saturated
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names
 from spec_schema.errors import states as errors
@@ -153,6 +153,8 @@ class States:
         following = self._lower_law(name, entry)
         type = self._context.type_of(entry)
         limits = range_in(self._context, entry.range, type.unit)
+        # saturation is a part of `next`, so that training sees its slopes; a reset is for deployed
+        # code
         if entry.on_range is None or entry.on_range.value != "saturate" or limits is None:
             return following
         builder = self._context.builder(STEP)

@@ -79,6 +79,7 @@ class IntegerBuilder:
         """constant + Σ coefficient · node, with bounds that the caller has proved."""
         coefficients = tuple(coefficient for coefficient, _ in terms)
         args = tuple(node for _, node in terms)
+        # a copy: no operation, and what is known of the node stays known
         if constant == 0 and coefficients == (1,) and self[args[0]].fraction == fraction:
             return args[0]
         return self._emit(WeightedSum(constant, coefficients), args, fraction, *bounds)

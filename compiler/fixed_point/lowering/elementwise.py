@@ -127,6 +127,7 @@ class ElementwiseForms(Settler):
         if not then.terms and not otherwise.terms:
             one, zero = self.builder.literal(1, 0), self.builder.literal(0, 0)
             chosen = self.builder.choose(relation, left, right, one, zero)
+            # a wrong decision counts only beside its threshold: products ask which one it was
             self.indicators[chosen] = condition
             difference = then.constant - otherwise.constant
             form = self.form(chosen).times(difference) + self.number(otherwise.constant)
@@ -139,6 +140,7 @@ class ElementwiseForms(Settler):
         """As `_aligned`, with numbers kept as they are."""
         a, b = self.node(left), self.node(right)
         fractions = [self.builder[n].fraction for n, f in ((a, left), (b, right)) if f.terms]
+        # numbers follow the node beside them: rounded to its scale they cost no shift in the step
         fraction = max(fractions)
         while True:
             try:
@@ -183,6 +185,7 @@ class ElementwiseForms(Settler):
         except CannotFitError as error:
             raise CannotFitError(f"calls `{name}`, which {error}") from None
         error = fitted.error + furthest(name, *builder.bounds(node), builder.errors[node])
+        # the table ends where its function is flat: an argument beyond has the value of the end
         argument = builder.saturated(node, fitted.low, fitted.high)
         value = builder.lookup(argument, fitted.table, fitted.fraction)
         return self._simple(builder.allow(value, error))

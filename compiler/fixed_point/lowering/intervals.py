@@ -25,6 +25,7 @@ def bounds_near(
     Of the nodes that this narrows: what the node is a rescaled copy of, and what is made of that.
     """
     words = {node: ends}
+    # backwards first: what holds of a rescaled copy holds of the node that it was made of
     while (before := _scaled_from(nodes, node, words[node])) is not None:
         node = nodes[node].args[0]
         words[node] = before

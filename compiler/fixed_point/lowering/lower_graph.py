@@ -52,6 +52,7 @@ class Lowering(ElementwiseForms):
         super().__init__(width)
         self.graph = graph
         self._reads, self._states = reads, states
+        # found before elements are: of single elements nobody could tell that they sum to 1
         self._sets = compact_sets(graph)
         self._values: dict[NodeId, Elements] = {}
 
@@ -178,6 +179,7 @@ class Lowering(ElementwiseForms):
         knots = [round(math.ldexp(point, fraction)) for point in points.values]
         ramps: list[PolynomialForm] = []
         for place, (low, high) in enumerate(pairwise(knots)):
+            # rounded to the word, neighbours can meet: a ramp of no length has no slope
             if high == low:
                 raise CannotFitError("has centres that are one number in this format")
             bounds = builder[node].low - low, builder[node].high - low
@@ -222,6 +224,7 @@ def _each(function: Callable[..., Any], *values: Elements) -> Elements:
 
 
 def _elements(forms: list[PolynomialForm], shape: tuple[int, ...]) -> Elements:
+    # `np.array(forms)` would ask each form whether it is a sequence
     found = np.empty(len(forms), np.object_)
     found[:] = forms
     return found.reshape((1, *shape))

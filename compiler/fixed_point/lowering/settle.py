@@ -109,6 +109,7 @@ class Settler:
 
     def node(self, form: PolynomialForm) -> int:
         """The node that holds the form's value."""
+        # without the error: equal forms are one node, which has the larger of their errors
         key = form.constant, form.terms
         if key not in self._settled:
             node = self._linear(form.constant, self._degree_one(form))

@@ -27,7 +27,20 @@ class Format:
         return (2.0 - 2.0 ** (1 - self.digits)) * 2.0 ** (self.overflow_exponent - 1)
 
 
-FLOAT = Format("float", np.dtype(np.float32), 24, 128, -149)
-DOUBLE = Format("double", np.dtype(np.float64), 53, 1024, -1074)
+# the smallest positive numbers are subnormal: 2^−126 · 2^−23 and 2^−1022 · 2^−52
+FLOAT = Format(
+    c_type="float",
+    dtype=np.dtype(np.float32),
+    digits=24,
+    overflow_exponent=128,
+    smallest_exponent=-149,
+)
+DOUBLE = Format(
+    c_type="double",
+    dtype=np.dtype(np.float64),
+    digits=53,
+    overflow_exponent=1024,
+    smallest_exponent=-1074,
+)
 
 FORMATS: dict[RealName, Format] = {"float": FLOAT, "double": DOUBLE}

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from compiler.kernels.tables.formats import RealName
 
+# of each kernel the arguments one after the other; those of two arguments come in pairs
 HEXADECIMAL: dict[tuple[str, RealName], str] = {
     ("acos", "float"): (
         "0x1.8a9d860000000p-1 0x1.a1965e0000000p-1 -0x1.d5d2c00000000p-3 0x1.c36ee40000000p-2"

@@ -28,6 +28,7 @@ def _drop(block: Block, used: set[Operand]) -> Block:
     """Adds what the block reads to `used`."""
     used.update(block.values)
     kept: list[Statement] = []
+    # backwards: whoever uses a value stands behind it, and has marked it by now
     for statement in reversed(block.statements):
         match statement:
             case Assign(target, operation):
@@ -36,11 +37,15 @@ def _drop(block: Block, used: set[Operand]) -> Block:
                 used.update(operation_operands(operation))
                 kept.append(statement)
             case Call(targets, _, arguments):
+                # one result that is used keeps the call, with all of its results: C returns them
+                # together
                 if used.isdisjoint(targets):
                     continue
                 used.update(arguments)
                 kept.append(statement)
             case Branch(targets, condition, then, otherwise):
+                # of a branch single values can go, and with them what only they need in either
+                # block
                 wanted = [i for i, target in enumerate(targets) if target in used]
                 if not wanted:
                     continue

@@ -94,6 +94,7 @@ def branch_tuple(
     tracer = condition.tracer
     first = tracer.block(then)
     second = tracer.block(otherwise)
+    # both blocks must give the kinds of the first: a target in C has one type
     targets = tuple(
         tracer.new_local(value.kind, name) for value, name in zip(first.values, names, strict=True)
     )

@@ -78,6 +78,7 @@ def run_routine(
         for parameter, argument in zip(routine.parameters, arguments, strict=True)
     }
     watch = None if note is None else _Watch(note, np.ones(arguments[0].shape, np.bool_), {})
+    # elements of the block that is not theirs may divide by 0: their results are thrown away
     with np.errstate(all="ignore"):
         return _run_block(routine.body, values, routine.format, watch)
 

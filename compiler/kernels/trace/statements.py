@@ -42,6 +42,7 @@ class Operator(Enum):
     EITHER = "||"
 
 
+# what a truth is made of; there is no equality, which rounding would decide
 COMPARISONS = frozenset(
     {Operator.LESS, Operator.LESS_EQUAL, Operator.GREATER, Operator.GREATER_EQUAL}
 )
@@ -183,7 +184,7 @@ class Block:
     values: tuple[Operand, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Routine:
     """A traced function of reals; `results` names what it gives, one name a value."""
 

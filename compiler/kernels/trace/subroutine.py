@@ -42,6 +42,7 @@ def call(subroutine: Subroutine, *arguments: Real) -> Real:
     return result
 
 
+# by kernel and format: a routine that several others call is traced, and written, once
 @cache
 def trace(subroutine: Subroutine, format: Format) -> Routine:
     """The statements of a kernel in one format."""
@@ -49,4 +50,11 @@ def trace(subroutine: Subroutine, format: Format) -> Routine:
     parameters = tuple(tracer.new_local(ValueKind.REAL, name) for name in subroutine.parameters)
     arguments = tuple(Real(tracer, parameter) for parameter in parameters)
     body = drop_unused(tracer.block(lambda: subroutine.build(*arguments)))
-    return Routine(subroutine.name, subroutine.doc, format, parameters, subroutine.results, body)
+    return Routine(
+        name=subroutine.name,
+        doc=subroutine.doc,
+        format=format,
+        parameters=parameters,
+        results=subroutine.results,
+        body=body,
+    )

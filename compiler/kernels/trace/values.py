@@ -28,6 +28,7 @@ class Tracer:
     def __init__(self, format: Format) -> None:
         self.format = format
         self._blocks: list[list[Statement]] = [[]]
+        # numbered over all blocks, so that a value of one block never hides that of another
         self._count = 0
 
     def new_local(self, kind: ValueKind, hint: str = "") -> Local:
@@ -211,6 +212,7 @@ class Real(Value):
 
 def real_constant(value: float, format: Format) -> Constant:
     """The number rounded to the format, so that every reader has the same one."""
+    # through the format: 0.1 is another number in single precision, and C is to read that one
     return Constant(ValueKind.REAL, float(format.dtype.type(value)))
 
 

@@ -52,7 +52,14 @@ class _Flattening:
         old = self._routine
         values = self._flatten(old.body)
         body = Block(tuple(self._statements), values)
-        return Routine(old.name, old.doc, old.format, old.parameters, old.results, body)
+        return Routine(
+            name=old.name,
+            doc=old.doc,
+            format=old.format,
+            parameters=old.parameters,
+            results=old.results,
+            body=body,
+        )
 
     def _flatten(self, block: Block) -> tuple[Operand, ...]:
         for statement in block.statements:

@@ -11,10 +11,10 @@ import numpy as np
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.fit import Fit
-from compiler.ir.known import Statistic
 from compiler.ir.program import NodeId
 from compiler.ir.rules.op_rules import LARGEST_SIZE
 from compiler.ir.scalars.table import Array
+from compiler.ir.training.known import Statistic
 from compiler.ir.types import WINDOW, Axis, describe_axes
 from compiler.lowering.arrays.arrays import Arrays
 from compiler.lowering.arrays.initial_values import initial_values

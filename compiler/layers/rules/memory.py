@@ -112,6 +112,7 @@ def _in_the_step(context: LayerContext) -> LayerContext:
 
 
 def _at_one_sample(context: LayerContext, nodes: Arguments) -> Arguments:
+    # several arguments that were put side by side are one node: the first stands for all
     for node, argument in zip(nodes, context.call.arguments, strict=False):
         if context.builder.type(node).window is not None:
             what = f"the argument of `{context.name}`"

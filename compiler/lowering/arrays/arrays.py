@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.known import Prior, Statistic
 from compiler.ir.program import NodeId, Parameter
 from compiler.ir.scalars.table import Array
+from compiler.ir.training.known import Prior, Statistic
 from compiler.ir.types import Axis, Type
 from compiler.lowering.arrays.initial_values import initial_values
 from compiler.lowering.context import Context
@@ -61,6 +61,7 @@ class Arrays:
         if name in self._failed:
             raise LoweringFailed
         if name not in self._parameters:
+            # it stays there where declaring raises: a mistake is told at the first use alone
             self._failed.add(name)
             self._parameters[name] = self._with_given(self._declared(name, entry))
             self._failed.remove(name)
@@ -83,6 +84,8 @@ class Arrays:
             )
             raise LoweringFailed
         outside = bool(
+            # on a bound the raw variable, by sigmoid or softplus, would be at ∞ and never move
+            # again
             (low is not None and np.any(initial <= low))
             or (high is not None and np.any(initial >= high))
         )
@@ -93,14 +96,14 @@ class Arrays:
             self._context.findings.report(names.unfit_constant(f"`{name}`", problem, span))
             raise LoweringFailed
         return Parameter(
-            name,
-            axes,
-            unit,
-            tuple(float(v) for v in initial.ravel()),
-            low,
-            high,
-            1.0 if entry.scale is None or entry.scale == "data" else entry.scale,
-            entry.learn,
+            name=name,
+            axes=axes,
+            unit=unit,
+            initial=tuple(float(v) for v in initial.ravel()),
+            minimum=low,
+            maximum=high,
+            scale=1.0 if entry.scale is None or entry.scale == "data" else entry.scale,
+            learn=entry.learn,
             scales_by_data=entry.scale == "data",
             prior=self._prior(entry.prior, unit),
             doc=entry.doc or "",
@@ -135,7 +138,17 @@ class Arrays:
             low, high = bounds
             learn = statistic is None
             found = Parameter(
-                name, axes, unit, values, low, high, 1.0, learn, statistic, doc=doc, span=span
+                name=name,
+                axes=axes,
+                unit=unit,
+                initial=values,
+                minimum=low,
+                maximum=high,
+                scale=1.0,
+                learn=learn,
+                statistic=statistic,
+                doc=doc,
+                span=span,
             )
             found = self._parameters[name] = self._with_given(found)
         return Type(found.axes, found.unit)

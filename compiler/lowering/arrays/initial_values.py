@@ -8,7 +8,7 @@ from compiler.ir.scalars.table import Array
 from compiler.ir.types import Axis, describe_axes
 from compiler.lowering.arrays.named_draws import generator_of, uniform_draws
 from compiler.lowering.arrays.number_file import UnusableFileError, read_numbers
-from compiler.lowering.constants import evaluate, shaped
+from compiler.lowering.constants import evaluate, refuse_infinite, shaped
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart, FunctionArgument
 from compiler.lowering.failure import LoweringFailed
@@ -32,6 +32,14 @@ def initial_values(
     context: Context, name: str, initializer: Initializer, axes: tuple[Axis, ...]
 ) -> Array:
     """The numbers of `init:` in the shape of the axes; draws depend on the array's name only."""
+    # between finite ends a profile or a draw can leave the range of a double
+    with np.errstate(all="ignore"):
+        values = _chosen(context, name, initializer, axes)
+    refuse_infinite(context, f"`{name}`", values, initializer.place.value)
+    return values
+
+
+def _chosen(context: Context, name: str, initializer: Initializer, axes: tuple[Axis, ...]) -> Array:
     shape = tuple(axis.size for axis in axes)
     match initializer.choice:
         case NormalInitializer() as normal:

@@ -15,6 +15,7 @@ from compiler.ir.scalars.table import Array
 LARGEST_FILE = 20_000_000
 """Bytes; as many numbers as an array of a program can have are a few times fewer."""
 
+# blanks beside a comma belong to it: `1, 2` has no empty number between
 _SEPARATOR = re.compile(r"\s*[,;]\s*|\s+")
 
 
@@ -61,6 +62,7 @@ def number_text(path: str) -> str:
         size = file.stat().st_size
         if size > LARGEST_FILE:
             raise UnusableFileError(f"it has {size:,} bytes, at most {LARGEST_FILE:,} are read")
+        # cut again, as a file can grow meanwhile; spreadsheets begin UTF-8 with a byte order mark
         return file.read_bytes()[:LARGEST_FILE].decode("utf-8-sig")
     except UnicodeDecodeError:
         raise UnusableFileError("it is not UTF-8 text") from None

@@ -10,6 +10,7 @@ class GradientSources:
     """Which value each gradient was taken of: of 3·x it is a number, and yet x was used."""
 
     def __init__(self) -> None:
+        # a node is a number of its graph: step and start count on their own, told apart by builder
         self._sources: dict[tuple[int, NodeId], list[NodeId]] = {}
 
     def remember(self, builder: GraphBuilder, result: NodeId, value: NodeId) -> None:

@@ -13,6 +13,7 @@ from compiler.lowering.expressions import lower
 from spec_schema.errors import shapes
 from spec_schema.expressions.tree import Binary, Call, Compare, Expression, Name, Negate, Operator
 
+# of these alone the axes of a result are those of the operands: one of them is at fault
 _ELEMENTWISE = frozenset(
     {*SCALAR_FUNCTIONS, "min", "max", "clip", "where", "relu", "elu", "sech", "smooth_sign"}
 )

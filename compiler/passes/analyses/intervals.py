@@ -151,11 +151,13 @@ _MONOTONE = {
 }
 """Functions that rise, or fall, all along, and where they are defined."""
 
+# not monotone, and yet within limits whatever the argument
 _BOUNDED = {"atan2": (-math.pi, math.pi), "cosh": (1.0, math.inf)}
 
 
 # a power with an exponent that moves is only known to be at least 0 on a base that is
 def _power(base: Interval, exponent: Interval) -> Interval:
+    # x^y of a base below 0 is NaN for most y: nothing can be said
     if exponent.low != exponent.high:
         return Interval(low=0.0) if base.low >= 0.0 else ANYTHING
     y = exponent.low

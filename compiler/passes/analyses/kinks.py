@@ -62,6 +62,7 @@ def _distances(graph: Graph, node: Node, ranges: ValueRanges) -> Iterator[tuple[
                 yield "clip", _difference(ranges, args[0], bound)
         case Select():
             sides = compared(graph, args[0])
+            # two equal branches make no jump, whichever is taken
             if sides is not None and args[1] != args[2]:
                 yield "where", _difference(ranges, *sides)
         case _:

@@ -61,6 +61,7 @@ class SelectedElements:
         for index, node in self._graph:
             for selection in self._needed[index]:
                 operands = self._operands(index, selection)
+                # a sum without terms that count asks for no operand: it is made of none
                 args = [made[key] for key in zip(node.args, operands, strict=False)]
                 with builder.at(node.span):
                     found = self._built(builder, index, selection, args, cuts)

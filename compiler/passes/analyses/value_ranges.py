@@ -115,10 +115,8 @@ def holding(
     graph: Graph, condition: NodeId, ranges: ValueRanges, *, holds: bool
 ) -> dict[NodeId, Interval]:
     """What is known of the operands of a comparison where it holds, or where it does not."""
-    node = graph[condition]
     # a condition is repeated where its branches have more axes
-    while isinstance(node.op, ops.Broadcast):
-        node = graph[node.args[0]]
+    node = graph[graph.unrepeated(condition)]
     if not isinstance(node.op, ops.Compare):
         return {}
     left, right = node.args

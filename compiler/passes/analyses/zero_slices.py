@@ -45,6 +45,7 @@ def _zeros(
         case ops.Add() | ops.Subtract():
             left, right = of
             return {axis: left[axis] & right[axis] for axis in left.keys() & right.keys()}
+        # 0/0 is counted as 0: pruning promises the same outputs where values are finite
         case ops.Negate() | ops.Divide() | ops.Identity() | ops.Broadcast() | ops.Sum():
             return {axis: zero for axis, zero in of[0].items() if node.type.axis(axis)}
         case ops.Contract(axis):

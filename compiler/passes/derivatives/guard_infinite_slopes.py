@@ -9,12 +9,10 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, with_start, with_step
 from compiler.ir.ops import Apply, Divide, Relation, Select
 from compiler.ir.program import Graph, Node, NodeId, Program
+from compiler.passes.derivatives.guard_untaken import SAFE
 
 STEEP = 1e30
 """Stands for an infinite slope: finite in single precision too, so that 0 times it is 0."""
-
-_SAFE = 0.5
-"""An argument at which every guarded operation has a finite value and slope."""
 
 
 def guard_infinite_slopes(program: Program) -> Program:
@@ -81,7 +79,7 @@ class _Guard:
         # elsewhere the operation with a harmless operand: libraries differentiate both branches
         b, args = self._b, list(self._args)
         type = b.type(args[position])
-        args[position] = b.emit(Select(), (there, self._number(_SAFE), args[position]), type)
+        args[position] = b.emit(Select(), (there, self._number(SAFE), args[position]), type)
         usual = b.emit(self._node.op, tuple(args), self._node.type)
         return b.emit(Select(), (there, value(), usual), self._node.type)
 

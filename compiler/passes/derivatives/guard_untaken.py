@@ -17,6 +17,7 @@ SINGULAR = frozenset({"sqrt", "log", "pow", "asin", "acos", "atan2", "exp", "sin
 SAFE = 0.5
 """An argument at which all of them, and 1/x, have a finite value and slope."""
 
+# dropping a condition leaves a guard that holds more often, which is safe
 LONGEST = 8
 """Conditions that are kept of a deeper nest, the inner ones, so that the pass stays linear."""
 

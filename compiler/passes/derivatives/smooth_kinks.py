@@ -134,6 +134,7 @@ def _is_kept(graph: Graph, node: Node, found: Container[NodeId]) -> bool:
             case _:
                 return False
 
+    # one in both branches is computed whatever is chosen: smoothing makes nothing worse there
     return any(
         first != second and is_singular(index)
         for index, (first, second) in enumerate(zip(then, otherwise, strict=True))

@@ -59,6 +59,7 @@ def _is_zero(node: Node, of: list[bool], names: Collection[str]) -> bool:
     match node.op:
         case ops.ReadParameter(name):
             return name in names
+        # every term of a contraction has a factor from the array, which is 0 as a whole
         case ops.Multiply() | ops.Contract():
             return any(of)
         # 0/x is 0, also where x could be 0: finite values are assumed

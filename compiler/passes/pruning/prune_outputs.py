@@ -28,6 +28,7 @@ def prune_outputs(program: Program, names: Iterable[str]) -> Program:
         if name not in known:
             raise KeyError(name)
     outputs = tuple(output for output in program.outputs if output.name in wanted)
+    # by what the spec says a value needs, not by nodes: passes may have shared these with others
     kept = {submodel for output in outputs for submodel in output.needs}
     # a state whose `next` needs a sub-model that no output keeps cannot be stepped any more
     measured = {state.name: state for state in program.states if not kept.issuperset(state.needs)}
@@ -58,11 +59,11 @@ def _measured(node: Node, names: set[str]) -> Node:
 
 def _port(state: State) -> Signal:
     return Signal(
-        state.name,
-        Role.INPUT,
-        state.axes,
-        state.unit,
-        state.range,
+        name=state.name,
+        role=Role.INPUT,
+        axes=state.axes,
+        unit=state.unit,
+        range=state.range,
         doc=state.doc,
         span=state.span,
     )

@@ -24,14 +24,17 @@ def drop_unused(program: Program) -> Program:
     """
     live, names = _live(program)
     states = tuple(state for state in program.states if state.name in names)
+    # after the states: a start of one that is gone needs nothing
     started = needed(program.start, [state.start for state in states])
     step, now = _kept(program.step, live)
     start, first = _kept(program.start, started)
     read = _signals_read(step) | _signals_read(start)
     if program.losses:
         read |= {out.predicts.signal for out in program.outputs if out.predicts}
+        # without losses a program is deployed, and has no use for targets
         read |= {signal.name for signal in program.signals if signal.role is Role.TARGET}
     used = parameters_read(step) | parameters_read(start)
+    # by what the graphs still read: a layer of which an array is gone is no filter any more
     fits = [fit for fit in program.fits if program.losses and _sets_only(fit, used)]
     for fit in fits:
         read |= {*_signals_read(fit.argument), fit.target.signal}
@@ -77,7 +80,9 @@ def _kept(graph: Graph, live: list[bool]) -> tuple[Graph, dict[NodeId, NodeId]]:
         if live[index]:
             now[index] = len(kept)
             args = tuple(now[arg] for arg in node.args)
-            kept.append(Node(node.op, args, node.type, node.span, node.label))
+            kept.append(
+                Node(op=node.op, args=args, type=node.type, span=node.span, label=node.label)
+            )
     return Graph(tuple(kept)), now
 
 

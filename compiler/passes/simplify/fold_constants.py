@@ -52,7 +52,7 @@ def folded(
             copies[index] = copies[chosen]
         elif index >= exact and value is not None and _replaces(graph, node, value):
             numbers = ops.Constant(tuple(float(number) for number in value.ravel()))
-            folded = Node(numbers, (), node.type, node.span, node.label)
+            folded = Node(op=numbers, args=(), type=node.type, span=node.span, label=node.label)
             copies[index] = copy_node(builder, folded, ())
         else:
             copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
@@ -86,6 +86,8 @@ def _chosen(node: Node, known: list[Any]) -> NodeId | None:
 def _replaces(graph: Graph, node: Node, value: Array) -> bool:
     if isinstance(node.op, ops.Constant) or node.type.kind != "real":
         return False
+    # repeated numbers are stored once, and read repeatedly
     if isinstance(node.op, ops.Broadcast) and graph[node.args[0]].type.size < node.type.size:
         return False
+    # what is not finite stays as an operation, which `never_finite` warns of at its place
     return bool(np.isfinite(value).all())

@@ -35,6 +35,7 @@ def _inlined(
     graph: Graph, values: Mapping[str, tuple[float, ...]]
 ) -> tuple[Graph, dict[NodeId, NodeId]]:
     nodes = tuple(_known(node, values) for node in graph.nodes)
+    # node for node, so that whatever holds numbers of nodes goes on doing so
     return Graph(nodes), {index: index for index in range(len(nodes))}
 
 

@@ -35,6 +35,7 @@ def _shared(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
         unchanged = isinstance(node.op, Reshape) and builder.type(args[0]) == node.type
         if unchanged or isinstance(node.op, Named):
             copies[index] = args[0]
+            # a name can have brought a declared unit, which its operand lacks
             builder.set_unit(args[0], node.type.unit)
             if node.label is not None:
                 builder.name(args[0], node.label)

@@ -50,6 +50,7 @@ def _expanded(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
 
 def _pattern(node: Scalar, findings: Findings) -> list[Node]:
     found = _PATTERN.fullmatch(node.text)
+    # `{1..3}` counts upwards; two patterns in one name would leave open which runs first
     if found is None or int(found[2]) > int(found[3]):
         findings.report(errors.malformed_columns(node.text, node.span))
         raise RefusedError

@@ -177,6 +177,8 @@ class Split(Entry):
                     most = self.blocks or 0
                     inside = all(number <= most for number in numbers)
                     fits = self.by == "block" and inside and taken.isdisjoint(numbers)
+                    # also where they do not fit: a block in two sets is told once for each further
+                    # set
                     taken.update(numbers)
                     problem = f"block numbers go from 1 to {most}, each in one set"
                     if self.by != "block":

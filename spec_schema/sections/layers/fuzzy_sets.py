@@ -79,6 +79,7 @@ class Fuzzify(Entry):
         findings = findings_of(info)
         if self.centers is None and not self.over:
             findings.report(errors.missing_key("centers", self.place.key, self.noun))
+        # what is written, not what is there by default: a grid has its sets from other layers
         given = self.model_fields_set & {"centers", "membership", "dim", "learn"}
         for key in sorted(given) if self.over else ():
             findings.report(errors.excluded_key(key, "over", self.place.key, self.noun))

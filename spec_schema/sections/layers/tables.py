@@ -33,6 +33,7 @@ FromData: TypeAlias = Literal["data"]
 
 
 def _read_statistic(node: Node, findings: Findings) -> Expression | FromData:
+    # before an expression is tried: `data` is no name of the spec here
     if isinstance(node, Scalar) and node.text == "data":
         return "data"
     return read_array(node, findings)

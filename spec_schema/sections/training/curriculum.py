@@ -52,6 +52,7 @@ def _read_curriculum(node: Node, findings: Findings) -> Curriculum:
 
 
 def _epoch(text: str, span: Span, findings: Findings) -> int:
+    # keys of a mapping are text; digits of other scripts are decimal to Python too
     if text.isascii() and text.isdecimal() and 0 < len(text) <= _DIGITS and int(text) > 0:
         return int(text)
     findings.report(errors.out_of_range(text[:40], span, "the number of an epoch, from 1"))

@@ -20,12 +20,14 @@ from spec_schema.fields.plain import (
 )
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, kind
 
-_BelowOne = Annotated[float, number(least=0.0, most=1.0)]
+# 1 itself is a mean that never forgets: Adam divides by 1 − βᵗ, and momentum would grow for ever
+_BelowOne = Annotated[float, number(least=0.0, below=1.0)]
 
 FromSearch: TypeAlias = Literal["auto"]
 
 
 def _read_rate(node: Node, findings: Findings) -> float | FromSearch:
+    # by its text: in quotes or not it is the same word
     if isinstance(node, Scalar) and node.text == "auto":
         return "auto"
     value = read_number(node, findings)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from backends.known_terms import approached, known_terms
-from compiler.ir.known import Penalty
 from compiler.ir.program import Loss, Measure, Parameter, Program
+from compiler.ir.training.known import Penalty
 from compiler.ir.types import Axis
 from msnn.data.dataset import FloatArray
 from msnn.training.plans.stage_plan import plan_stages

@@ -14,7 +14,7 @@ from backends.c.interface.state_checks import StateCheck
 from backends.c.interface.status import StatusBit
 from backends.c_language.literals import Dtype
 from compiler.ir.program import Output, Program
-from compiler.ir.saturation import unsaturated
+from compiler.passes.analyses.saturation import unsaturated
 
 Array = NDArray[Any]
 
