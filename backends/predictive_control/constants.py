@@ -22,6 +22,7 @@ def solver_constants(
     *,
     can_be_infinite: bool,
     has_hard: bool,
+    projects: bool,
 ) -> list[dict[str, str]]:
     """Name, value as C, and meaning of each that the solver needs."""
     precision = float(np.finfo(dtype).eps)
@@ -86,6 +87,8 @@ def solver_constants(
             ("ANEW_SHARE", 0.3, "Barrier of a plan that is not near, by the largest slope."),
             ("ROUNDED", 16 * precision, "Floor of a pivot by its diagonal: rounding."),
         ]
+    if projects:
+        table.append(("NEARER", 0.1, "Part of the residual that a projection leaves at most."))
     if can_be_infinite:
         steepest = 1e8 if exact else 1e4
         table.append(("STEEPEST", steepest, "Slope that stands for an infinite one."))
