@@ -88,7 +88,11 @@ def solver_constants(
             ("ROUNDED", 16 * precision, "Floor of a pivot by its diagonal: rounding."),
         ]
     if projects:
-        table.append(("NEARER", 0.1, "Part of the residual that a projection leaves at most."))
+        table += [
+            ("NEARER", 0.1, "Part of the residual that a projection leaves at most."),
+            ("WIDER", 10.0, "Factor by which the distance grows that counts as at a limit."),
+            ("WIDEST_EDGE", 0.1, "Where that ends, by the scale of a control."),
+        ]
     if can_be_infinite:
         steepest = 1e8 if exact else 1e4
         table.append(("STEEPEST", steepest, "Slope that stands for an infinite one."))
