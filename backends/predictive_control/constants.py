@@ -22,6 +22,7 @@ def solver_constants(
     *,
     can_be_infinite: bool,
     has_hard: bool,
+    projects: bool,
 ) -> list[dict[str, str]]:
     """Name, value as C, and meaning of each that the solver needs."""
     precision = float(np.finfo(dtype).eps)
@@ -85,6 +86,12 @@ def solver_constants(
         table += [
             ("ANEW_SHARE", 0.3, "Barrier of a plan that is not near, by the largest slope."),
             ("ROUNDED", 16 * precision, "Floor of a pivot by its diagonal: rounding."),
+        ]
+    if projects:
+        table += [
+            ("NEARER", 0.1, "Part of the residual that a projection leaves at most."),
+            ("WIDER", 10.0, "Factor by which the distance grows that counts as at a limit."),
+            ("WIDEST_EDGE", 0.1, "Where that ends, by the scale of a control."),
         ]
     if can_be_infinite:
         steepest = 1e8 if exact else 1e4

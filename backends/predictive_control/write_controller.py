@@ -85,6 +85,8 @@ def solver_texts(
     scales = [problem.state_scales[m.name] for m in problem.states.members for _ in range(m.size)]
     sides = [limit for row in rows.rows for limit in (row.minimum, row.maximum)]
     hard = [int(row.hard) for row in rows.rows]
+    # a limit of a rate is one of two controls
+    projects = structure == "condensed" and not rows.rates
     sizes = Sizes(
         horizon=problem.horizon,
         memory=nx,
@@ -104,6 +106,7 @@ def solver_texts(
         **made.facts,
         "at": made.addresses,
         "condensed": structure == "condensed",
+        "projects": projects,
         "members": struct,
         **origin(problem.program.spec_hash),
         "is_window": is_window,
@@ -118,6 +121,7 @@ def solver_texts(
             problem.mode,
             can_be_infinite=stage.can_be_infinite or terminal.can_be_infinite,
             has_hard=any(hard),
+            projects=projects,
         ),
         "horizon": problem.horizon,
         "states": nx,

@@ -90,8 +90,8 @@ def test_the_spec_may_say_which(solver: str, tmp_path: Path) -> None:
         assert found.status == 0
         assert own.residuals(found).largest <= 1.001e-6
         costs.append(found.cost)
-    # a residual of 1e-6 leaves some 1e-6 of the cost
-    assert costs[0] == pytest.approx(costs[1], abs=1e-6)
+    # each of 20 limits may leave its product of slack and multiplier, at most 1e-6, in the cost
+    assert costs[0] == pytest.approx(costs[1], abs=20e-6)
 
 
 TWO_CONTROLS = """

@@ -142,6 +142,21 @@ def test_what_is_called_solved_is_optimal_to_the_interpreter(
     assert found.agrees, found.faults
 
 
+def test_a_jump_of_what_is_wanted_takes_few_iterations(tmp_path: Path) -> None:
+    """A projection finds which limits of controls are active."""
+    library = _library("filter_without_states", tmp_path)
+    problem = _problem("filter_without_states", tmp_path, "condensed")
+    (field,) = input_fields(problem)
+    iterations: list[int] = []
+    for wanted in (-0.85, 0.85, -2.0, 0.85, -0.3):
+        given = {"x": np.zeros(problem.states.size), field.identifier: np.full(field.size, wanted)}
+        found = library.solve(given)
+        assert found.status == 0
+        iterations.append(found.iterations)
+    # the barrier alone takes 9 to 16
+    assert max(iterations) <= 3, iterations
+
+
 _BARRIER = {"BARRIER_SHARE": 0.02, "KEEP": 0.99, "FEWEST": 0.1, "NEARLY": 30.0, "NEAR_PULL": 0.01}
 
 
