@@ -33,9 +33,9 @@ def program_text(program: Program) -> str:
 
         %4: [joint=6, t=5] N*m = contract(%1, %3) over t   # line 12 x_next
 
-    Times are written as in specs: `signal x[t-4:t]`, `log x[t+1]`. Two programs with the same text
-    compute the same step but for what long constants hold after their beginning; places, docs and
-    what training alone asks for (fits, penalties, statistics, fitted starts) are not shown.
+    Times are written as in specs: `signal x[t-4:t]`, `log x[t+1]`. It shows what is computed, for
+    people; how training begins (`Fit`, `Statistic`, `fit_over`), penalties, formulas and the
+    numbers of long constants after their beginning are not in it: `program_file` has everything.
     """
     return "".join(f"{line}\n" for line in _lines(program))
 

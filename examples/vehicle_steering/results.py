@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from judge import CONTROLLERS, PREVIEWING, Judged
+from judge import CONTROLLERS, PREVIEWING, SEED, Judged
 from setting import VARIATIONS
 
 TITLES = {
@@ -33,6 +33,7 @@ def numbers(judged: Judged, exported: dict[str, Any]) -> dict[str, Any]:
             variation.name: {name: _driven(judged, name, variation.name) for name in CONTROLLERS}
             for variation in VARIATIONS
         },
+        "seed": SEED,
         "steered_by": judged.by,
         "solves": _solves(judged),
         "kinematic_lead": judged.lead,

@@ -20,6 +20,8 @@ class Subject:
     weights: Mapping[str, FloatArray]
     promise: Promise
     judge: Judge
+    restarts: bool
+    """Whether it takes states with `on_range: reset` back."""
 
     @property
     def is_exact(self) -> bool:

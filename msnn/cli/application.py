@@ -15,6 +15,7 @@ import typer
 from msnn.cli.exit_codes import ExitCode
 from msnn.cli.interrupts import is_interrupt
 from msnn.cli.manners import NOW, forget_manners, terminal_width, with_manners
+from msnn.cli.verb_command import VerbCommand
 from msnn.errors.failures import ReaderGoneError
 from msnn.tables import LINE_WIDTH
 
@@ -65,7 +66,7 @@ def application(verbs: Sequence[str] = VERBS) -> typer.Typer:
     for name in verbs:
         module = import_module(f"msnn.cli.verbs.{_MODULES.get(name, name)}")
         verb = getattr(module, _FUNCTIONS.get(name, name))
-        app.command(name)(with_manners(verb))
+        app.command(name, cls=VerbCommand)(with_manners(verb))
     return app
 
 

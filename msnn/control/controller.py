@@ -43,7 +43,14 @@ class Controller:
         x: Mapping[str, ArrayLike] | None = None,
         control: Mapping[str, ArrayLike] | None = None,
     ) -> None:
-        """Forgets plan and memory; `x` are states and `control` what is applied, where known."""
+        """Forgets plan and memory; `x` are states and `control` what is applied, where known.
+
+        Raises ValueError for a name, a shape or a number that cannot be one of them; what is not
+        finite then leaves the controller as it was.
+        """
+        for name, value in {**(x or {}), **(control or {})}.items():
+            if not np.isfinite(value).all():
+                raise ValueError(f"`{name}` is {value}: leave out what is not known")
         self._memory.forget()
         self._applied = None
         if control is not None:

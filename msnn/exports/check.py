@@ -63,6 +63,7 @@ def check_export(
         weights=weights,
         promise=target.promise(plan.dtype),
         judge=lambda dtype: target.judge(plan, weights, record, dtype),
+        restarts=target.is_deployed,
     )
     with load_export(plan, written) as loaded:
         return compare(subject, loaded, record)

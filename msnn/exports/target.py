@@ -53,7 +53,7 @@ def interpreted(
     """What the interpreter does, the judge of targets that compute in floating point."""
     from msnn.agreement.judging.judge import judge
 
-    return judge(plan.program, weights, record, dtype)
+    return judge(plan.program, weights, record, dtype, restarts=plan.target.is_deployed)
 
 
 def no_faults(plan: AnyPlan) -> tuple[Diagnostic, ...]:
@@ -87,6 +87,8 @@ class Target(Generic[OwnEntry, Options]):
     """Its choices where the spec makes none."""
     promise: Callable[[NumberType], Promise] = within_rounding
     """What an export that computes in this keeps of what the judge does."""
+    is_deployed: bool = False
+    """Whether it is code of a device, which acts on `on_range: reset`."""
     is_verified: bool = False
     """Whether `msnn verify` checks what it writes."""
     prepare: Callable[[Request, OwnEntry | None], ExportPlan[Options] | None]

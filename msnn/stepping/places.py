@@ -56,6 +56,11 @@ def not_finite(name: str, value: float) -> str:
     )
 
 
+def not_a_start(name: str, value: float) -> str:
+    """Why no model begins there."""
+    return f"`{name}` is {value}: no step brings a state back that is not finite; give a number"
+
+
 def refuses(signal: Signal) -> bool:
     """Whether the C would only report what is not finite, and go on with it."""
     return signal.on_invalid == "flag"

@@ -13,7 +13,13 @@ from backends.c.interface.interface import Field, Interface
 from backends.c.interface.status import StatusBit
 from backends.ports.step_interface import Port
 from msnn.stepping.engine import StepEngine
-from msnn.stepping.places import input_places, not_finite, output_places, refuses
+from msnn.stepping.places import (
+    input_places,
+    not_a_start,
+    not_finite,
+    output_places,
+    refuses,
+)
 from spec_schema.diagnostics.suggest import nearest
 
 Array = NDArray[Any]
@@ -93,9 +99,9 @@ class Stepper:
         }
         for name, field in supplied.items():
             if name in initial:
-                windows[name] = _shaped(name, initial[name], field.shape)
+                windows[name] = _start(name, initial[name], field.shape)
         given = {
-            name: _shaped(name, value, shapes[name])
+            name: _start(name, value, shapes[name])
             for name, value in initial.items()
             if name not in windows
         }
@@ -127,7 +133,7 @@ class Stepper:
         shapes = self._shapes()
         if unknown := values.keys() - shapes.keys():
             raise ValueError(_misnamed("state", shapes, dict.fromkeys((*shapes, *unknown))))
-        found = {name: _shaped(name, value, shapes[name]) for name, value in values.items()}
+        found = {name: _start(name, value, shapes[name]) for name, value in values.items()}
         if self._engine.waiting & BUFFERS_EMPTY:
             self._refuse_some_buffers(found)
             if self._interface.filled_by_first <= found.keys():
@@ -170,18 +176,31 @@ def _window(value: ArrayLike, field: Field, port: Port) -> Array:
     one = tuple(axis.size for axis in port.signal.axes)
     if array.shape == one and array.shape != field.shape:
         array = np.broadcast_to(array[..., np.newaxis], field.shape)
-    return _shaped(field.name, array, field.shape, finite=refuses(port.signal))
+    array = _shaped(field.name, array, field.shape)
+    if refuses(port.signal) and not np.isfinite(array).all():
+        raise ValueError(not_finite(field.name, _first_not_finite(array)))
+    return array
 
 
-def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...], *, finite: bool = False) -> Array:
+def _start(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """What a state begins with."""
+    array = _shaped(name, value, shape)
+    if not np.isfinite(array).all():
+        raise ValueError(not_a_start(name, _first_not_finite(array)))
+    return array
+
+
+def _first_not_finite(array: Array) -> float:
+    return float(array[~np.isfinite(array)][0])
+
+
+def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     try:
         array = np.asarray(value, np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"`{name}` is not made of numbers: {value!r}") from None
     if array.shape != shape:
         raise ValueError(f"`{name}` has shape {array.shape}, not {shape}")
-    if finite and not np.isfinite(array).all():
-        raise ValueError(not_finite(name, float(array[~np.isfinite(array)][0])))
     return array
 
 

@@ -43,9 +43,13 @@ def judged_errors(check: ReadyCheck, rows: IntArray, errors: FloatArray) -> Judg
     with np.errstate(over="ignore", invalid="ignore"):
         flat = errors.reshape(len(errors), -1) if len(errors) else errors.reshape(0, 1)
         squares = np.mean(flat * flat, axis=1)
-    lags = lags_of(check.plan.rollout.program.sample_time)
+    sample_time = check.plan.rollout.program.sample_time
+    lags = lags_of(sample_time)
+    records = _records(check.data, rows)
+    places = _places(check.data, sample_time, lags)[rows]
+    beside = {name: values[rows] for name, values in signals.items()}
     return JudgedErrors(
-        residuals=tuple(residuals(errors, rows, _records(check.data, rows), signals, lags)),
+        residuals=tuple(residuals(errors, places, records, beside, lags)),
         regions={name: regions(squares, values[before]) for name, values in signals.items()},
         extrapolations=tuple(
             far
@@ -88,3 +92,22 @@ def _records(data: Dataset, rows: IntArray) -> IntArray:
     starts = np.array([record.start for record in data.records])
     # records follow each other: the last that begins before a row holds it
     return np.searchsorted(starts, rows, side="right") - 1
+
+
+def _places(data: Dataset, sample_time: float | None, lags: int) -> IntArray:
+    """When each row was measured, in samples: rows beside a gap are as far apart as their times.
+
+    Where a gap has no length that is known, no lag reaches over it.
+    """
+    steps = np.ones(data.rows, np.int64)
+    steps[~np.asarray(data.continues)] = lags + 1
+    for piece in (piece for record in data.records for piece in record.pieces):
+        if piece.time is None or sample_time is None:
+            continue
+        inside = slice(piece.start + 1, piece.stop)
+        gaps = ~np.asarray(data.continues[inside])
+        length = np.diff(piece.time)[gaps] / sample_time
+        # a clock that was set back, or stood still, tells nothing
+        known = np.where(length > 0, np.clip(np.rint(length), 1, lags + 1), lags + 1)
+        steps[inside][gaps] = known.astype(np.int64)
+    return np.cumsum(steps)

@@ -56,9 +56,15 @@ KEYS_ELSEWHERE: Mapping[str, tuple[str, ...]] = {
 """The first that the section has is meant."""
 
 FORMS_ELSEWHERE: Mapping[str, tuple[str, str]] = {
+    "batch": ("lr", "`batch: …` beside `optimizer:`, in the stage"),
     "bounds": ("min", "`min: …` and `max: …`"),
+    "clip": ("lr", "`clip: …` beside `optimizer:`, in the stage"),
+    "early_stop": ("lr", "`early_stop: {patience: …}` beside `optimizer:`, in the stage"),
+    "epochs": ("lr", "`epochs: …` beside `optimizer:`, in the stage"),
     "limits": ("min", "`min: …` and `max: …`"),
     "patience": ("early_stop", "`early_stop: {patience: …}`"),
     "range": ("min", "`min: …` and `max: …`"),
+    "schedule": ("lr", "`schedule: …` beside `optimizer:`, in the stage"),
+    "weight_decay": ("lr", "`weight_decay: …` beside `optimizer:`, in the stage"),
 }
 """A key that the section must have, and what is written there, where one word is not enough."""

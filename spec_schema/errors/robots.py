@@ -1,6 +1,6 @@
 """E1201-E1229, W1201-W1209: robots, their URDF files and what is asked of them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
@@ -76,10 +76,13 @@ def twice_in_urdf(message: str, span: Span, first: Span, repair: str | None = No
     )
 
 
-def mimicking_joint(name: str, span: Span) -> Diagnostic:
-    """E1212: a joint that follows another one."""
-    message = f"the joint `{name}` mimics another one, which is not in this version"
-    repair = 'make it `type="fixed"`, or remove `<mimic>` and drive it by a torque of its own'
+def mimicking_joint(name: str, leader: str, span: Span) -> Diagnostic:
+    """E1212: a joint that follows another one, which moves."""
+    message = f"the joint `{name}` mimics `{leader}`, which is not in this version"
+    repair = (
+        f"leave `{name}` and `{leader}` out of `joints:`, where they are held; or make it "
+        '`type="fixed"`; or remove `<mimic>` and drive it by a torque of its own'
+    )
     return error("E1212", span, message, "follows a joint", help=repair)
 
 
@@ -176,11 +179,13 @@ def rotation_as_quaternion(span: Span) -> Diagnostic:
     return error("E1227", span, message, "a quaternion", help="write it as `rpy`, in rad")
 
 
-def held_joints(names: Sequence[str], span: Span, place: Span) -> Diagnostic:
-    """W1201: joints that the spec does not list; they are held at 0."""
-    listed = ", ".join(f"`{name}`" for name in names)
-    plural = "s" if len(names) > 1 else ""
-    message = f"joint{plural} held at 0: {listed}"
+def held_joints(positions: Mapping[str, float], span: Span, place: Span) -> Diagnostic:
+    """W1201: joints that the spec does not list; they are held at 0, or where `<mimic>` says."""
+    resting = [f"`{name}`" for name, position in positions.items() if position == 0.0]
+    others = [f"`{name}` at {position:g}" for name, position in positions.items() if position]
+    at_rest = [f"at 0: {', '.join(resting)}"] if resting else []
+    plural = "s" if len(positions) > 1 else ""
+    message = f"joint{plural} held {'; '.join([*at_rest, *others])}"
     second = ((span, "not among these"),)
     repair = 'list it, or make it `type="fixed"` in the URDF'
     return warning("W1201", place, message, "moves in the URDF", secondary=second, help=repair)

@@ -172,9 +172,9 @@ def malformed_columns(text: str, span: Span) -> Diagnostic:
     return error("E0222", span, message, "a pattern has one ascending range, as in `tau{1..6}`")
 
 
-def misfitting_split(problem: str, span: Span) -> Diagnostic:
+def misfitting_split(problem: str, span: Span, repair: str) -> Diagnostic:
     """E0223: a split whose keys do not fit each other."""
-    return error("E0223", span, problem, "does not fit")
+    return error("E0223", span, problem, "does not fit", help=repair)
 
 
 def reversed_range(low: str, high: str, span: Span) -> Diagnostic:

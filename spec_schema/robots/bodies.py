@@ -17,6 +17,7 @@ from spec_schema.robots.geometry import (
     outer,
     plus,
     product,
+    rotation,
     scaled,
     sum_of,
     times,
@@ -61,10 +62,18 @@ class _Frame:
         return BodyPoint(body=self.body, offset=self.r)
 
 
-def tree_of(urdf: Urdf, moving: Sequence[str], *, floats: bool, findings: Findings) -> Tree | None:
+def tree_of(
+    urdf: Urdf,
+    moving: Sequence[str],
+    held: Mapping[str, float],
+    *,
+    floats: bool,
+    findings: Findings,
+) -> Tree | None:
     """The bodies that the joints called `moving` move; None once it is reported why there are none.
 
-    `floats` puts the six joints of a floating base before the root.
+    Joints of `held` stand at these positions. `floats` puts the six joints of a floating base
+    before the root.
     """
     root = _root(urdf, findings)
     if root is None:
@@ -89,9 +98,19 @@ def tree_of(urdf: Urdf, moving: Sequence[str], *, floats: bool, findings: Findin
         if joint.name in moving:
             slides = joint.type == "prismatic"
             frame = growing.moved(frame, link, joint.name, joint.axis, joint.span, slides=slides)
+        elif (position := held.get(joint.name, 0.0)) != 0.0:
+            frame = _held(frame, joint, position)
         growing.add(link, frame, urdf.links[link].inertia)
         waiting += [(inner, frame) for inner in reversed(children.get(link, []))]
     return Tree(tuple(growing.bodies), growing.frames)
+
+
+def _held(frame: _Frame, joint: Joint, position: float) -> _Frame:
+    """The frame of its link where a joint stands at a position, from that where it is at 0."""
+    if joint.type == "prismatic":
+        return frame.joined(IDENTITY, scaled(position, joint.axis))
+    A = to_axis(joint.axis)
+    return frame.joined(product(product(A, rotation(0.0, 0.0, position)), transposed(A)), ZERO)
 
 
 class _Growing:

@@ -13,6 +13,7 @@ from spec_schema.errors import units as unit_errors
 from spec_schema.fields.located import Located
 from spec_schema.robots.bodies import Tree, tree_of
 from spec_schema.robots.geometry import Vector, cholesky, multiple, product, times, transposed
+from spec_schema.robots.held_joints import held_positions
 from spec_schema.robots.robot import BASE_JOINTS, Body, BodyPoint, Robot
 from spec_schema.robots.urdf import Urdf, read_urdf
 from spec_schema.sections import robots as sections
@@ -52,14 +53,14 @@ def robot_part(
         return None
     labels = _labels(entry, urdf, around, findings)
     floats = entry.base is not None and entry.base.value == "floating"
-    tree = tree_of(urdf, labels, floats=floats, findings=findings)
+    held = held_positions(urdf, labels, findings)
+    tree = tree_of(urdf, labels, held, floats=floats, findings=findings)
     if tree is None or any(one.severity == "error" for one in findings.since(mark)):
         return None
     # joints of the file that `joints:` leaves out do not move: a warning, no error
-    held = [j for j in urdf.joints.values() if j.moves and j.name not in labels]
     if held:
-        place = (entry.joints or entry.urdf).span
-        findings.report(errors.held_joints([j.name for j in held], place, held[0].span))
+        place, first = (entry.joints or entry.urdf).span, next(iter(held))
+        findings.report(errors.held_joints(held, place, urdf.joints[first].span))
     if not tree.bodies:
         problem = "moves by no joint"
         findings.report(errors.unfit_setting_of_robot("urdf", problem, entry.urdf.span, None))

@@ -47,6 +47,16 @@ class Link:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Mimic:
+    """A joint stands at multiplier · q + offset, q the position of another one."""
+
+    joint: str
+    multiplier: float
+    offset: float
+    span: Span = field(compare=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Joint:
     """What joins a link to its parent: x of the child is R x + r of the parent where it is at 0.
 
@@ -60,6 +70,7 @@ class Joint:
     rotation: Matrix
     offset: Vector
     axis: Vector
+    mimic: Mimic | None
     span: Span = field(compare=False)
 
     @property
@@ -81,11 +92,10 @@ def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
     root = read_xml(source, findings)
     if root is None:
         return None
-    foreign = _xacro_element(root)
-    if root.tag != "robot" or foreign is not None:
-        place = foreign or root
-        is_xacro = place.tag.startswith("xacro:")
-        repair = _XACRO if is_xacro else "its root is `<robot>`"
+    macro = _xacro_element(root)
+    if root.tag != "robot" or macro is not None:
+        place = macro or root
+        repair = _XACRO if macro is not None else "its root is `<robot>`"
         findings.report(errors.not_urdf(f"`<{place.tag}>`", place.span, repair))
         return None
     mark = findings.mark()
@@ -121,12 +131,20 @@ def _report_names(what: str, name: str, span: Span, first: Span, findings: Findi
 
 
 def _xacro_element(root: XmlElement) -> XmlElement | None:
-    waiting = [root]
+    """An element of xacro's namespace, whatever prefix the file has for it."""
+    waiting = [(root, frozenset(["xacro"]))]
     while waiting:
-        element = waiting.pop()
-        if element.tag.startswith("xacro:"):
+        element, prefixes = waiting.pop()
+        # http://www.ros.org/wiki/xacro, or without www.
+        prefixes |= {
+            key.removeprefix("xmlns:")
+            for key, value in element.attributes.items()
+            if key.startswith("xmlns:") and value.rstrip("/").endswith("/xacro")
+        }
+        prefix, colon, _ = element.tag.partition(":")
+        if colon and prefix in prefixes:
             return element
-        waiting += element.children
+        waiting += [(child, prefixes) for child in element.children]
     return None
 
 
@@ -187,8 +205,6 @@ def _joint(element: XmlElement, findings: Findings) -> Joint | None:
     mimic, dynamics, limit = (
         only_element(element, tag, what, findings) for tag in ("mimic", "dynamics", "limit")
     )
-    if mimic is not None and type in MOVING:
-        findings.report(errors.mimicking_joint(name, mimic.span))
     if dynamics is not None and type in MOVING:
         given = _given(dynamics, ("damping", "friction"), what, findings)
         if any(number != 0.0 for number in given.values()):
@@ -205,8 +221,17 @@ def _joint(element: XmlElement, findings: Findings) -> Joint | None:
         rotation=R,
         offset=offset,
         axis=axis,
+        mimic=None if mimic is None else _mimic(mimic, name, findings),
         span=element.span,
     )
+
+
+def _mimic(element: XmlElement, joint: str, findings: Findings) -> Mimic:
+    what = f"`<mimic>` of `{joint}`"
+    given = {"multiplier": 1.0, "offset": 0.0}
+    given |= _given(element, ("multiplier", "offset"), what, findings)
+    leader = attribute_of(element, "joint", what, findings)
+    return Mimic(joint=leader, span=element.span, **given)
 
 
 def _named_link(element: XmlElement, tag: str, what: str, findings: Findings) -> str:

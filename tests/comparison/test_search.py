@@ -132,6 +132,31 @@ def test_a_storage_that_fails_in_the_middle_ends_the_search_with_a_message(
     assert len(read(Path("runs") / LOG)) == 2
 
 
+@pytest.mark.parametrize(
+    "ours",
+    [
+        "msnn.comparison.proposals._text",
+        "msnn.comparison.proposals._score",
+        "msnn.comparison.proposals.Proposals._law",
+        "msnn.comparison.proposals.Proposals._variant",
+    ],
+)
+def test_a_mistake_of_ours_is_not_told_as_one_of_the_storage(
+    msnn: CommandLine, monkeypatch: pytest.MonkeyPatch, ours: str
+):
+    """Each stands beside a call of Optuna, of which whatever it raises is the storage's."""
+    require_package("optuna", install="pip install 'msnn[optuna]'")
+
+    def broken(*arguments: object) -> None:
+        raise ZeroDivisionError("ours")
+
+    monkeypatch.setattr(ours, broken)
+    said = msnn("sweep", SPEC, "--optuna", "s.db", "--draw", STIFFNESS, "--draws", "1", *SHORT)
+    assert said.code == 70
+    assert "ZeroDivisionError" in said.err
+    assert "E0858" not in said.err
+
+
 def test_a_proposal_that_diverges_has_failed_and_one_that_comes_twice_is_trained_once(
     msnn: CommandLine,
 ):

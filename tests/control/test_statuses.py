@@ -51,6 +51,18 @@ def test_a_first_sample_that_is_not_finite_is_forgotten(tmp_path: Path) -> None:
     assert fresh.control == again.control
 
 
+def test_a_reset_to_what_is_not_finite_is_refused(tmp_path: Path) -> None:
+    """It once stayed in the memory: every later solve without that state had no input."""
+    own, other = (controller(tmp_path, DOUBLE_INTEGRATOR + mpc()) for _ in range(2))
+    for each in (own, other):
+        each.solve({"p": 1.0, "v": 0.0})
+    with pytest.raises(ValueError, match="`v` is nan: leave out what is not known"):
+        own.reset({"p": 1.0, "v": np.nan})
+    with pytest.raises(ValueError, match="`u` is inf"):
+        own.reset(control={"u": np.inf})
+    assert own.solve().control == other.solve().control
+
+
 def test_what_is_not_measured_is_as_predicted_after_a_sample_that_is_none(tmp_path: Path) -> None:
     own, other = (controller(tmp_path, DOUBLE_INTEGRATOR + mpc()) for _ in range(2))
     for each in (own, other):

@@ -156,7 +156,7 @@ def test_the_unit_of_time(
 ):
     lines = [f"{header},y", *(f"{t!r},{np.sin(i)}" for i, t in enumerate(times.tolist()))]
     (tmp_path / "my.csv").write_text("\n".join(lines))
-    found = time_of(columns_of(tmp_path / "my.csv"))
+    found = time_of(columns_of(tmp_path / "my.csv"), "my.csv")
     assert (found.unit, found.step) == (unit, pytest.approx(step))
     assert told in " ".join(found.notes)
     assert found.column is not None
@@ -171,8 +171,41 @@ def test_uneven_and_broken_times_are_dealt_with(tmp_path: Path):
     assert "resample: linear" in folder_of(tmp_path, text(columns, "t,u,w,y"), "y").read_text()
     columns["t"][400] = 0
     spec = folder_of(tmp_path, text(columns, "t,u,w,y"), "y").read_text()
-    assert "does not increase in 1 rows" in spec
+    assert "`t` of my.csv does not rise at row 400 (" in spec
+    assert "sort the rows by it" in " ".join(spec.split("\n# "))
     assert "  time:" not in spec
+    assert "from_t" not in spec  # a time is no input, whatever is wrong with it
+
+
+@pytest.mark.parametrize("again", [0.0, 29.9])
+def test_a_clock_that_is_set_back_begins_anew(again: float, tmp_path: Path):
+    """The time became an input of the model, and rows of two records became neighbours."""
+    columns = table()
+    columns["t"][300:] += again - columns["t"][300]
+    path = folder_of(tmp_path, text(columns, "t,u,w,y"), "y")
+    spec = path.read_text()
+    assert f"`t` of my.csv does not rise at row 300 (29.9, then {again:.6g}): `resample:" in spec
+    model = models.load(path)
+    assert {signal.name for signal in model.program.signals} == {"u", "w", "y"}
+    data = read_data(model, None, "training")
+    assert np.flatnonzero(~data.continues).tolist() == [0, 300]
+
+
+def test_a_time_that_falls_is_told_with_its_repair(tmp_path: Path):
+    columns = table() | {"t": clock(ROWS, STEP)[::-1]}
+    with pytest.raises(SpecError, match=r"E1130.*falls from row to row"):
+        folder_of(tmp_path, text(columns, "t,u,w,y"), "y")
+
+
+@pytest.mark.parametrize(
+    ("value", "told"), [(3.0, "`y` is 3 in every row"), (np.nan, "`y` has no number in any row")]
+)
+def test_a_target_that_does_not_move_is_told(value: float, told: str, tmp_path: Path):
+    content = text(table() | {"y": np.full(ROWS, value)}, "t,u,w,y")
+    with pytest.raises(TargetNotNamedError, match=told):
+        folder_of(tmp_path, content, "y")
+    with pytest.raises(TargetNotNamedError, match="without any change: y; say which one"):
+        spec_from_data("plant", tmp_path / "my.csv", tmp_path, None)
 
 
 def test_dates_give_the_sample_time(tmp_path: Path):
@@ -190,7 +223,7 @@ def test_days_without_a_time_of_day_are_no_time(days: int, tmp_path: Path):
     file = tmp_path / "log.csv"
     rows = (f"2026-11-{22 + days * row // 300},17:00:00,{row % 7},{row % 5}" for row in range(300))
     file.write_text("\n".join(["date,clock,u,y", *rows]))
-    found = time_of(columns_of(file))
+    found = time_of(columns_of(file), "my.csv")
     assert (found.column, found.step) == (None, 1.0)
     assert "put both into one column" in found.notes[0]
 
@@ -199,7 +232,7 @@ def test_days_are_the_time_of_rows_that_are_days_apart(tmp_path: Path):
     file = tmp_path / "log.csv"
     rows = (f"2026-11-{row:02},{row % 7},{row % 5}" for row in range(1, 29))
     file.write_text("\n".join(["date,u,y", *rows]))
-    assert time_of(columns_of(file)).step == 86400.0
+    assert time_of(columns_of(file), "my.csv").step == 86400.0
 
 
 def test_a_workbook_makes_a_spec(tmp_path: Path):

@@ -66,6 +66,23 @@ def test_a_simulation_shows_measured_simulated_error_inputs_and_correlation(
     assert figure.get_supxlabel() == f"not drawn: {len(runs) - 3} runs"
 
 
+def test_an_interval_that_is_drawn_is_in_the_legend(
+    trained_run: Path, drawn: list[Any], tmp_path: Path
+):
+    model = msnn.load(trained_run)
+    runs = msnn.simulate(model, weights=trained_run)[:1]
+    (run,) = runs
+    program = simulation_program(model.program)
+    entries: list[list[str]] = []
+    for bands in ({}, {name: np.ones_like(values) for name, values in run.outputs.items()}):
+        plot_simulation(tmp_path / "a.png", program, [replace(run, bands=bands)])
+        legend = drawn[-1].axes[0].get_legend()
+        entries.append([text.get_text() for text in legend.get_texts()])
+    without, with_bands = entries
+    assert "prediction interval" not in without
+    assert with_bands == [*without, "prediction interval"]
+
+
 def test_runs_beside_each_other_show_the_same_limits(
     trained_run: Path, drawn: list[Any], tmp_path: Path
 ):

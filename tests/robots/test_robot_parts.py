@@ -48,6 +48,83 @@ def test_a_joint_that_is_not_listed_is_held_at_zero(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["g"], [[0.2 * 9.81 * np.cos(0.4)]], rtol=1e-14)
 
 
+def _gripper(elbow: str, elsewhere: str) -> str:
+    """The planar arm with another elbow, and a hand whose last joint others follow."""
+    text = (URDF / "planar.urdf").read_text()
+    start = text.index('<joint name="elbow"')
+    end = text.index("</joint>", start) + len("</joint>")
+    hand = """
+      <link name="nail"/>
+      <joint name="tip" type="revolute"><parent link="hand"/><child link="nail"/></joint>"""
+    return (text[:start] + elbow + text[end:]).replace("</robot>", f"{hand}{elsewhere}</robot>")
+
+
+_BETWEEN = '<parent link="upper"/><child link="lower"/>'
+_FOLLOWS = '<axis xyz="0 -1 0"/><mimic joint="knob" multiplier="2" offset="0.1"/></joint>'
+_KNOB = """
+  <link name="k"/>
+  <joint name="knob" type="revolute"><parent link="base"/><child link="k"/>
+    <mimic joint="tip" multiplier="-3" offset="0.1"/></joint>"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "stands_at"),
+    [("revolute", 'xyz="0.5 0 0" rpy="0 -0.3 0"'), ("prismatic", 'xyz="0.5 -0.3 0"')],
+)
+def test_a_joint_that_follows_one_that_is_held_stands_where_that_puts_it(
+    kind: str, stands_at: str, tmp_path: Path
+) -> None:
+    """It kept the whole file from being read: 0.1 + 2 · (0.1 − 3 · 0)."""
+    elbow = f'<joint name="elbow" type="{kind}">{_BETWEEN}<origin xyz="0.5 0 0"/>{_FOLLOWS}'
+    fixed = f'<joint name="elbow" type="fixed">{_BETWEEN}<origin {stands_at}/></joint>'
+    (tmp_path / "follows.urdf").write_text(_gripper(elbow, _KNOB))
+    (tmp_path / "fixed.urdf").write_text(_gripper(fixed, ""))
+    text = """
+    use: {{arm: {{robot: {{urdf: {0}.urdf, joints: [{1}], frames: {{end: nail}}}}}}}}
+    inputs: {{q: {{dims: arm.joint}}}}
+    outputs: {{g: arm.gravity_torque(q), M: arm.mass_matrix(q), p: arm.end.position(q)}}
+    """
+    model = model_of(tmp_path, text.format("follows", "shoulder"))
+    (told,) = model.warnings
+    assert told.message == "joints held at 0: `tip`; `elbow` at 0.3; `knob` at 0.1"
+    q = {"q": [[0.4], [-1.3]]}
+    found = outputs_at(model.program, q)
+    right = outputs_at(model_of(tmp_path, text.format("fixed", "shoulder")).program, q)
+    for name in ("g", "M", "p"):
+        np.testing.assert_allclose(found[name], right[name], rtol=1e-14, atol=1e-15)
+    # what moves is followed by a mechanism that the file does not describe
+    assert codes(tmp_path, text.format("follows", "shoulder, tip")) == ["E1212", "E1212"]
+    assert codes(tmp_path, text.format("follows", "shoulder, elbow")) == ["E1212"]
+
+
+def test_joints_that_follow_each_other_are_a_message(tmp_path: Path) -> None:
+    elbow = f'<joint name="elbow" type="revolute">{_BETWEEN}{_FOLLOWS}'
+    text = """
+    use: {arm: {robot: {urdf: round.urdf, joints: [shoulder]}}}
+    inputs: {q: {dims: arm.joint}}
+    outputs: {g: arm.gravity_torque(q)}
+    """
+    for leader in ("elbow", "nobody"):
+        (tmp_path / "round.urdf").write_text(_gripper(elbow, _KNOB.replace('"tip"', f'"{leader}"')))
+        assert codes(tmp_path, text) == ["E1212", "E1212"]
+
+
+@pytest.mark.parametrize("address", ["http://www.ros.org/wiki/xacro", "http://ros.org/wiki/xacro/"])
+def test_xacro_under_another_prefix_is_told_as_such(address: str, tmp_path: Path) -> None:
+    """The robot lacked without a word what the macros would have written."""
+    text = (URDF / "planar.urdf").read_text()
+    text = text.replace("<robot ", f'<robot xmlns:x="{address}" ')
+    spec = """
+    use: {arm: {robot: {urdf: macros.urdf}}}
+    inputs: {q: {dims: arm.joint}}
+    outputs: {g: arm.gravity_torque(q)}
+    """
+    (tmp_path / "macros.urdf").write_text(text)
+    assert codes(tmp_path, spec) == []  # the name of the space alone asks for nothing
+    (tmp_path / "macros.urdf").write_text(text.replace("</robot>", '<x:leg side="left"/></robot>'))
+    assert codes(tmp_path, spec) == ["E1204"]
+
+
 def test_units_follow_from_the_joints(tmp_path: Path) -> None:
     text = """
     use: {{arm: {{robot: {{{0}}}}}}}

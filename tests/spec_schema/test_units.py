@@ -1,6 +1,7 @@
 """Units mean what pint says they mean."""
 
 import math
+from decimal import Decimal
 from fractions import Fraction
 from typing import Any
 
@@ -109,6 +110,13 @@ def test_conversion(value: float, unit: str, target: str, expected: float) -> No
     found = parse_unit(unit).convert(value, parse_unit(target))
     # degF has a rounded offset of 255 K; the others are one product.
     assert found == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["1", "3", "7", "10", "33", "50", "100", "250", "700"])
+@pytest.mark.parametrize(("unit", "exponent"), [("us", -6), ("ms", -3)])
+def test_short_times_are_the_nearest_number(text: str, unit: str, exponent: int) -> None:
+    """10 us was 9.999999999999999e-06 s."""
+    assert parse_unit(unit).in_si(float(text)) == float(Decimal(text).scaleb(exponent))
 
 
 def test_incomparable_units_do_not_convert() -> None:

@@ -187,7 +187,12 @@ def test_mistakes_are_named_and_change_nothing(tmp_path: Path) -> None:
     for inputs, message in cases:
         with pytest.raises(ValueError, match=re.escape(message)):
             stepper.step(**inputs)
-    for wrong, message in (({"y": 1.0}, "unknown"), ({"v": [1.0]}, "shape")):
+    for wrong, message in (
+        ({"y": 1.0}, "unknown"),
+        ({"v": [1.0]}, "shape"),
+        ({"v": np.nan}, "`v` is nan: no step brings a state back"),
+        ({"v": -np.inf}, "`v` is -inf"),
+    ):
         with pytest.raises(ValueError, match=message):
             stepper.reset(**wrong)
         with pytest.raises(ValueError, match=message):

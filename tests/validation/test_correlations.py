@@ -48,7 +48,7 @@ def test_correlations_are_those_of_the_definition(seed: int):
     e, x = generator.normal(3, 2, 50), generator.normal(-1, 5, 60)
     e[generator.choice(50, 5, replace=False)] = np.nan
     x[generator.choice(60, 5, replace=False)] = np.nan
-    (found,) = residuals(e, rows, records, {"x": x}, 3)
+    (found,) = residuals(e, rows, records, {"x": x[rows]}, 3)
     assert found.itself is not None
     assert found.itself.values == pytest.approx(by_definition(e, e, rows, records, range(1, 4)))
     expected = by_definition(e, x[rows], rows, records, range(-3, 4))
@@ -124,7 +124,7 @@ def test_two_records_are_not_one():
     [np.zeros(1000), np.full(1000, np.nan), np.ones(50), np.zeros(0), np.full(1000, np.inf)],
 )
 def test_of_too_little_nothing_is_said(errors: FloatArray):
-    itself, inputs = judged(errors, {"u": np.ones(max(len(errors), 1))})
+    itself, inputs = judged(errors, {"u": np.ones(len(errors))})
     assert itself is None
     assert not inputs
 

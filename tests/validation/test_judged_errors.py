@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,32 @@ def test_errors_of_two_records_are_no_pairs():
     (residuals,) = judged(validate(program, data, spec.checks, weights)).residuals
     assert residuals.itself is not None
     assert np.all(residuals.itself.values > 0.99)
+
+
+@pytest.mark.parametrize(
+    ("gap", "lag"), [(3.0, 4), (3.2, 4), (np.nan, None), (-5.0, None), (1e9, None)]
+)
+def test_a_gap_inside_a_record_counts_as_the_samples_that_it_lacks(gap: float, lag: int | None):
+    """Rows around a gap are two apart: the last and the first that are scored are equal."""
+    program, spec = gain(more="validate:\n  - {of: x_next}\n")
+    series = gain_series(800)
+    series["x"][:] = np.random.default_rng(5).normal(size=800)
+    series["x"][5::4] = series["x"][3:-4:4]
+    breaks = np.arange(800) % 4 == 0
+    steps = np.where(breaks, gap, 1.0)
+    data = dataset(series, test=[800])
+    (record,) = data.records
+    time = None if np.isnan(gap) else np.cumsum(steps) * program.sample_time
+    record = replace(record, pieces=(replace(record.pieces[0], time=time),))
+    data = replace(data, records=(record,), continues=data.continues & ~breaks)
+    weights = {"a": np.array(0.0), "b": np.array(0.0)}
+    (found,) = judged(validate(program, data, spec.checks, weights)).residuals
+    assert found.count == 600
+    assert found.itself is not None
+    strong = found.itself.lags[np.abs(found.itself.values) > 0.5]
+    assert strong.tolist() == ([] if lag is None else [lag])
+    if lag is not None:
+        assert found.itself.values[lag - 1] > 0.9
 
 
 def test_regions_are_quarters_of_an_input():

@@ -13,27 +13,40 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from msnn.agreement.judging.judgement import Arrays, Beginning, Judgement
 from msnn.agreement.judging.record import AgreementRecord
+from msnn.agreement.judging.restarts import begun_again, outside
 from msnn.data.dataset import FloatArray
 
 
 def judge(
-    program: Program, weights: Mapping[str, FloatArray], record: AgreementRecord, dtype: DTypeLike
+    program: Program,
+    weights: Mapping[str, FloatArray],
+    record: AgreementRecord,
+    dtype: DTypeLike,
+    *,
+    restarts: bool = False,
 ) -> Judgement:
-    """A free run of the program in step form along the record, in float64 or float32."""
+    """A free run of the program in step form along the record, in float64 or float32.
+
+    With `restarts` a state that `on_range: reset` takes back begins anew, as in deployed code.
+    """
     interface = step_interface(program)
     log = {name: series.astype(dtype) for name, series in record.log.items()}
     interpreter = Interpreter(program, weights, dtype)
-    current = interpreter.start(log, record.t0)
+    current = begun = interpreter.start(log, record.t0)
     states: list[Arrays] = []
     outputs: list[Arrays] = []
     nexts: list[Arrays] = []
+    restarted: list[Arrays] = []
     # one step after the other: a free run feeds on its own states
     for t in range(record.t0, record.t0 + record.steps):
         values = interpreter.step(log, t, current, losses=False)
         states.append(dict(current))
         outputs.append(values.outputs)
-        nexts.append(values.next_states)
         current = values.next_states
+        if restarts:
+            restarted.append(outside(program, current, dtype))
+            current = begun_again(current, restarted[-1], begun)
+        nexts.append(current)
     rows = np.arange(record.t0, record.t0 + record.steps)
     first = {name: values[0] for name, values in states[0].items()}
     return Judgement(
@@ -42,6 +55,7 @@ def judge(
         states=_joined(states),
         outputs=_joined(outputs),
         next_states=_joined(nexts),
+        restarted=_joined(restarted) if restarted else {},
     )
 
 

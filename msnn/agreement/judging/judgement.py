@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Literal, TypeAlias, TypeVar
 
@@ -70,6 +70,8 @@ class Judgement:
     states: Arrays
     outputs: Arrays
     next_states: Arrays
+    restarted: Mapping[str, NDArray[Any]] = field(default_factory=dict[str, NDArray[Any]])
+    """After which steps a state began again, (steps,) each."""
     proof: Proof | None = None
     """Where the judge is off by no more than is proved, if it is as the model means."""
 

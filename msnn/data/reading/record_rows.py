@@ -21,6 +21,7 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Date, Moment
 from spec_schema.expressions.tree import Duration, Samples
 from spec_schema.sections.data.data import SECOND, Data, Layout, TimeColumn
+from spec_schema.yaml_tree.writer import scalar_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,7 +155,7 @@ def _as_recorded(
         continues, faults = continuity(time, picked, sample_time)
         if gaps_are_errors:
             for fault in faults:
-                findings.report(_time_fault(fault, file, sample_time, table))
+                findings.report(_time_fault(fault, file, data, sample_time, table))
     rows = range(picked.first, picked.stop, picked.every)
     return RecordRows(
         columns=columns,
@@ -186,7 +187,7 @@ def _resampled(
     if backward.any():
         row = picked.first + (int(np.argmax(backward)) + 1) * picked.every
         fault = TimeFault("order", row, 0.0, int(backward.sum()) - 1)
-        findings.report(_time_fault(fault, file, sample_time, table))
+        findings.report(_time_fault(fault, file, data, sample_time, table))
         return None
     columns = {key: (moments, column[picked.rows]) for key, column in table.columns.items()}
     found_rows = _on_grid(columns, sample_time, method, None)
@@ -282,7 +283,7 @@ def _unbroken(length: int) -> BoolArray:
 
 
 def _time_fault(
-    fault: TimeFault, file: DataFile, sample_time: float, table: ColumnTable
+    fault: TimeFault, file: DataFile, data: Data, sample_time: float, table: ColumnTable
 ) -> Diagnostic:
     place: Span | None = table.place(fault.row)
     match fault.kind:
@@ -291,6 +292,9 @@ def _time_fault(
                 file.shown, fault.row, fault.step, sample_time, fault.more, place
             )
         case "sample time":
-            return errors.wrong_sample_time(file.shown, fault.step, sample_time, place)
+            time = file.layout.time or data.time
+            # some formats keep their time by themselves
+            column = "…" if time is None else scalar_text(time.column.column, in_flow=True)
+            return errors.wrong_sample_time(file.shown, fault.step, sample_time, column, place)
         case "order":
             return errors.time_not_increasing(file.shown, fault.row, fault.more, place)

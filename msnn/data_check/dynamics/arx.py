@@ -81,8 +81,8 @@ def fit_arx(pieces: Sequence[Piece], orders: ArxOrders) -> Arx | None:
     inverse = np.linalg.inv(left + _RIDGE * rows * np.eye(count))
     found = inverse @ right
     squares = float(gram[-1, -1] - 2 * right @ found + found @ left @ found)
-    # noise that the ridge stands for passes through the model to the residual
-    # Σe² by a difference of large numbers can come out below what rounding leaves
+    # Noise that the ridge stands for passes through the model to the residual. Σe², a difference
+    # of large numbers, can come out below that.
     squares = max(squares, _RIDGE * rows * (1 + float(found @ found))) * scale[-1] ** 2
     variance = squares / (rows - count)
     # back to the units of the columns

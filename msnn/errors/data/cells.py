@@ -13,7 +13,12 @@ def ragged_row(
     """E0806: a row with more or fewer cells than the header; `more` rows are like it."""
     message = f"row {row} of {file} has {found} cells, the header has {expected} columns"
     notes = and_more(more, "row")
-    repair = _COMMA_HELP if commas else None
+    if commas:
+        repair = _COMMA_HELP
+    elif found < expected:
+        repair = "write a cell for each column, empty where there is no value, or remove the line"
+    else:
+        repair = 'put a cell that holds the separator in quotes, `"…"`, or remove what is too much'
     return error("E0806", place, message, f"{found} cells", notes=notes, help=repair)
 
 
@@ -53,7 +58,9 @@ def infinite_value(
 ) -> Diagnostic:
     """E0810: a cell that is infinite."""
     message = f"`{text}` in column `{column}` is not finite (row {row} of {file})"
-    return error("E0810", place, message, "not a finite number", notes=and_more(more, "cell"))
+    repair = "write the number that it was, or leave the cell empty where nothing was measured"
+    notes = and_more(more, "cell")
+    return error("E0810", place, message, "not a finite number", notes=notes, help=repair)
 
 
 def unbalanced_quote(file: str, row: int, more: int, place: Span) -> Diagnostic:

@@ -121,7 +121,7 @@ def duplicate_column(
     name: str,
     file: str,
     place: Span | None,
-    repair: str = "choose one by its index, counted from 0",
+    repair: str,
 ) -> Diagnostic:
     """E0814: a column that is wanted and stands twice in the header."""
     message = f"{file} has two columns `{name}`"

@@ -1,4 +1,4 @@
-"""E0827 to E0829: files of data that `msnn init --data` cannot make a spec of."""
+"""E0827 to E0829 and E1130: files of data that `msnn init --data` cannot make a spec of."""
 
 from __future__ import annotations
 
@@ -21,3 +21,10 @@ def few_rows(file: str, rows: int, needed: int) -> Diagnostic:
     """E0829: a file with too few rows to train and to validate."""
     message = f"{file} has {rows} rows, too few to train on some and to validate on others"
     return error("E0829", None, message, help=f"at least {needed} are needed")
+
+
+def falling_time(file: str, column: str) -> Diagnostic:
+    """E1130: a file whose last row is the first in time."""
+    message = f"`{column}` of {file} falls from row to row: a record goes forward in time"
+    repair = f"sort its rows by `{column}`; if that is no time, give the column another name"
+    return error("E1130", None, message, help=repair)

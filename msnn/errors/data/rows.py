@@ -17,19 +17,22 @@ def time_gap(
     return error("E0811", place, message, "time gap before this row", notes=notes, help=repair)
 
 
-def wrong_sample_time(file: str, found: float, expected: float, place: Span | None) -> Diagnostic:
+def wrong_sample_time(
+    file: str, found: float, expected: float, column: str, place: Span | None
+) -> Diagnostic:
     """E0812: a file whose rows are all spaced otherwise than `sample_time`."""
     message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
-    return error("E0812", place, message, "the second row", help=_repair_of_step(found, expected))
+    repair = _repair_of_step(found, expected, column)
+    return error("E0812", place, message, "the second row", help=repair)
 
 
 def other_sample_time(*, file: str, found: float, expected: float) -> Diagnostic:
     """W0811: rows that are spaced otherwise than `sample_time`."""
     message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
-    return warning("W0811", None, message, help=_repair_of_step(found, expected))
+    return warning("W0811", None, message, help=_repair_of_step(found, expected, "…"))
 
 
-def _repair_of_step(found: float, expected: float) -> str:
+def _repair_of_step(found: float, expected: float, column: str) -> str:
     """What to write where rows are `found` seconds apart and `sample_time` says otherwise."""
     ratio = expected / found if found > 0 else 0.0
     if abs(ratio / _DAY - 1) < 0.01:
@@ -41,7 +44,7 @@ def _repair_of_step(found: float, expected: float) -> str:
     if every > 1 and abs(ratio - every) < 0.01 * every:
         return f"`every: {every}` takes one row in {every}"
     if unit := next((u for u, f in _TIME_UNITS.items() if abs(ratio * f - 1) < 0.01), None):
-        return f"if the time is in {unit}, write `time: {{column: …, unit: {unit}}}`"
+        return f"if the time is in {unit}, write `time: {{column: {column}, unit: {unit}}}`"
     return f"write `sample_time: {_seconds(found)}`, or bring the rows to it by `resample:`"
 
 

@@ -155,7 +155,8 @@ def unknown_output(name: str, span: Span, outputs: Iterable[str]) -> Diagnostic:
 def wrong_limit_unit(limit: str, expected: str, span: Span) -> Diagnostic:
     """E0920: a limit in a unit that the metric cannot be compared with."""
     message = f"the limit {limit} does not compare with a metric in {expected}"
-    return error("E0920", span, message, f"the metric is in {expected}")
+    repair = f"give the limit in {expected}, or as a number alone, which is in that unit"
+    return error("E0920", span, message, f"the metric is in {expected}", help=repair)
 
 
 def metric_of_loss(metric: str, name: str, span: Span) -> Diagnostic:

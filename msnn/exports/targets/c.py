@@ -103,6 +103,7 @@ TARGET: Target[CExport, COptions] = Target(
     dtype="float32",
     options=COptions(),
     promise=_promise,
+    is_deployed=True,
     is_verified=True,
     prepare=_prepare,
     write=_write,

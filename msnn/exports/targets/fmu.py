@@ -91,6 +91,7 @@ TARGET: Target[FmuExport, COptions] = Target(
     dtype="float32",
     options=COptions(params="tunable"),
     promise=_promise,
+    is_deployed=True,
     prepare=_prepare,
     write=_write,
     tell=_tell,

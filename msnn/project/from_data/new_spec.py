@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import jinja2
@@ -19,13 +20,15 @@ from msnn.data_check.signals.sampling import follows
 from msnn.errors.data.new_specs import few_rows, no_target
 from msnn.project.from_data.baseline import Baseline, choose_baseline
 from msnn.project.from_data.columns import FoundColumn, FoundTable, columns_of, free_name
-from msnn.project.from_data.roles import ColumnRole, roles_of
+from msnn.project.from_data.roles import roles_of
 from msnn.project.from_data.time_column import FoundTime, time_of
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.format_spec import format_spec
 from spec_schema.yaml_tree.writer import quoted, scalar_text
 
 _FEWEST_ROWS = 40
+_WIDTH = 98
+"""Of notes in the spec, without the sign of a comment."""
 
 
 class TargetNotNamedError(Exception):
@@ -47,13 +50,13 @@ def spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> 
     cannot be used.
     """
     table = columns_of(file)
-    time = time_of(table)
+    time = time_of(table, file.name)
     row_follows = follows(None if time.column is None else time.column.values, table.rows)
     used = [c for c in table.columns if c is not time.column and c.index not in time.counters]
     moving = [c for c in used if c.moves]
     if not moving:
         raise SpecError([no_target(file.name)])
-    target = _target(predict, moving, row_follows)
+    target = _target(predict, moving, [c for c in used if not c.moves], row_follows)
     if np.sum(np.isfinite(target.values)) < _FEWEST_ROWS:
         raise SpecError([few_rows(file.name, table.rows, _FEWEST_ROWS)])
     roles = [r for r in roles_of(moving, row_follows, target) if r.column is not target]
@@ -76,23 +79,41 @@ def spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> 
 
 
 def _target(
-    predict: str | None, columns: Sequence[FoundColumn], row_follows: BoolArray
+    predict: str | None,
+    columns: Sequence[FoundColumn],
+    still: Sequence[FoundColumn],
+    row_follows: BoolArray,
 ) -> FoundColumn:
     """The column with this name, header, or header without its unit."""
     if predict is None:
-        raise TargetNotNamedError(_candidates(columns, row_follows))
+        raise TargetNotNamedError(_candidates(columns, still, row_follows))
     found = [c for c in columns if predict in (c.name, c.label)]
     if len(found) != 1:
-        message = f"no column that moves is called `{predict}`; "
-        raise TargetNotNamedError(message + _candidates(columns, row_follows))
+        held = next((c for c in still if predict in (c.name, c.label)), None)
+        message = f"no column that moves is called `{predict}`"
+        if held is not None:
+            message = f"`{predict}` {_stillness(held)}: record it while it moves"
+        raise TargetNotNamedError(f"{message}; {_candidates(columns, still, row_follows)}")
     return found[0]
 
 
-def _candidates(columns: Sequence[FoundColumn], row_follows: BoolArray) -> str:
+def _stillness(column: FoundColumn) -> str:
+    values = column.values[np.isfinite(column.values)]
+    if not len(values):
+        return "has no number in any row"
+    return f"is {values[0]:.6g} in every row that has a number"
+
+
+def _candidates(
+    columns: Sequence[FoundColumn], still: Sequence[FoundColumn], row_follows: BoolArray
+) -> str:
     roles = roles_of(columns, row_follows)
     outputs = sorted((r for r in roles if r.output), key=lambda role: -role.explained)
-    inputs = [r for r in roles if not r.output]
-    text = f"columns that look like outputs: {_listed(outputs)}; like inputs: {_listed(inputs)}"
+    inputs = [r.column for r in roles if not r.output]
+    text = f"columns that look like outputs: {_listed([r.column for r in outputs])}"
+    text += f"; like inputs: {_listed(inputs)}"
+    if still:
+        text += f"; without any change: {_listed(still)}"
     first = (outputs or roles)[0].column.name
     return f"{text}; say which one to predict, such as `--predict {first}`"
 
@@ -100,8 +121,8 @@ def _candidates(columns: Sequence[FoundColumn], row_follows: BoolArray) -> str:
 _LISTED = 12
 
 
-def _listed(roles: Sequence[ColumnRole]) -> str:
-    names = [role.column.name for role in roles]
+def _listed(columns: Sequence[FoundColumn]) -> str:
+    names = [column.name for column in columns]
     more = f", … ({len(names)} in all)" if len(names) > _LISTED else ""
     return ", ".join(names[:_LISTED]) + more if names else "none"
 
@@ -162,7 +183,7 @@ def _values(facts: _Facts) -> dict[str, Any]:
         "file": facts.file.name,
         "path": os.path.relpath(facts.file.resolve(), facts.folder.resolve()),
         "rows": facts.table.rows,
-        "notes": time.notes,
+        "notes": [line for note in time.notes for line in wrap(_printable(note), _WIDTH)],
         "sample_time": _duration(time.step),
         "signals": [_signal(column) for column in signals],
         "others": [_signal(column) for column in facts.others],
@@ -248,4 +269,8 @@ def _duration(seconds: float) -> str:
 
 def _comment(text: str) -> str:
     """Text that ends no comment and hides nothing in it."""
-    return "".join(c if c.isprintable() else " " for c in text)[:80]
+    return _printable(text)[:80]
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text)

@@ -11,7 +11,9 @@ from msnn.data.dataset import FloatArray
 from msnn.data.formats.written_units import plain_label
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data_check.signals.sampling import LONGEST_STEP
+from msnn.errors.data.new_specs import falling_time
 from msnn.project.from_data.columns import FoundColumn, FoundTable
+from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.units.parser import parse_unit
 
 _WORDS = re.compile(
@@ -43,20 +45,26 @@ class FoundTime:
     """What the spec must say of rows that are not one step apart."""
     notes: tuple[str, ...]
     counters: tuple[int, ...] = ()
-    """Indices of columns that only count rows."""
+    """Indices of columns that only count rows, or that tell a time which no spec can read."""
 
 
-def time_of(table: FoundTable) -> FoundTime:
-    """The time of a file: a column that is called so, or the first one if it steps evenly."""
+def time_of(table: FoundTable, file: str) -> FoundTime:
+    """The time of a file: a column that is called so, or the first one if it steps evenly.
+
+    Raises SpecError where the column that is called so falls from row to row.
+    """
     counters = tuple(c.index for c in table.columns if _counts(c))
     if table.dates is not None and _tells_time(table.dates.values):
-        return _from(table.dates, counters)
-    for column in table.columns:
-        if _WORDS.fullmatch(plain_label(column.label)[0].strip()) and _rises(column.values):
-            return _from(column, counters)
+        return _from(table.dates, counters, file)
+    called = [c for c in table.columns if _WORDS.fullmatch(plain_label(c.label)[0].strip())]
+    for column in called:
+        if _rises(column.values):
+            return _from(column, counters, file)
+    if (falling := next((c for c in called if _rises(-c.values)), None)) is not None:
+        raise SpecError([falling_time(file, falling.label)])
     first = table.columns[0]
     if first.index == 0 and first.index not in counters and _even(first.values):
-        return _from(first, counters)
+        return _from(first, counters, file)
     note = "no column says the time: the sample time of 1 s is only a guess, write the true one"
     if table.dates is not None:
         note = (
@@ -68,28 +76,41 @@ def time_of(table: FoundTable) -> FoundTime:
     )
 
 
-def _from(column: FoundColumn, counters: tuple[int, ...]) -> FoundTime:
+def _from(column: FoundColumn, counters: tuple[int, ...], file: str) -> FoundTime:
     unit, why = _unit(column)
     steps = np.diff(column.values[np.isfinite(column.values)]) * _SCALES[unit]
     usual = float(np.median(steps[steps > 0]))
     # six digits: more of them is what clocks have rounded away
     step = float(f"{usual:.6g}")
     notes = [f"time is taken as {unit}: {why}"] if why else []
-    far = np.abs(steps - step) > GAP_TOLERANCE * step
-    backward = steps <= 0
+    back = steps <= 0
     gaps = steps > LONGEST_STEP * step
-    missing = not np.isfinite(column.values).all()
-    if backward.any() or missing:
-        what = "misses values" if missing else f"does not increase in {int(backward.sum())} rows"
-        notes.append(f"`{column.label}` {what}: rows are taken as one sample apart")
+    # where rows lie beside those that follow each other, these can stay as they are
+    uneven = bool(np.any((np.abs(steps - step) > GAP_TOLERANCE * step) & ~gaps & ~back))
+    place = f"`{column.label}` of {file}"
+    if not np.isfinite(column.values).all():
+        row = int(np.argmin(np.isfinite(column.values)))
+        why = f"{place} misses a value at row {row}"
+    elif back.any() and uneven:
+        why = f"{_backward(place, column.values)}, and its steps are uneven: sort the rows by it"
+    else:
+        why = ""
+    if why:
+        notes.append(f"{why}; until then it is left out, and rows are taken as one sample apart")
         return FoundTime(
-            column=None, unit=unit, step=step, resample=None, notes=tuple(notes), counters=counters
+            column=None,
+            unit=unit,
+            step=step,
+            resample=None,
+            notes=tuple(notes),
+            counters=(*counters, column.index),
         )
-    resample = None
-    if far.any():
-        # where gaps alone are uneven, the rows between them can stay as they are
-        resample = "none" if not (far & ~gaps).any() else "linear"
-        what = f"{int(gaps.sum())} gaps" if resample == "none" else "uneven steps"
+    resample = "linear" if uneven else "none" if gaps.any() or back.any() else None
+    if back.any():
+        again = "`resample: none` begins anew there; rows that were written out of order are sorted"
+        notes.append(f"{_backward(place, column.values)}: {again} before")
+    if uneven or gaps.any():
+        what = "uneven steps" if uneven else f"{int(gaps.sum())} gaps"
         notes.append(f"the time has {what}: `resample: {resample}` deals with them")
     return FoundTime(
         column=column,
@@ -124,6 +145,13 @@ def _unit(column: FoundColumn) -> tuple[str, str]:
     if whole and usual >= 5 and usual % 60:
         return "ms", f"rows are {usual:g} apart; write `unit: s` at `time:` if they are seconds"
     return "s", "" if not whole else f"rows are {usual:g} apart"
+
+
+def _backward(place: str, time: FloatArray) -> str:
+    rows = np.flatnonzero(np.diff(time) <= 0) + 1
+    before, then = time[rows[0] - 1], time[rows[0]]
+    more = f", and in {len(rows) - 1} rows more" if len(rows) > 1 else ""
+    return f"{place} does not rise at row {rows[0]} ({before:.6g}, then {then:.6g}){more}"
 
 
 def _tells_time(dates: FloatArray) -> bool:

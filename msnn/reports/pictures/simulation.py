@@ -172,7 +172,15 @@ def _draw_output(axis: Any, run: Simulation, along: FloatArray, channel: DrawnNu
     axis.plot(along, values, color=plotting.SIMULATED, linewidth=1.3, label="simulated")
     if channel.source in run.bands:
         half = channel.of(run.bands[channel.source])
-        axis.fill_between(along, values - half, values + half, color=plotting.SIMULATED, alpha=0.2)
+        axis.fill_between(
+            along,
+            values - half,
+            values + half,
+            color=plotting.SIMULATED,
+            alpha=0.2,
+            linewidth=0,
+            label="prediction interval",
+        )
     _finish(axis, channel.name, channel.unit)
     _draw_limits(axis, channel)
     plotting.legend_above(axis)

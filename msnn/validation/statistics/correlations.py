@@ -83,15 +83,16 @@ def lags_of(sample_time: float | None) -> int:
 
 def residuals(
     errors: FloatArray,
-    rows: IntArray,
+    places: IntArray,
     records: IntArray,
     inputs: Mapping[str, FloatArray],
     lags: int,
 ) -> list[ErrorsOfElement]:
     """The correlations of (samples, *shape) errors, an entry an element.
 
-    `rows` are theirs in the series, each once and rising, `records` the record of each; no pair of
-    values is of two records. `inputs` are (series,) signals over all rows. NaN is left out.
+    `places` are their moments in samples, which rise within a record, `records` the record of each;
+    no pair of values is of two records. `inputs` are (samples,) signals at the same places. NaN is
+    left out.
 
     r(k) = Σ e(t+k)·x(t) / √(Σe² Σx²) · n/n(k) of values less their means, n(k) pairs of n values.
     Of noise against itself the band is 2.58/√n; against an input with memory it is
@@ -99,8 +100,8 @@ def residuals(
     """
     shape = errors.shape[1:]
     flat = errors.reshape(len(errors), math.prod(shape))
-    places, size = _apart(rows, records, lags)
-    spread = {name: _on_grid(values[rows], places, size) for name, values in inputs.items()}
+    places, size = _apart(places, records, lags)
+    spread = {name: _on_grid(values, places, size) for name, values in inputs.items()}
     found: list[ErrorsOfElement] = []
     for number, element in enumerate(np.ndindex(shape)):
         error = _on_grid(flat[:, number], places, size)
@@ -139,11 +140,11 @@ class _Grid:
     """1 where there is a value, else 0."""
 
 
-def _apart(rows: IntArray, records: IntArray, lags: int) -> tuple[IntArray, int]:
+def _apart(given: IntArray, records: IntArray, lags: int) -> tuple[IntArray, int]:
     """Places on one grid on which values of two records are more than `lags` apart."""
     # records are laid apart on one grid, so that one transform takes the pairs of all
-    places, offset = rows.astype(np.int64), 0
-    for part in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(records)) + 1):
+    places, offset = given.astype(np.int64), 0
+    for part in np.split(np.arange(len(given)), np.flatnonzero(np.diff(records)) + 1):
         if len(part):
             places[part] += offset - places[part[0]]
             offset = int(places[part[-1]]) + lags + 1

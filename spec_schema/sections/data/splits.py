@@ -1,5 +1,6 @@
 """Divides records into the sets train, val and test."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
@@ -61,6 +62,10 @@ def _read_share(node: Node, findings: Findings) -> OneShare:
         if any(isinstance(item, Scalar) and isinstance(item.value, str) for item in node.items):
             return _read_time_range(node, findings)
         numbers = tuple(read_count(item, findings, least=1) for item in node.items)
+        if not numbers:
+            report = errors.misfitting_split("a list without blocks", node.span, "write `[1]`")
+            findings.report(report)
+            raise RefusedError
         return Blocks(numbers, node.span)
     value = read_number(node, findings)
     if not 0 <= value <= 1:
@@ -76,11 +81,9 @@ def _read_time_range(node: Listing, findings: Findings) -> TimeRange | DateRange
         case [Date() as start, Date() as stop] if _comes_before(start, stop):
             return DateRange(start, stop, node.span)
         case _:
-            problem = (
-                "a range of time is its start and its end, such as `[60 s, 80 s]` or "
-                "`[2026-11-22 17:00, 2026-11-22 18:00]`"
-            )
-            findings.report(errors.misfitting_split(problem, node.span))
+            problem = "a range of time is its start and its end, which comes later"
+            repair = "write `[60 s, 80 s]` or `[2026-11-22 17:00, 2026-11-22 18:00]`"
+            findings.report(errors.misfitting_split(problem, node.span, repair))
             raise RefusedError
 
 
@@ -110,6 +113,8 @@ _SHARE = {
     "minimum": 0,
     "maximum": 1,
     "items": {"type": ["integer", "string"], "minimum": 1},
+    "minItems": 1,
+    "uniqueItems": True,
 }
 Share: TypeAlias = Annotated[OneShare, reads(_read_share, _SHARE)]
 
@@ -157,57 +162,85 @@ class Split(Entry):
             self._folds(findings)
             return self
         if self.k is not None or self.fold != 1:
-            findings.report(errors.misfitting_split("`k:` and `fold:` go with `by: kfold`", key))
+            problem, repair = "`k:` and `fold:` go with `by: kfold`", "write `by: kfold` too"
+            findings.report(errors.misfitting_split(problem, key, repair))
         if not self.shares:
-            findings.report(errors.misfitting_split("split names no set", key))
+            repair = f"add `val: {_EXAMPLES[self.by]}`"
+            findings.report(errors.misfitting_split("split names no set", key, repair))
         if (self.by == "block") != (self.blocks is not None):
             problem = "`blocks:` goes with `by: block`, and only with it"
-            findings.report(errors.misfitting_split(problem, key))
-        taken: set[int] = set()
-        total = 0.0
-        times: list[TimeRange | DateRange] = []
+            repair = "add `blocks: 10`" if self.by == "block" else "write `by: block` too"
+            findings.report(errors.misfitting_split(problem, key, repair))
+        before: list[OneShare] = []
         for share in self.shares:
-            # a share of another kind than `by:` wants fits nothing, whatever its numbers are
-            match share:
-                case Fraction(value=value):
-                    total += value
-                    fits = self.by in ("file", "fraction") and total <= 1 + _ROUNDING
-                    problem = _WANTED.get(self.by, "the fractions exceed 1")
-                case Blocks(numbers=numbers):
-                    most = self.blocks or 0
-                    inside = all(number <= most for number in numbers)
-                    fits = self.by == "block" and inside and taken.isdisjoint(numbers)
-                    # also where they do not fit: a block in two sets is told once for each further
-                    # set
-                    taken.update(numbers)
-                    problem = f"block numbers go from 1 to {most}, each in one set"
-                    if self.by != "block":
-                        problem = _WANTED.get(self.by, "numbers of blocks need `by: block`")
-                case TimeRange() | DateRange():
-                    fits = self.by == "time" and all(_are_apart(share, t) for t in times)
-                    problem = "no moment belongs to two sets: all ranges are of one kind and apart"
-                    if self.by != "time":
-                        problem = _WANTED.get(self.by, "ranges of time need `by: time`")
-                    times.append(share)
-            if not fits:
-                findings.report(errors.misfitting_split(problem, share.span))
+            if (misfit := self._misfit(share, before)) is not None:
+                findings.report(errors.misfitting_split(misfit[0], share.span, misfit[1]))
+            before.append(share)
         return self
+
+    def _misfit(self, share: OneShare, before: Sequence[OneShare]) -> tuple[str, str] | None:
+        """Why a share does not fit those before it, and its repair."""
+        wanted = f"write for example `{_EXAMPLES[self.by]}`"
+        # a share of another kind than `by:` wants fits nothing, whatever its numbers are
+        match share:
+            case Fraction(value=value) if self.by in ("file", "fraction"):
+                rest = 1 - sum(other.value for other in before if isinstance(other, Fraction))
+                if value > rest + _ROUNDING:
+                    return "the fractions exceed 1", f"write `{max(rest, 0):.6g}` or less"
+            case Blocks(numbers=numbers) if self.by == "block":
+                return self._misfit_of_blocks(numbers, before)
+            case TimeRange() | DateRange() if self.by == "time":
+                ranges = (other for other in before if isinstance(other, TimeRange | DateRange))
+                if not all(_are_apart(share, other) for other in ranges):
+                    return (
+                        "no moment belongs to two sets: all ranges are of one kind and apart",
+                        "begin it where the other one ends",
+                    )
+            case Fraction():
+                return _WANTED[self.by], wanted
+            case Blocks():
+                return _WANTED.get(self.by, "numbers of blocks need `by: block`"), wanted
+            case TimeRange() | DateRange():
+                return _WANTED.get(self.by, "ranges of time need `by: time`"), wanted
+        return None
+
+    def _misfit_of_blocks(
+        self, numbers: Sequence[int], before: Sequence[OneShare]
+    ) -> tuple[str, str] | None:
+        most = self.blocks or 0
+        taken = {n for other in before if isinstance(other, Blocks) for n in other.numbers}
+        for place, number in enumerate(numbers):
+            if number > most:
+                return f"there are {most} blocks, and no block {number}", "write a number of those"
+            if number in taken:
+                return f"block {number} is in another set already", f"leave {number} out of one"
+            if number in numbers[:place]:
+                return f"block {number} is listed twice", f"write {number} once"
+        return None
 
     def _folds(self, findings: Findings) -> None:
         key = self.place.key
         if self.shares or self.blocks is not None:
-            problem = "with `by: kfold` the folds are the sets: write `k:` and `fold:` only"
-            findings.report(errors.misfitting_split(problem, key))
+            problem = "with `by: kfold` the folds are the sets"
+            repair = "write `k:` and `fold:` only"
+            findings.report(errors.misfitting_split(problem, key, repair))
         if self.k is None or self.k < 2:
-            findings.report(errors.misfitting_split("`by: kfold` needs `k:`, at least 2", key))
+            problem, repair = "`by: kfold` needs `k:`, at least 2", "write `k: 5`"
+            findings.report(errors.misfitting_split(problem, key, repair))
         elif self.fold > self.k:
             problem = f"there is no fold {self.fold}: folds go from 1 to {self.k}"
-            findings.report(errors.misfitting_split(problem, key))
+            findings.report(errors.misfitting_split(problem, key, f"write `fold: {self.k}`"))
 
 
-_WANTED = {
+_WANTED: Mapping[str, str] = {
     "block": "with `by: block` a set is a list of block numbers",
-    "time": "with `by: time` a set is a range of time such as `[60 s, 80 s]`",
+    "time": "with `by: time` a set is a range of time",
+}
+_EXAMPLES: Mapping[str, str] = {
+    "file": "0.2",
+    "fraction": "0.2",
+    "block": "[1]",
+    "time": "[60 s, 80 s]",
 }
 # 0.7 + 0.2 + 0.1 exceeds 1 by one unit in the last place.
 _ROUNDING = 1e-9

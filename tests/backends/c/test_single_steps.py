@@ -15,7 +15,7 @@ from backends.c.selftest.golden_singles import GoldenSingles, golden_singles
 from backends.c.selftest.singles.decisions import Decisions
 from backends.c.selftest.singles.descent import descended
 from backends.c.selftest.singles.drawn_trials import drawn_trials
-from backends.c.selftest.singles.ordered_codes import between, codes_of, numbers_of
+from backends.c.selftest.singles.ordered_codes import between, codes_of, distance, numbers_of
 from backends.c.selftest.singles.trial_steps import TrialSteps
 from backends.c.selftest.vectors.drawn_inputs import StartPoint
 from backends.c.selftest.vectors.golden_vectors import GoldenRun, golden_runs
@@ -108,6 +108,14 @@ def test_halving_ends_at_neighbours() -> None:
         assert np.all(middle <= np.maximum(low, high))
         low = np.where(middle == low, low, middle)
     assert np.all(np.abs(high - low) <= 1)
+
+
+def test_distances_are_right_over_all_numbers() -> None:
+    """From the least to the largest number of float64 there are more than an int64 counts to."""
+    largest = codes_of(np.array([np.finfo(np.float64).max]))
+    assert distance(-largest, largest).tolist() == [2 * int(largest[0])]
+    assert distance(largest, -largest).tolist() == [2 * int(largest[0])]
+    assert distance(np.array([-3, 7]), np.array([4, 7])).tolist() == [7, 0]
 
 
 def test_steps_stand_within_a_hundredth_of_a_threshold_on_both_sides() -> None:

@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.selftest.singles.decisions import UNORDERED
-from backends.c.selftest.singles.ordered_codes import between, codes_of, numbers_of
+from backends.c.selftest.singles.ordered_codes import (
+    between,
+    codes_of,
+    distance,
+    numbers_of,
+)
 from backends.c.selftest.singles.trial_steps import Trials, TrialSteps, joined_trials
 
 Array = NDArray[Any]
@@ -73,7 +78,7 @@ def boundaries(
 
     # distances are below two to the bits of a code: so many halvings make neighbours of the ends
     for _ in range(8 * steps.dtype.itemsize + 1):
-        apart = np.abs(high - low).max(axis=1)
+        apart = distance(low, high).max(axis=1)
         middle = between(low, high)
         here = outcomes(trials(middle, rows))[rows, decision]
         found.append(trials(middle, here == 0))
@@ -82,7 +87,7 @@ def boundaries(
         low, high = np.where(stays, middle, low), np.where(stays, high, middle)
         for digits in _APART:
             # in this turn the segment has become shorter than that
-            now = (apart > 2**digits) & (np.abs(high - low).max(axis=1) <= 2**digits)
+            now = (apart > 2**digits) & (distance(low, high).max(axis=1) <= 2**digits)
             found += [trials(low, now), trials(high, now)]
             if digits == _APART[0]:
                 pairs.append((trials(low, now), trials(high, now)))

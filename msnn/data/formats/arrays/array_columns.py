@@ -49,7 +49,8 @@ class NamedArrays:
             name, index = self._split(key)
             if name is None:
                 if self._is_double(key):
-                    faults.append(errors.duplicate_column(str(key), self.file, None))
+                    repair = "choose one by its index, counted from 0"
+                    faults.append(errors.duplicate_column(str(key), self.file, None, repair))
                 elif key not in wanted.spare:
                     missing[str(key)] = user
                 continue

@@ -17,6 +17,7 @@ from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import Unit
+from spec_schema.yaml_tree.writer import scalar_text
 
 BLANKS = " "
 """The delimiter of tables whose cells stand apart by one or more blanks or tabs."""
@@ -108,7 +109,9 @@ class Header:
             if len(alike) == 1:
                 found[key] = alike[0]
             elif alike:
-                faults.append(errors.duplicate_column(key, self.file, self.place))
+                first = f"columns: {{{scalar_text(key, in_flow=True)}: {alike[0]}}}"
+                repair = f"choose one by its index: `{first}`; {alike[1]} is the next"
+                faults.append(errors.duplicate_column(key, self.file, self.place, repair))
             elif key not in wanted.spare:
                 missing[key] = user
         if missing:

@@ -1,0 +1,25 @@
+"""A verb on the command line, which says what to do with a word that it has no place for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from typer.core import TyperCommand
+
+
+class VerbCommand(TyperCommand):
+    """Refuses words beyond its arguments; files of data are given by an option."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As typer does it; what is left over ends the command with a repair."""
+        ctx.allow_extra_args = True
+        left = super().parse_args(ctx, args)
+        if left and not ctx.resilient_parsing:
+            options = {option for parameter in self.params for option in parameter.opts}
+            words = " ".join(left)
+            said = f"`{words}` is more than `{ctx.command_path}` takes"
+            repair = f": write `--data {words}`" if len(left) == 1 and "--data" in options else ""
+            if len(left) > 1 and "--data" in options:
+                repair = ": write `--data` before each file of data"
+            ctx.fail(f"{said}{repair}")
+        return left

@@ -1,0 +1,47 @@
+"""Finds where joints stand that a spec does not move: at 0, or where `<mimic>` puts them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.errors import robots as errors
+from spec_schema.robots.urdf import Joint, Urdf
+
+
+def held_positions(urdf: Urdf, moving: Collection[str], findings: Findings) -> dict[str, float]:
+    """The position of each joint of the file that `moving` leaves out.
+
+    A joint that follows another one stands at multiplier · position + offset of that one. Reports
+    those that would move with it.
+    """
+    found: dict[str, float] = {}
+    for joint in urdf.joints.values():
+        if not joint.moves or (joint.name in moving and joint.mimic is None):
+            continue
+        position = _position(joint, urdf, moving)
+        if position is not None:
+            found[joint.name] = position
+        elif joint.mimic is not None:
+            report = errors.mimicking_joint(joint.name, joint.mimic.joint, joint.mimic.span)
+            findings.report(report)
+    return found
+
+
+def _position(joint: Joint, urdf: Urdf, moving: Collection[str]) -> float | None:
+    """Where it stands; None where it moves, or follows what is not there."""
+    factor, position = 1.0, 0.0
+    passed: set[str] = set()
+    while joint.moves:
+        if joint.name in moving or joint.name in passed:
+            return None
+        if joint.mimic is None:
+            return position
+        passed.add(joint.name)
+        position += factor * joint.mimic.offset
+        factor *= joint.mimic.multiplier
+        leader = urdf.joints.get(joint.mimic.joint)
+        if leader is None:
+            return None
+        joint = leader
+    return position
