@@ -7,12 +7,11 @@ import numpy as np
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import WINDOW, Axis, describe_axes, in_order
-from compiler.lowering.aligning import aligning
+from compiler.lowering.aligning import aligning, warn_of_twin_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower, lower_all, lower_operands
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.twin_axes import warn_of_twin_axes
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Call, Expression, Name
 

@@ -16,13 +16,12 @@ from compiler.ir.program import NodeId
 from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
-from compiler.lowering.aligning import aligning
+from compiler.lowering.aligning import aligning, warn_of_twin_axes
 from compiler.lowering.constants import number, whole_number
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower, lower_all, lower_operands
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.twin_axes import warn_of_twin_axes
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Call, Expression, Name
 

@@ -14,11 +14,10 @@ from compiler.ir.program import NodeId
 from compiler.ir.rules.alignment import contracted
 from compiler.ir.rules.unit_rules import power_unit
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
-from compiler.lowering.aligning import aligning
+from compiler.lowering.aligning import aligning, warn_of_twin_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.twin_axes import warn_of_twin_axes
 from compiler.lowering.unit_conflicts import report_unit_conflicts
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import shapes, time
