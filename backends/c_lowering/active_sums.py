@@ -39,14 +39,22 @@ def active_sets(graph: Graph, roots: Iterable[NodeId]) -> ActiveSets:
     sums = active_sums(graph, support)
     users = _users(graph, roots)
     sums = {node: sets for node, sets in sums.items() if _settled(graph, users[node])}
-    parts = set[NodeId]()
+    carried: list[set[NodeId]] = [set() for _ in graph.nodes]
     for index in range(len(graph) - 1, -1, -1):
-        if support[index] and users[index] and None not in users[index]:
-            carried = all(user in sums or user in parts for user in users[index])
-            if carried:
-                parts.add(index)
-    found = {node: sets for node, sets in found.items() if node in parts}
+        read_by = users[index]
+        carried[index] = {
+            sets
+            for sets in support[index].values()
+            # a sum along another axis asks for the sets that are 0 too
+            if read_by
+            and all(
+                user is not None and (sums.get(user) == sets or sets in carried[user])
+                for user in read_by
+            )
+        }
+    found = {node: sets for node, sets in found.items() if node in carried[node]}
     sums = {node: sets for node, sets in sums.items() if sets in found}
+    parts = [index for index, sets in enumerate(carried) if not found.keys().isdisjoint(sets)]
     return ActiveSets(found, sums, frozenset(parts))
 
 

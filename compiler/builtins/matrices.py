@@ -8,11 +8,11 @@ from compiler.builtins.call_options import option
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import WINDOW, Axis, describe_axes, in_order
+from compiler.lowering.aligning import aligning, warn_of_twin_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
-from compiler.lowering.expressions import aligning, lower, lower_all
+from compiler.lowering.expressions import lower, lower_all, lower_operands
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.twin_axes import warn_of_twin_axes
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Call, Name
 
@@ -51,7 +51,7 @@ def lower_outer(context: Context, call: Call, environment: Environment) -> NodeI
 def lower_smooth_sign(context: Context, call: Call, environment: Environment) -> NodeId:
     """tanh(x / width); without a width that of x itself."""
     builder = context.builder(environment)
-    nodes = lower_all(context, call.arguments, environment)
+    nodes = lower_operands(context, call.arguments, environment)
     operands = zip(call.arguments, nodes, strict=True)
     warn_of_twin_axes(context, builder, "smooth_sign", call, operands)
     with aligning(context, "smooth_sign", call, call.arguments[0], call.arguments[-1]):

@@ -17,12 +17,12 @@ from compiler.ir.program import NodeId
 from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
+from compiler.lowering.aligning import aligning, warn_of_twin_axes
 from compiler.lowering.constants import number, whole_number
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
-from compiler.lowering.expressions import aligning, lower, lower_all
+from compiler.lowering.expressions import lower, lower_all, lower_operands
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.twin_axes import warn_of_twin_axes
 from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Call, Name
 
@@ -50,7 +50,7 @@ def lower_builtin(context: Context, name: str, call: Call, environment: Environm
 def _scalar(name: str) -> Lower:
     def lower_scalar(context: Context, call: Call, environment: Environment) -> NodeId:
         builder = context.builder(environment)
-        nodes = lower_all(context, call.arguments, environment)
+        nodes = lower_operands(context, call.arguments, environment)
         _warn_of_twin_axes(context, name, call, nodes, environment)
         with aligning(context, name, call, call.arguments[0], call.arguments[-1]):
             return builder.apply(name, *nodes)
@@ -95,7 +95,7 @@ def _sech(builder: GraphBuilder, x: NodeId) -> NodeId:
 def _extreme(name: str) -> Lower:
     def lower_extreme(context: Context, call: Call, environment: Environment) -> NodeId:
         builder = context.builder(environment)
-        nodes = lower_all(context, call.arguments, environment)
+        nodes = lower_operands(context, call.arguments, environment)
         _warn_of_twin_axes(context, name, call, nodes, environment)
         result = nodes[0]
         for argument, node in zip(call.arguments[1:], nodes[1:], strict=True):
@@ -108,7 +108,7 @@ def _extreme(name: str) -> Lower:
 
 
 def _clip(context: Context, call: Call, environment: Environment) -> NodeId:
-    nodes = lower_all(context, call.arguments, environment)
+    nodes = lower_operands(context, call.arguments, environment)
     _warn_of_twin_axes(context, "clip", call, nodes, environment)
     with aligning(context, "clip", call, call.arguments[0], call.arguments[1]):
         return context.builder(environment).clamp(*nodes)
@@ -116,7 +116,7 @@ def _clip(context: Context, call: Call, environment: Environment) -> NodeId:
 
 def _where(context: Context, call: Call, environment: Environment) -> NodeId:
     builder = context.builder(environment)
-    condition, then, otherwise = lower_all(context, call.arguments, environment)
+    condition, then, otherwise = lower_operands(context, call.arguments, environment)
     if builder.type(condition).kind != "bool":
         context.findings.report(
             shapes.wrong_axes(

@@ -11,13 +11,13 @@ from compiler.ir.ops import Constant
 from compiler.ir.ops import Negate as CoreNegate
 from compiler.ir.ops import Relation as CoreRelation
 from compiler.ir.program import NodeId
-from compiler.ir.rules.alignment import AxisConflict
+from compiler.ir.rules.alignment import contracted
 from compiler.ir.rules.unit_rules import power_unit
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
+from compiler.lowering.aligning import aligning, warn_of_twin_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.twin_axes import warn_of_twin_axes
 from compiler.lowering.unit_conflicts import report_unit_conflicts
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import shapes, time
@@ -78,6 +78,26 @@ def lower_all(
     return nodes
 
 
+def lower_operands(
+    context: Context, expressions: Iterable[Expression], environment: Environment
+) -> list[NodeId]:
+    """Of an elementwise operation.
+
+    Where it is evaluated at each sample of a window, what has dims and no window is the same at all
+    of them: none of its dims may be taken for the window because it happens to be as long (R3).
+    """
+    nodes = lower_all(context, expressions, environment)
+    builder = context.builder(environment)
+    lengths = {length for node in nodes if (length := builder.type(node).window) is not None}
+    if environment.window is None or len(lengths) != 1:
+        return nodes
+    along = Axis(WINDOW, lengths.pop())
+    axes = [builder.type(node).axes for node in nodes]
+    steady = [bool(own) and along not in own for own in axes]
+    every = zip(nodes, axes, steady, strict=True)
+    return [builder.broadcast(n, (*own, along)) if same else n for n, own, same in every]
+
+
 def _lower(
     context: Context, expression: Expression, environment: Environment, builder: GraphBuilder
 ) -> NodeId:
@@ -97,7 +117,7 @@ def _lower(
         case Binary():
             return _lower_binary(context, expression, environment, builder)
         case Compare(relation=relation, left=left, right=right):
-            nodes = lower_all(context, (left, right), environment)
+            nodes = lower_operands(context, (left, right), environment)
             operands = zip((left, right), nodes, strict=True)
             warn_of_twin_axes(context, builder, relation.value, expression, operands)
             with aligning(context, relation.value, expression, left, right):
@@ -110,45 +130,13 @@ def _lower(
             assert_never(expression)
 
 
-class aligning:  # noqa: N801  (read as a verb: `with aligning(…):`)
-    """Turns an AxisConflict inside the block into a diagnostic about two operands."""
-
-    def __init__(
-        self,
-        context: Context,
-        operation: str,
-        whole: Expression,
-        left: Expression,
-        right: Expression,
-    ) -> None:
-        self._facts = context, operation, whole, left, right
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, AxisConflict):
-            context, operation, whole, left, right = self._facts
-            context.findings.report(
-                shapes.axes_differ(
-                    operation,
-                    describe_axes(error.left),
-                    describe_axes(error.right),
-                    error.reason,
-                    whole.span,
-                    left.span,
-                    right.span,
-                    error.hint or None,
-                )
-            )
-            raise LoweringFailed from error
-
-
 def _lower_binary(
     context: Context, binary: Binary, environment: Environment, builder: GraphBuilder
 ) -> NodeId:
-    left, right = lower_all(context, (binary.left, binary.right), environment)
-    if binary.operator is not Operator.CONTRACT:
+    contracts = binary.operator is Operator.CONTRACT
+    lower_both = lower_all if contracts else lower_operands
+    left, right = lower_both(context, (binary.left, binary.right), environment)
+    if not contracts:
         operands = ((binary.left, left), (binary.right, right))
         warn_of_twin_axes(context, builder, binary.operator.value, binary, operands)
     with aligning(context, binary.operator.value, binary, binary.left, binary.right):
@@ -175,10 +163,12 @@ def _lower_contraction(
     left: NodeId,
     right: NodeId,
 ) -> NodeId:
-    if environment.window is not None and builder.type(left).window is not None:
+    if environment.window is not None:
+        left_type, right_type = builder.type(left), builder.type(right)
         # The window of the context is not the one that the user means to sum over.
-        context.findings.report(time.window_not_yet("a contraction over time", binary.span))
-        raise LoweringFailed
+        if left_type.window is not None or contracted(left_type.axes, right_type.axes)[1] == WINDOW:
+            context.findings.report(time.window_not_yet("a contraction over time", binary.span))
+            raise LoweringFailed
     return builder.contract(left, right)
 
 

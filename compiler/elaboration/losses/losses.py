@@ -13,11 +13,11 @@ from compiler.ir.liveness import needed, reads_simulation
 from compiler.ir.ops import Read, ReadParameter, Window
 from compiler.ir.program import Loss, Measure, NodeId, Output
 from compiler.ir.types import Type, describe_axes
+from compiler.lowering.aligning import aligning, warn_of_twin_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart
-from compiler.lowering.expressions import aligning, lower, lower_all
+from compiler.lowering.expressions import lower, lower_all
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.twin_axes import warn_of_twin_axes
 from spec_schema.errors import names, shapes, states
 from spec_schema.expressions.language import LOSS_FUNCTIONS
 from spec_schema.expressions.tree import Call, Expression

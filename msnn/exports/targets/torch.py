@@ -64,9 +64,11 @@ class _TorchExport:
         return self._arrays(self._model.initial_state(self._tensors(given)))
 
     def step(self, inputs: Arrays, states: Arrays, steps: int) -> tuple[Arrays, Arrays]:
-        del steps  # the module takes it from its tensors
-        outputs, following = self._model(self._tensors(inputs), self._tensors(states))
-        return self._arrays(outputs), self._arrays(following)
+        answers = self._model(self._tensors(inputs), self._tensors(states))
+        outputs, following = (self._arrays(tensors) for tensors in answers)
+        if not (inputs or states):  # the module takes the number of steps from its tensors
+            outputs = {name: np.repeat(value, steps, axis=0) for name, value in outputs.items()}
+        return outputs, following
 
     def _tensors(self, arrays: Arrays) -> dict[str, Any]:
         torch: Any = import_module("torch")

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from io import BufferedWriter
+from io import FileIO
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,16 +18,18 @@ class MetricsLog:
     """Lines of JSON, each handed to the system as it comes, so that others can follow them."""
 
     path: Path
-    _file: BufferedWriter | None = field(init=False, default=None)
+    _file: FileIO | None = field(init=False, default=None)
 
     def append(self, record: Mapping[str, Any]) -> None:
         """Adds one line; numbers that JSON has no word for become null."""
         line = json.dumps(finite(record), ensure_ascii=False) + "\n"
         with naming(self.path):
             if self._file is None:
-                self._file = self.path.open("ab")
-            self._file.write(line.encode())
-            self._file.flush()
+                # without a buffer: what a full disk did not take would be written again by `close`
+                self._file = self.path.open("ab", buffering=0)
+            rest = line.encode()
+            while rest:
+                rest = rest[self._file.write(rest) :]
 
     def close(self) -> None:
         """Lets the file go; a later line opens it again."""

@@ -77,6 +77,13 @@ layers:
   other: {local_model: {by: "grid(x, y)", cell: {linear: {bias: false}}}}
 outputs: {out: cell(z) + other(x)}
 """,
+    "one of two": """
+layers:
+  phi: {fuzzify: {centers: [-2, -1, 0.5, 2], dim: row}}
+  psi: {fuzzify: {centers: {linspace: [-1, 1, 5]}, dim: column}}
+  grid: {fuzzify: {over: [phi, psi], combine: product}}
+outputs: {out: "sum(grid(x, y), over=row)"}
+""",
     "two by two": """
 layers:
   phi: {fuzzify: {centers: [-2, -1, 0.5, 2], dim: row}}

@@ -41,6 +41,11 @@ inputs: {u: {range: [0, 9], on_invalid: clamp}, v: {range: [0, 9], on_invalid: c
 parameters: {a: 1, b: 1}
 outputs: {y: {expr: a * sqrt(u)}, z: {expr: b * sqrt(u) * v}}
 """
+_ALMOST_EQUAL_SLOPES = """
+inputs: {u: {range: [-1, 1], on_invalid: clamp}, v: {range: [1, 9], on_invalid: clamp}}
+parameters: {a: 1.3, b: 0.7}
+outputs: {y: {expr: 3 * u / (a * (v + b))}, z: {expr: 2.99 * u / (a * (v + b))}}
+"""
 _TWO_RANGES = """
 sample_time: 100 ms
 inputs: {u: {range: [-1, 1], on_invalid: clamp}}
@@ -164,6 +169,13 @@ def test_each_slope_that_can_be_infinite_is_so_alone() -> None:
     # dy/du and dz/du: y does not depend on v, and dz/dv is a root
     endless = np.isinf(slopes)[:, [0, 2]]
     assert (endless & (endless.sum(axis=1, keepdims=True) == 1)).any(axis=0).tolist() == [True] * 2
+
+
+def test_a_slope_is_infinite_where_another_is_hardly_finite() -> None:
+    """Both have the same divisor, and one is 0.3 % larger."""
+    found = _singles(_ALMOST_EQUAL_SLOPES)
+    slopes = np.abs(found.vectors.slopes["D"][: found.linearized, :, 0])
+    assert np.any((slopes[:, 0] == np.inf) & (slopes[:, 1] < np.inf))
 
 
 def test_a_state_leaves_its_range_while_the_other_does_not() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from msnn.training.records.metrics_log import MetricsLog
 
 
@@ -14,4 +16,12 @@ def test_a_line_is_there_before_the_file_is_closed(tmp_path: Path):
     log.close()
     log.append({"epoch": 2})
     assert log.path.read_text().splitlines()[1:] == ['{"epoch": 2}']
+    log.close()
+
+
+def test_a_full_disk_is_told_with_the_file_and_told_once():
+    """What the system did not take is not written again where the file is let go."""
+    log = MetricsLog(Path("/dev/full"))
+    with pytest.raises(OSError, match="/dev/full"):
+        log.append({"epoch": 1})
     log.close()

@@ -63,21 +63,13 @@ def descended(
     moving = np.ones(current.numbers.shape, np.bool_)
     if held:
         moving = random.random(moving.shape) >= held
-    digits = _REACH * (8 * steps.dtype.itemsize - 1)
     for turn in range(_ROUNDS):
         open = np.flatnonzero(left > 0.0)
         if not len(open):
             break
-        shape = len(open) * _COPIES, steps.size
-        most = np.full((shape[0], 1), digits)
-        most[::2] *= 1.0 - turn / _ROUNDS
-        sizes = np.exp2(most * random.random(most.shape))
-        moves = np.ceil(sizes * random.random(shape)).astype(np.int64)
-        moves *= random.choice(np.array([-1, 1]), shape)
         of = np.repeat(open, _COPIES)
-        moves *= random.random(shape) < _MOVED[turn % len(_MOVED)] * moving[of]
-        numbers = numbers_of(_finite(codes_of(current.numbers[of]) + moves, steps), steps.dtype)
-        copies = Trials(current.starts[of], _allowed(numbers, steps))
+        numbers = moved(current.numbers[of], steps, turn, _ROUNDS, random, moving[of])
+        copies = Trials(current.starts[of], allowed(numbers, steps))
         found = _gaps(steps, decisions, copies)[np.arange(len(of)), decision[of]]
         best = found.reshape(-1, _COPIES).argmin(axis=1) + np.arange(len(open)) * _COPIES
         better = found[best] < left[open]
@@ -89,17 +81,25 @@ def descended(
     return joined_trials([current.of(np.flatnonzero(left == 0.0)), *near])
 
 
-def _gaps(steps: TrialSteps, decisions: Decisions, trials: Trials) -> Array:
-    """How far apart the sides of each decision are, infinitely where one is no number, (B, D)."""
-    return decisions.gaps(steps.run(trials), len(trials))
+def moved(
+    numbers: Array,
+    steps: TrialSteps,
+    turn: int,
+    turns: int,
+    random: np.random.Generator,
+    moving: NDArray[np.bool_] | bool = True,
+) -> Array:
+    """Numbers of steps, each changed by some move where it is not held."""
+    most = np.full((len(numbers), 1), _REACH * (8 * steps.dtype.itemsize - 1))
+    most[::2] *= 1.0 - turn / turns
+    sizes = np.exp2(most * random.random(most.shape))
+    moves = np.ceil(sizes * random.random(numbers.shape)).astype(np.int64)
+    moves *= random.choice(np.array([-1, 1]), numbers.shape)
+    moves *= (random.random(numbers.shape) < _MOVED[turn % len(_MOVED)]) & moving
+    return numbers_of(_finite(codes_of(numbers) + moves, steps), steps.dtype)
 
 
-def _finite(codes: NDArray[np.int64], steps: TrialSteps) -> NDArray[np.int64]:
-    most = int(codes_of(np.array([np.finfo(steps.dtype).max], steps.dtype))[0])
-    return np.clip(codes, -most, most)
-
-
-def _allowed(numbers: Array, steps: TrialSteps) -> Array:
+def allowed(numbers: Array, steps: TrialSteps) -> Array:
     """Parameters with the sign that the model gives them, and inputs that no policy replaces."""
     low, high = steps.bounds
     found = numbers.copy()
@@ -111,3 +111,13 @@ def _allowed(numbers: Array, steps: TrialSteps) -> Array:
                 first, last = limits(signal, steps.interface.options.dtype)
                 found[:, places] = np.clip(found[:, places], first, last)
     return found
+
+
+def _gaps(steps: TrialSteps, decisions: Decisions, trials: Trials) -> Array:
+    """How far apart the sides of each decision are, infinitely where one is no number, (B, D)."""
+    return decisions.gaps(steps.run(trials), len(trials))
+
+
+def _finite(codes: NDArray[np.int64], steps: TrialSteps) -> NDArray[np.int64]:
+    most = int(codes_of(np.array([np.finfo(steps.dtype).max], steps.dtype))[0])
+    return np.clip(codes, -most, most)

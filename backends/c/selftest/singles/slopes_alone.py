@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from backends.c.selftest.singles.decisions import Decisions
 from backends.c.selftest.singles.drawn_trials import trials_of_kinds
+from backends.c.selftest.singles.slopes_apart import slopes_apart
 from backends.c.selftest.singles.trial_steps import Trials, TrialSteps, joined_trials
 
 Array = NDArray[Any]
@@ -38,6 +39,11 @@ def slopes_alone(
         copies = [_copies(steps, found.best[slope], random) for slope in open]
         fresh = trials_of_kinds(steps, np.arange(_FRESH) % 4, random, infinite=True)
         found.look(joined_trials([fresh, *copies]))
+    # by a generator of its own: what was found without it stays the same
+    again = random.spawn(1)[0]
+    together = [slope for slope, count in found.others.items() if count]
+    for trials in slopes_apart(steps, decisions, together, again):
+        found.look(trials)
     plain = trials_of_kinds(steps, np.zeros(1, np.int64), random).numbers
     plain[:, steps.tuned] = steps.trained
     alone = [slope for slope, count in found.others.items() if count < 2]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -86,6 +86,7 @@ class TrialSteps:
         starts: Sequence[GoldenStart],
     ) -> None:
         self.program, self.interface = with_checked(program), interface
+        self._given = program, weights, starts
         self.dtype = np.dtype(interface.options.dtype)
         self.starts = len(starts)
         self._begun = {
@@ -129,6 +130,12 @@ class TrialSteps:
         for graph, roots in graphs:
             changeable = ChangeableGraph(graph, roots, weights, self.dtype)
             self._shown.append((changeable, [*dict.fromkeys(roots)]))
+
+    def in_float64(self) -> TrialSteps:
+        """The same steps, computed in float64."""
+        program, weights, starts = self._given
+        options = replace(self.interface.options, dtype="float64")
+        return TrialSteps(program, replace(self.interface, options=options), weights, starts)
 
     @property
     def computed(self) -> int:

@@ -1,0 +1,103 @@
+"""Moves steps to where one slope is infinite and all others are not, by how large slopes are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c.selftest.singles.decisions import Decisions
+from backends.c.selftest.singles.descent import allowed, moved
+from backends.c.selftest.singles.drawn_trials import trials_of_kinds
+from backends.c.selftest.singles.trial_steps import Trials, TrialSteps
+
+Array = NDArray[Any]
+
+_DRAWN, _BEGUN = 4096, 16
+_SHORT, _LONG = (24, 24), (96, 48)
+"""Rounds of a search, and copies of each step in a round."""
+_NEAR = 4.0
+"""How far a short search may end from its aim for long ones to follow it."""
+_TRIES = 3
+_FRESH = 1.5
+"""Numbers that are drawn anew, on average, in every third copy: no path of moves leads to 0."""
+_FARTHEST = 2000.0
+"""Binades; of what is no number."""
+
+
+def slopes_apart(
+    steps: TrialSteps, decisions: Decisions, slopes: Sequence[int], random: np.random.Generator
+) -> list[Trials]:
+    """For each of these slopes the steps that came nearest to where it alone is infinite.
+
+    That others are infinite says nothing of how far they are beyond the largest number; computed in
+    float64 they do: a step is as far from its aim as all others are beyond the largest float32 and
+    the slope itself is below it, in binades, and one for each slope that is on the wrong side in
+    float32, whose operations overflow on the way. A step takes moves that bring it nearer.
+    """
+    if not slopes or steps.dtype != np.float32:
+        return []
+    search = _Search(steps, decisions, random)
+    found: list[Trials] = []
+    for slope in slopes:
+        nearest, far = search.brought(slope, *_SHORT)
+        for _ in range(_TRIES):
+            if not 0.0 < far <= _NEAR:
+                break
+            nearest, far = search.brought(slope, *_LONG)
+        found.append(nearest)
+    return found
+
+
+class _Search:
+    def __init__(
+        self, steps: TrialSteps, decisions: Decisions, random: np.random.Generator
+    ) -> None:
+        self._steps, self._decisions, self._random = steps, decisions, random
+        self._twin = steps.in_float64()
+        self._largest = np.log2(float(np.finfo(steps.dtype).max))
+
+    def brought(self, slope: int, rounds: int, copies: int) -> tuple[Trials, float]:
+        """The step that came nearest, and how far it is from its aim."""
+        steps, random = self._steps, self._random
+        drawn = trials_of_kinds(steps, np.arange(_DRAWN) % 4, random)
+        drawn = drawn.of(np.flatnonzero(np.isfinite(drawn.numbers).all(axis=1)))
+        far = self._far(drawn, slope, np.full(len(drawn), np.inf))
+        rows = np.argsort(far, kind="stable")[:_BEGUN]
+        current, left = drawn.of(rows), far[rows]
+        of = np.repeat(np.arange(len(current)), copies)
+        for turn in range(rounds):
+            if left.min() == 0.0:
+                break
+            numbers = moved(current.numbers[of], steps, turn, rounds, random)
+            fresh = trials_of_kinds(steps, np.arange(len(of)) % 4, random).numbers
+            anew = random.random(fresh.shape) < _FRESH / steps.size
+            anew &= (np.arange(len(of)) % 3 == 0)[:, np.newaxis] & np.isfinite(fresh)
+            numbers = allowed(np.where(anew, fresh, numbers), steps)
+            trials = Trials(current.starts[of], numbers)
+            far = self._far(trials, slope, left[of])
+            best = far.reshape(-1, copies).argmin(axis=1) + np.arange(len(current)) * copies
+            better = far[best] < left
+            left[better] = far[best[better]]
+            current.numbers[better] = numbers[best[better]]
+        nearest = int(left.argmin())
+        return current.of(np.array([nearest])), float(left[nearest])
+
+    def _far(self, trials: Trials, slope: int, below: Array) -> Array:
+        """How far each step is from its aim; only where that is below a limit it is exact."""
+        wide = Trials(trials.starts, trials.numbers.astype(np.float64))
+        slopes = self._decisions.doubtful(self._twin.slopes(wide), len(wide))
+        with np.errstate(divide="ignore"):
+            beyond = np.log2(np.abs(slopes)) - self._largest
+        beyond = np.where(np.isnan(beyond), _FARTHEST, np.clip(beyond, -_FARTHEST, _FARTHEST))
+        beyond[:, slope] *= -1.0
+        far = np.maximum(beyond, 0.0).sum(axis=1)
+        rows = np.flatnonzero(far < below)
+        if len(rows):
+            part = trials.of(rows)
+            wrong = ~np.isfinite(self._decisions.doubtful(self._steps.slopes(part), len(part)))
+            wrong[:, slope] ^= True
+            far[rows] += wrong.sum(axis=1)
+        return far
