@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -60,7 +62,15 @@ class TaskResult:
 
 def in_task(task: Task) -> list[TaskResult]:
     """Trains on a node, in a folder of its own; what it leaves is the answer."""
-    return [_trained(task, sent) for sent in task.trials]
+    found = [_trained(task, sent) for sent in task.trials]
+    _freeze()
+    return found
+
+
+@cache
+def _freeze() -> None:
+    """Leaves what a process has imported out of all searches for garbage, once."""
+    gc.freeze()
 
 
 def _trained(task: Task, sent: SentTrial) -> TaskResult:
