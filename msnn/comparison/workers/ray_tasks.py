@@ -13,7 +13,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from backends.files.atomic_write import write_text
 from msnn.comparison.readings import Latest
 from msnn.comparison.trial import ReadyTrial, Setup, Trial, TrialOutcome, train_ready
 from msnn.model.kept_run import CHECKPOINT, DESCRIPTION, read_json
@@ -85,16 +84,16 @@ def _trained(task: Task, sent: SentTrial) -> TaskResult:
         files: dict[str, bytes] = {}
         if runs is not None and outcome.line.folder is not None:
             folder = runs / outcome.line.folder
-            record = read_json(folder / DESCRIPTION)
-            record |= {"spec": task.spec, "spec_places": sent.spec_places}  # as the command sees it
-            text = json.dumps(record, ensure_ascii=False, indent=2) + "\n"
-            write_text(folder / DESCRIPTION, text)
             files = {
                 path.relative_to(folder).as_posix(): path.read_bytes()
                 for path in folder.rglob("*")
                 # the training is over: nobody goes on from there
                 if path.is_file() and path.name != CHECKPOINT
             }
+            record = read_json(folder / DESCRIPTION)
+            record |= {"spec": task.spec, "spec_places": sent.spec_places}  # as the command sees it
+            text = json.dumps(record, ensure_ascii=False, indent=2) + "\n"
+            files[DESCRIPTION] = text.encode()
     return TaskResult(outcome, files, time.monotonic() - began)
 
 
