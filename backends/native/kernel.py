@@ -42,8 +42,8 @@ class Losses:
 
 
 @kept_source
-def _source(program: Program, dtype: Dtype, *, reproducible: bool) -> KernelSource:
-    return kernel_source(training_step(program), dtype, reproducible=reproducible)
+def _source(program: Program, dtype: Dtype, *, reproducible: bool, lbfgs: bool) -> KernelSource:
+    return kernel_source(training_step(program), dtype, reproducible=reproducible, lbfgs=lbfgs)
 
 
 @kept_source
@@ -54,7 +54,8 @@ def _source_of_losses(program: Program, dtype: Dtype) -> KernelSource:
 class Kernel:
     """One program, its loops closed, compiled for this machine. Raises CompilerMissingError.
 
-    Without `slopes` it has the losses alone: what runs backwards is most of what is compiled.
+    Without `slopes` it has the losses alone: what runs backwards is most of what is compiled. It
+    steps by `lbfgs` or by the other optimisers.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class Kernel:
         *,
         reproducible: bool = False,
         slopes: bool = True,
+        lbfgs: bool = False,
     ) -> None:
         self._threads = threads
         self._kept_bytes = kept_bytes
@@ -73,7 +75,7 @@ class Kernel:
         self._reserved, self._reservation = (0, 0), WorkStruct()
         self.slopes = slopes
         self.source = (
-            _source(program, dtype, reproducible=reproducible)
+            _source(program, dtype, reproducible=reproducible, lbfgs=lbfgs)
             if slopes
             else _source_of_losses(program, dtype)
         )

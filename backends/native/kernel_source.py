@@ -56,13 +56,17 @@ class LaneFunctions(FunctionTable):
         return Call(f"{PREFIX}_{kernel}", arguments)
 
 
-def kernel_source(step: TrainingStep, dtype: Dtype, *, reproducible: bool = False) -> KernelSource:
+def kernel_source(
+    step: TrainingStep, dtype: Dtype, *, reproducible: bool = False, lbfgs: bool = False
+) -> KernelSource:
     """The kernel of one program whose loops are closed.
 
-    A `reproducible` one fuses by many instructions where a processor has none for it.
+    A `reproducible` one fuses by many instructions where a processor has none for it. One with
+    `lbfgs` has that optimiser alone, others do without it: it takes gcc 0.08 s.
     """
     takes_known = _has_known(step.program)
-    found = _source(step, dtype, _training(step.program, takes_known=takes_known))
+    training = _training(step.program, takes_known=takes_known, lbfgs=lbfgs)
+    found = _source(step, dtype, training)
     text = f"#define REPRODUCIBLE\n{found.text}" if reproducible else found.text
     return replace(found, text=text, takes_known=takes_known)
 
@@ -77,7 +81,7 @@ def _has_known(program: Program) -> bool:
     return priors or any(loss.penalty is not None for loss in program.losses)
 
 
-def _training(program: Program, *, takes_known: bool) -> tuple[str, ...]:
+def _training(program: Program, *, takes_known: bool, lbfgs: bool) -> tuple[str, ...]:
     """The optimisers, with bounds and what is known of parameters only where a program has such.
 
     Both take gcc an eighth of its time for a small model.
@@ -85,10 +89,12 @@ def _training(program: Program, *, takes_known: bool) -> tuple[str, ...]:
     bounded = any(p.minimum is not None or p.maximum is not None for p in program.parameters)
     # optimisers move raw variables, which bounds map to physical values, in double precision always
     bounds = c_definitions(("sigmoid", "softplus"), "double", "double") if bounded else ""
-    has = f"#define BOUNDED {int(bounded)}\n#define KNOWN {int(takes_known)}"
+    has = {"BOUNDED": bounded, "KNOWN": takes_known, "LBFGS": lbfgs}
+    said = "\n".join(f"#define {name} {int(value)}" for name, value in has.items())
     known = ("known.c",) if takes_known else ()
-    files = ("variables.c", *known, "optimizers.c", "training.c")
-    return has, bounds, *map(_text, files)
+    steps = ("line_search.c", "lbfgs.c") if lbfgs else ("optimizers.c",)
+    files = ("variables.c", *known, "raw_slopes.c", *steps, "training.c")
+    return said, bounds, *map(_text, files)
 
 
 def _source(step: TrainingStep, dtype: Dtype, training: Sequence[str]) -> KernelSource:

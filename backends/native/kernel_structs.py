@@ -48,6 +48,23 @@ class KnownStruct(ctypes.Structure):
     )
 
 
+class CurvatureStruct(ctypes.Structure):
+    """`struct curvature` of templates/native/lbfgs.c."""
+
+    _fields_ = (
+        ("history", ctypes.c_int32),
+        ("iterations", ctypes.c_int32),
+        ("looks", ctypes.c_int32),
+        ("pairs", ctypes.c_int32),
+        ("newest", ctypes.c_int32),
+        ("steps", ctypes.c_void_p),
+        ("changes", ctypes.c_void_p),
+        ("shares", ctypes.c_void_p),
+        ("along", ctypes.c_void_p),
+        ("work", ctypes.c_void_p),
+    )
+
+
 class OptimizerStruct(ctypes.Structure):
     """`struct optimizer` of templates/native/optimizers.c."""
 
@@ -64,6 +81,7 @@ class OptimizerStruct(ctypes.Structure):
         ("second_decay", ctypes.c_double),
         ("left_out", ctypes.c_int64),
         ("known", ctypes.POINTER(KnownStruct)),
+        ("curvature", ctypes.POINTER(CurvatureStruct)),
     )
 
 

@@ -12,11 +12,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from backends.known_terms import KnownTerms
-from backends.native.kernel_structs import KnownStruct, OptimizerStruct, VariablesStruct
+from backends.native.kernel_structs import (
+    CurvatureStruct,
+    KnownStruct,
+    OptimizerStruct,
+    VariablesStruct,
+)
 from backends.raw_parameters import mapping_of, raw_value
 from compiler.ir.program import Parameter, Program
 
 FloatArray = NDArray[np.float64]
+
+
+_VECTORS = 5
+"""That a step of L-BFGS works on: slopes, variables, a direction, and slopes at two places."""
 
 
 class Method(IntEnum):
@@ -25,6 +34,7 @@ class Method(IntEnum):
     ADAM = 0
     ADAMW = 1
     SGD = 2
+    LBFGS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,12 +42,16 @@ class Rule:
     """An optimiser as the kernel runs it: which one, and its constants."""
 
     method: Method
-    beta1: float
+    beta1: float = 0.0
     beta2: float = 0.0
     epsilon: float = 0.0
     decay: float = 0.0
     clip: float = 0.0
     """Largest norm of a gradient; 0 for no limit."""
+    history: int = 0
+    """Steps of L-BFGS from which the curvature is estimated."""
+    iterations: int = 0
+    """Steps of L-BFGS a batch."""
 
 
 class KnownMemory:
@@ -50,6 +64,21 @@ class KnownMemory:
         self._arrays = (known.mean, known.std, known.magnitude, numbers, ends, known.norms)
         addresses = (array.ctypes.data for array in self._arrays)
         self.struct = KnownStruct(*addresses, len(known.slices), 0.0)
+
+
+class CurvatureMemory:
+    """What L-BFGS has learned of the curvature, as a kernel reads and writes it."""
+
+    def __init__(self, rule: Rule, numbers: int) -> None:
+        self.arrays = {
+            "steps": np.zeros((rule.history, numbers)),
+            "changes": np.zeros((rule.history, numbers)),
+            "shares": np.zeros(rule.history),
+        }
+        self._room = (np.zeros(rule.history), np.zeros((_VECTORS, numbers)))
+        addresses = (array.ctypes.data for array in (*self.arrays.values(), *self._room))
+        looks = rule.iterations * 5 // 4
+        self.struct = CurvatureStruct(rule.history, rule.iterations, looks, 0, 0, *addresses)
 
 
 class Variables:
@@ -98,6 +127,10 @@ class Variables:
         self.addresses = VariablesStruct(*(array.ctypes.data for array in arrays.values()))
         constants = (rule.beta1, rule.beta2, rule.epsilon, rule.decay, rule.clip)
         self.optimizer = OptimizerStruct(int(rule.method), 0, *constants, 0, 1.0, 1.0, 0)
+        self.curvature: CurvatureMemory | None = None
+        if rule.method is Method.LBFGS:
+            self.curvature = CurvatureMemory(rule, len(arrays["raw"]))
+            self.optimizer.curvature = ctypes.pointer(self.curvature.struct)
         self.known = None if known is None or known.is_empty else KnownMemory(known)
         if self.known is not None:
             self.optimizer.known = ctypes.pointer(self.known.struct)
@@ -110,6 +143,22 @@ class Variables:
         """Sets ŝ²/n, by which priors count."""
         if self.known is not None:
             self.known.struct.spread = spread
+
+    @property
+    def remembered(self) -> dict[str, NDArray[Any]]:
+        """The arrays that steps change, which a training goes on from."""
+        own = {name: self.arrays[name] for name in ("raw", "first", "second")}
+        return own if self.curvature is None else own | self.curvature.arrays
+
+    @property
+    def counts(self) -> list[tuple[ctypes.Structure, str]]:
+        """The numbers that steps change, each with where it stands."""
+        own: list[tuple[ctypes.Structure, str]] = [
+            (self.optimizer, name) for name in ("steps", "first_decay", "second_decay")
+        ]
+        if self.curvature is not None:
+            own += [(self.curvature.struct, name) for name in ("pairs", "newest")]
+        return own
 
     @property
     def physical(self) -> FloatArray:

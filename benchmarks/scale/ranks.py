@@ -109,10 +109,10 @@ def measure(folder: Path, rows: int, rounds: int) -> list[str]:
             alone, shared = (epoch(lines, "clock") for lines in (one, two[0]))
             busy = [epoch(lines, "cpu") for lines in (one, *two)]
             off = max(abs(a["total"] / b["total"] - 1) for a, b in zip(one, two[0], strict=True))
-            clock = f"clock {alone:.3f} s, {shared:.3f} s in two: {alone / shared:.2f}x"
+            clock = f"clock {alone:.3f} s, {shared:.3f} s in two: {alone / shared:.2f} times"
             processor = (
                 f"processor {busy[0]:.3f} s, {busy[1]:.3f} and {busy[2]:.3f} s in two: "
-                f"{busy[0] / max(busy[1:]):.2f}x; losses differ by {off:.1e}"
+                f"{busy[0] / max(busy[1:]):.2f} times; losses differ by {off:.1e}"
             )
             said += [f"{stage}: {clock}", f"{stage}: {processor}"]
             print(*said[-2:], sep="\n", flush=True)

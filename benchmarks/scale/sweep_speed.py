@@ -6,7 +6,7 @@ The model is `examples/mass_spring_damper/msd_physical.msnn.yaml` as it stands (
 of L-BFGS with 20 iterations each, 26 records of 151 rows to train on); with --adam the second stage
 takes 20 epochs of Adam instead, so that kernels alone train. A first sweep of two draws makes the
 kernels; CPU seconds are those of this process and its children, which a machine with other work to
-do does not lengthen. --write keeps the last line in RESULTS.md.
+do does not lengthen much. --write keeps the last two lines in RESULTS.md.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from pathlib import Path
 from results import write_section
 
 import msnn
+from msnn.training.records.run_log import LOG
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "mass_spring_damper"
 SETTINGS = {
@@ -80,8 +81,22 @@ def main() -> None:
                 f"{1e3 * cpu / trained:.1f} ms of CPU each (load {os.getloadavg()[0]:.1f})"
             )
             print(line)
+        left = sizes(folder / "runs")
+        print(left)
         if arguments.write:
-            write_section(f"sweep_speed.py --draws {arguments.draws}", [line])
+            write_section(f"sweep_speed.py --draws {arguments.draws}", [line, left])
+
+
+def sizes(runs: Path) -> str:
+    """What a training leaves: files of its folder, and its line of the log."""
+    lines = (runs / LOG).read_bytes().splitlines()
+    files = [path for path in runs.rglob("*") if path.is_file() and path.name != LOG]
+    kept = sum(path.stat().st_size for path in files)
+    trained, logged = len(lines), sum(map(len, lines))
+    return (
+        f"a training leaves {kept / trained / 1e3:.1f} kB in {len(files) / trained:.1f} files, "
+        f"and {logged / trained / 1e3:.1f} kB in the log"
+    )
 
 
 def cpu_seconds() -> float:

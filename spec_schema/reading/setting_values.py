@@ -8,7 +8,10 @@ from typing import cast
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText
+from spec_schema.fields.quantities import split_quantity
 from spec_schema.reading.python_values import value_text
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.unit import UnitError
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table
 from spec_schema.yaml_tree.reader import read_tree
 
@@ -28,7 +31,7 @@ def one_form(setting: str) -> str:
     value = _value(text) if equals else None
     if value is None:
         return setting
-    return f"{one_path(path)}={_written(plain_value(value))}"
+    return f"{one_path(path)}={_written(_with_one_form(plain_value(value)))}"
 
 
 def one_path(path: str) -> str:
@@ -69,6 +72,33 @@ def _key(path: str) -> str | None:
     """The key of a line of YAML; None where it is none."""
     tree = None if "\n" in path else read_tree(SourceText(_FILE, f"{path}: 0"), Findings())
     return next(iter(tree.entries)) if isinstance(tree, Table) and len(tree.entries) == 1 else None
+
+
+def _with_one_form(plain: object) -> object:
+    """Quantities with their number in one form, at any depth: `1 kg` for `1.0 kg`."""
+    match plain:
+        case str():
+            return _one_quantity(plain)
+        case list():
+            return [_with_one_form(item) for item in cast("list[object]", plain)]
+        case dict():
+            entries = cast("dict[str, object]", plain).items()
+            return {key: _with_one_form(item) for key, item in entries}
+        case _:
+            return plain
+
+
+def _one_quantity(text: str) -> str:
+    read = _value(text)
+    parts = split_quantity(read) if isinstance(read, Scalar) else None
+    if parts is None or not math.isfinite(float(parts[0].text)):
+        return text
+    number, unit = (part.text for part in parts)
+    try:
+        parse_unit(unit)
+    except UnitError:
+        return text
+    return f"{_json(float(number))} {unit}"
 
 
 def _written(plain: object) -> str:

@@ -1,21 +1,4 @@
-/* The optimisers that move raw variables. */
-enum { ADAM = 0, ADAMW = 1, SGD = 2 };
-
-struct optimizer {
-    int32_t method;
-    int32_t missing;                /* targets may be missing: count before scaling */
-    double beta1;
-    double beta2;
-    double epsilon;
-    double decay;
-    double clip;                    /* 0: none */
-    int64_t steps;                  /* taken so far */
-    double first_decay;             /* powers of β by which Adam corrects its moments: products, */
-    double second_decay;            /* the same wherever an epoch is divided into calls */
-    int64_t left_out;               /* batches without a step: their slopes are infinite */
-    const struct known *known;      /* NULL: nothing */
-};
-
+/* The optimisers that take a step of known length along each slope. */
 /* The next power of β; 0 once 1 less it is 1: subnormal numbers would take their time. */
 static double next_power(double power, double beta)
 {

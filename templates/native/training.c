@@ -1,52 +1,44 @@
 /* Optimiser steps of batch after batch, so that no call is paid for each. */
 
+static int all_are_held(const struct variables *v)
+{
+    for (int i = 0; i < PARAMETERS; i++) {
+        if (v->rate[i] != 0) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
 /* A step along the gradient of one batch; 0 if its losses or slopes are not finite or a rank is lost.
-   Where slopes of the model can be infinite, the batches in which they are take no step. Numbers of
-   rate 0 have no slope, and where all rates are 0 there is no step. */
+   Where slopes of the model can be infinite, the batches in which they are take no step. Where all
+   rates are 0 there is none either. */
 static int train_batch(struct team *team, struct batch *b, struct variables *v, struct optimizer *o,
                        const double *weights, double *sums, double *counts)
 {
     struct totals all;
-    real *const gradient = all.slopes;
-    double total = 0;
-    if (!batch_losses(team, b, v->physical, weights, o->missing, 1, &all)) {
-        return 0;
-    }
-    for (int l = 0; l < LOSSES; l++) {
-        const double mean = mean_of(all.sums[l], all.counts[l]);
-        total += weights[l] * (IS_ROOT[l] ? sqrt(mean) : mean);
-    }
-    double squares = 0;
-    int moves = 0;
-    for (int i = 0; i < PARAMETERS; i++) {
-        /* no product: 0 times an infinite slope is NaN */
-        gradient[i] = v->rate[i] == 0 ? 0 : gradient[i] * (real)slope(v, i);
-        squares += (double)gradient[i] * (double)gradient[i];
-        moves |= v->rate[i] != 0;
-    }
-    const int left_out = INFINITE_SLOPES && !(squares <= LARGEST_SLOPE * LARGEST_SLOPE);
-    if (!isfinite(total) || !(left_out || isfinite(squares))) {
+    double total;
+    const int found = raw_slopes(team, b, v, o, weights, &all, &total);
+    if (found == NOT_FINITE) {
         return 0;
     }
     for (int l = 0; l < LOSSES; l++) {
         sums[l] += all.sums[l];
         counts[l] += all.counts[l];
     }
-    if (left_out) {
+    if (found == TOO_STEEP) {
         o->left_out += 1;
         return 1;
     }
-    if (!moves) {
+    if (all_are_held(v)) {
         return 1;
     }
-    if (o->clip > 0 && sqrt(squares) > o->clip) {
-        const double factor = o->clip / (sqrt(squares) + 1e-6);
-        for (int i = 0; i < PARAMETERS; i++) {
-            gradient[i] *= (real)factor;
-        }
-    }
-    move(v, o, gradient);
+#if LBFGS
+    descend(team, b, v, o, weights, total, all.slopes);
+#else
+    move(v, o, all.slopes);
     msnn_physical(v);
+#endif
     return 1;
 }
 

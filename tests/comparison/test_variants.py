@@ -128,3 +128,14 @@ def test_one_number_and_one_path_have_one_form():
     assert one_form('"a: b"=1') == '"a: b"=1'  # without quotes it would be another key
     (only,) = variants([Path("a.yaml")], [grid_axis('"x.y"=1,1.0')], ())
     assert only.settings == ("x.y=1",)
+
+
+def test_one_quantity_has_one_form():
+    """`1 kg` and `1.0 kg` are one training; what is no quantity keeps its digits."""
+    assert one_form("a=1.0 kg") == one_form("a='1e0kg'") == one_form("a = +1  kg") == "a=1 kg"
+    assert one_form("a={init: 2.50 N/m, b: [1.0 s]}") == 'a={"init": "2.5 N/m", "b": ["1 s"]}'
+    assert one_form("a=-0.0 m") == "a=-0.0 m" != one_form("a=0 m")
+    for text in ("1.0 parrots", "1e999 kg", "a 1.0 kg", "1.0 kg of lead", "v1.0"):
+        assert one_form(f"a={text}") == f"a={text}"
+    (only,) = variants([Path("a.yaml")], [grid_axis("m=1 kg,1.0 kg,1e0 kg")], ())
+    assert only.settings == ("m=1 kg",)

@@ -15,11 +15,7 @@ from tests.docs.page_run import ROOT
 
 PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md")),
-    *(page for page in sorted((ROOT / "docs").glob("*.md")) if page.name != "scale.md"),
-    pytest.param(
-        ROOT / "docs" / "scale.md",
-        marks=pytest.mark.xfail(strict=True, reason="says of few of its figures where from"),
-    ),
+    *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "docs" / "how-to").glob("*.md")),
     *sorted((ROOT / "examples").glob("*/README.md")),
     ROOT / "editors" / "vscode" / "README.md",

@@ -40,3 +40,9 @@ def test_a_kernel_compiles_what_its_parameters_need(
 def test_a_kernel_of_losses_alone_takes_nothing_known() -> None:
     program = compiled(SPEC % (", prior: {mean: 1, std: 0.1}", ""))
     assert not losses_source(losses_alone(program), "float32").takes_known
+
+
+@pytest.mark.parametrize("lbfgs", [False, True])
+def test_a_kernel_has_the_optimisers_of_its_stage(lbfgs: bool) -> None:
+    text = kernel_source(training_step(compiled(SPEC % ("", ""))), "float32", lbfgs=lbfgs).text
+    assert ("search_along(" in text, "static void move(" in text) == (lbfgs, not lbfgs)

@@ -108,10 +108,11 @@ outputs: {y: {expr: next(x), predicts: "z[t+1]"}}
 train:
   - {epochs: 4, batch: 32, engine: native, optimizer: {adam: {lr: 0.01}}, schedule: cosine}
   - {epochs: 4, batch: 32, engine: native, rollout: 12, optimizer: {sgd: {lr: 0.01, momentum: 0.8}}}
+  - {epochs: 2, engine: native, optimizer: {lbfgs: {iterations: 6}}}
 """
 
 
-def test_gcc_and_clang_train_a_network_in_two_stages_to_the_same_weights(
+def test_gcc_and_clang_train_a_network_in_three_stages_to_the_same_weights(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("MSNN_CACHE", str(tmp_path))

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from backends.files.atomic_write import write_text
 from msnn.comparison.readings import Latest
 from msnn.comparison.trial import ReadyTrial, Setup, Trial, TrialOutcome, train_ready
 from msnn.model.kept_run import CHECKPOINT, DESCRIPTION, read_json
@@ -60,7 +61,15 @@ class TaskResult:
 
 def in_task(task: Task) -> list[TaskResult]:
     """Trains on a node, in a folder of its own; what it leaves is the answer."""
-    return [_trained(task, sent) for sent in task.trials]
+    found = [_trained(task, sent) for sent in task.trials]
+    _freeze()
+    return found
+
+
+@cache
+def _freeze() -> None:
+    """Leaves what a process has imported out of all searches for garbage, once."""
+    gc.freeze()
 
 
 def _trained(task: Task, sent: SentTrial) -> TaskResult:
@@ -75,16 +84,16 @@ def _trained(task: Task, sent: SentTrial) -> TaskResult:
         files: dict[str, bytes] = {}
         if runs is not None and outcome.line.folder is not None:
             folder = runs / outcome.line.folder
-            record = read_json(folder / DESCRIPTION)
-            record |= {"spec": task.spec, "spec_places": sent.spec_places}  # as the command sees it
-            text = json.dumps(record, ensure_ascii=False, indent=2) + "\n"
-            write_text(folder / DESCRIPTION, text)
             files = {
                 path.relative_to(folder).as_posix(): path.read_bytes()
                 for path in folder.rglob("*")
                 # the training is over: nobody goes on from there
                 if path.is_file() and path.name != CHECKPOINT
             }
+            record = read_json(folder / DESCRIPTION)
+            record |= {"spec": task.spec, "spec_places": sent.spec_places}  # as the command sees it
+            text = json.dumps(record, ensure_ascii=False, indent=2) + "\n"
+            files[DESCRIPTION] = text.encode()
     return TaskResult(outcome, files, time.monotonic() - began)
 
 

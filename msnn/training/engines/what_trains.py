@@ -7,23 +7,18 @@ from collections.abc import Sequence
 from backends.files.c_compiler import CompilerMissingError, find_compiler
 from msnn.errors.failures import MissingExtraError
 from msnn.packages import TORCH, ZIGLANG
-from spec_schema.sections.training.optimizers import Lbfgs
 from spec_schema.sections.training.training import Stage
 
-_IN_TORCH = ("msnn.training.engines.torch.torch_engine",)
-_STEPS_OF_TORCH = ("torch._dynamo",)
-"""torch imports it, 900 modules, when it makes its first optimiser, but for L-BFGS."""
+_IN_TORCH = ("msnn.training.engines.torch.torch_engine", "torch._dynamo")
+"""torch imports its compiler, 900 modules, when it makes its first optimiser."""
 
 
 def slow_modules(stages: Sequence[Stage]) -> frozenset[str]:
     """Modules that these stages need and that take seconds to import."""
-    in_torch = [
-        stage.optimizer.choice
-        for stage in stages
-        if stage.engine == "torch" or stage.optimizer.choice.steps_by == "torch"
-    ]
-    steps_of_torch = any(not isinstance(optimizer, Lbfgs) for optimizer in in_torch)
-    return frozenset((_IN_TORCH if in_torch else ()) + (_STEPS_OF_TORCH if steps_of_torch else ()))
+    in_torch = any(
+        stage.engine == "torch" or stage.optimizer.choice.steps_by == "torch" for stage in stages
+    )
+    return frozenset(_IN_TORCH if in_torch else ())
 
 
 def require_what_trains(stages: Sequence[Stage]) -> None:

@@ -103,10 +103,9 @@ class Sgd(OptimizerOptions):
 
 
 class Lbfgs(OptimizerOptions):
-    """Limited-memory BFGS with a strong-Wolfe line search."""
+    """Limited-memory BFGS with a strong-Wolfe line search (Nocedal, Wright 2006)."""
 
     noun: ClassVar[str] = "the lbfgs optimizer"
-    steps_by = "torch"
     takes_all_starts = True
     takes_factors = False
     reaches_corners = False
@@ -116,7 +115,7 @@ class Lbfgs(OptimizerOptions):
     history: PositiveCount = 10
     """Steps from which the curvature is estimated."""
     iterations: PositiveCount = 20
-    """Steps an epoch."""
+    """Most steps an epoch; it ends sooner after 1.25 times as many looks at the losses."""
 
 
 OptionValue: TypeAlias = bool | int | float | str | tuple[bool | int | float | str | None, ...]

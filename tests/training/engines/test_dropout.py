@@ -9,8 +9,6 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.training.engines.dropout_masks import factors_of, with_all_kept
-from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
-from msnn.training.engines.torch.torch_engine import TorchEngine
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.train import TrainingOptions, train
 from tests.conditions import require_tool
@@ -100,8 +98,8 @@ train:
 def test_lbfgs_on_a_kernel_and_on_torch() -> None:
     program, plan, log = plan_of("rollout: 4, dtype: float64, optimizer: {lbfgs: {iterations: 3}}")
     found: list[float] = []
-    for objective in (KernelObjective, TorchObjective):
-        engine = TorchEngine(plan, log, initial(program), None, None, objective)
+    for made in ENGINES.values():
+        engine = made(plan, log, initial(program), None, None)
         engine.begin_epoch(2, 1.0)
         found.append(engine.train_batches(first_batch(4), 20)["x_next"].total)
     assert found[0] == pytest.approx(found[1], rel=1e-9)

@@ -14,7 +14,6 @@ from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import Engine
 from msnn.training.engines.native.native_engine import NativeEngine
-from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
 from msnn.training.engines.torch.torch_engine import TorchEngine
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from spec_schema.diagnostics.diagnostic import Findings
@@ -97,26 +96,21 @@ def test_threads_of_a_stage_change_no_bit(optimizer: str) -> None:
     found: list[dict[str, FloatArray]] = []
     for threads in (1, 3):
         program, plan = planned(text, f"rollout: 8, threads: {threads}, optimizer: {{{optimizer}}}")
-        arguments = (plan, log_of(program), initial(program), None, None)
-        engine = (
-            TorchEngine(*arguments, KernelObjective)
-            if "lbfgs" in optimizer
-            else NativeEngine(*arguments)
-        )
+        engine = NativeEngine(plan, log_of(program), initial(program), None, None)
         found.append(trained(engine, runs_of(8), 2)[1])
     for name, weight in found[0].items():
         np.testing.assert_array_equal(found[1][name], weight)
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_lbfgs_along_the_gradient_of_a_kernel(model: str) -> None:
+def test_lbfgs_of_a_kernel_takes_the_steps_of_torch(model: str) -> None:
     require_tool("gcc", install="apt install gcc")
     text, _ = MODELS[model]
     program, plan = planned(text, "rollout: 8, dtype: float64, optimizer: {lbfgs: {iterations: 6}}")
     log = log_of(program)
     (native, _), (torch, _) = (
-        trained(TorchEngine(plan, log, initial(program), None, None, objective), first_batch(8), 2)
-        for objective in (KernelObjective, TorchObjective)
+        trained(engine(plan, log, initial(program), None, None), first_batch(8), 3)
+        for engine in ENGINES.values()
     )
     for ours, theirs in zip(native, torch, strict=True):
         # a line search decides on differences of losses, so that rounding grows over iterations

@@ -53,10 +53,16 @@ def test_without_fma_bits_depend_on_the_processor_unless_the_stage_insists(
     assert bits(insists, tmp_path)["reproducible"] is True
 
 
+def test_lbfgs_of_a_kernel_keeps_the_promise(tmp_path: Path) -> None:
+    require_tool("gcc", install="apt install gcc")
+    stage = "  - {epochs: 1, reproducible: true, optimizer: lbfgs}\n"
+    assert bits(stage, tmp_path)["reproducible"] is True
+
+
 @pytest.mark.parametrize(
     "keys",
     [
-        "optimizer: lbfgs",
+        "optimizer: lbfgs, engine: torch",
         "optimizer: levenberg_marquardt",
         "optimizer: {torch: {name: NAdam}}",
         "engine: torch",

@@ -32,9 +32,6 @@ from spec_schema.sections.training.optimizers import (
 BATCHES_A_CALL = 200
 """Most batches between two looks at keyboard and clock."""
 
-_MOVED = ("steps", "first_decay", "second_decay")
-"""What an optimiser remembers beside its arrays."""
-
 
 class NativeEngine:
     """Trains the parameters `plan.trained` of one stage; the others keep their values.
@@ -42,7 +39,6 @@ class NativeEngine:
     Raises CompilerMissingError where there is no C compiler.
     """
 
-    batches_a_call = BATCHES_A_CALL
     finished: str | None = None
     left_out = 0
     has_left_out = False
@@ -56,9 +52,12 @@ class NativeEngine:
         evaluation_rows: Mapping[str, BoolArray] | None,
     ) -> None:
         self._plan = plan
+        lbfgs = isinstance(plan.optimizer, Lbfgs)
+        # a batch is many steps of L-BFGS, mostly from all starts
+        self.batches_a_call = 1 if lbfgs else BATCHES_A_CALL
         self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
         self._kernel = Kernel(
-            plan.program, plan.dtype, plan.threads, reproducible=plan.reproducible
+            plan.program, plan.dtype, plan.threads, reproducible=plan.reproducible, lbfgs=lbfgs
         )
         rule, rate = _rule(plan)
         rates = {name: rate * plan.lr_factors.get(name, 1.0) for name in plan.trained}
@@ -148,21 +147,19 @@ class NativeEngine:
 
     def state(self) -> EngineState:
         """Raw variables and optimiser as they are now."""
-        arrays = self._variables.arrays
-        kept = {name: arrays[name].copy() for name in ("raw", "first", "second")}
-        optimizer = self._variables.optimizer
-        moved = {name: getattr(optimizer, name) for name in _MOVED}
-        return EngineState(kept, {"engine": "native", **moved})
+        kept = {name: array.copy() for name, array in self._variables.remembered.items()}
+        counts = {name: getattr(struct, name) for struct, name in self._variables.counts}
+        return EngineState(kept, {"engine": "native", **counts})
 
     def restore(self, state: EngineState) -> None:
         """Goes back to a state of the same stage; KeyError or ValueError for any other."""
         if not isinstance(state.structure, dict) or state.structure.get("engine") != "native":
             message = "the checkpoint is of another engine"
             raise ValueError(message)
-        for name in ("raw", "first", "second"):
-            self._variables.arrays[name][:] = state.arrays[name]
-        for name in _MOVED:
-            setattr(self._variables.optimizer, name, state.structure[name])
+        for name, array in self._variables.remembered.items():
+            array[:] = state.arrays[name]
+        for struct, name in self._variables.counts:
+            setattr(struct, name, state.structure[name])
         self._kernel.fill_in_physical(self._variables)
 
     def _losses(self, data: KernelData, groups: Groups) -> LossSums:
@@ -193,5 +190,13 @@ def _rule(plan: StagePlan) -> tuple[Rule, float]:
             ), lr
         case Sgd(momentum=momentum):
             return Rule(method=Method.SGD, beta1=momentum, decay=decay, clip=clip), lr
-        case Lbfgs() | TorchOptimizer() | LevenbergMarquardt():
+        case Lbfgs(history=history, iterations=iterations):
+            return Rule(
+                method=Method.LBFGS,
+                decay=decay,
+                clip=clip,
+                history=history,
+                iterations=iterations,
+            ), lr
+        case TorchOptimizer() | LevenbergMarquardt():
             raise AssertionError("these take the slopes of a kernel and step outside of it")

@@ -14,7 +14,7 @@ from compiler.ir.program import Parameter
 from msnn.data.dataset import FloatArray
 from msnn.training.plans.known_terms_of_stage import known_of
 from msnn.training.plans.stage_plan import StagePlan
-from spec_schema.sections.training.optimizers import Adam, AdamW, Sgd
+from spec_schema.sections.training.optimizers import Adam, AdamW, Lbfgs, Sgd
 
 
 def prior_total(plan: StagePlan, raws: Mapping[str, Tensor], spread: float) -> Tensor:
@@ -29,18 +29,22 @@ def prior_total(plan: StagePlan, raws: Mapping[str, Tensor], spread: float) -> T
 
 
 class KnownSteps:
-    """The proximal steps of optimisers whose own steps are known, for others slopes of priors."""
+    """The proximal steps of optimisers whose own steps are known, for others terms with slopes."""
 
     def __init__(self, plan: StagePlan, parameters: Sequence[Parameter]) -> None:
         self._terms = known_of(plan, parameters)
         self._plan, self._choice = plan, plan.optimizer
         self._takes_steps = plan.optimizer.reaches_corners and not self._terms.is_empty
 
-    def priors(self, raws: Mapping[str, Tensor], spread: float) -> Tensor | float:
-        """ŝ²/n · Σ ((p − mean)/std)², differentiable; 0 where steps follow instead."""
-        if self._takes_steps or not self._terms.has_priors:
-            return 0.0
-        return prior_total(self._plan, raws, spread)
+    def terms(self, raws: Mapping[str, Tensor], spread: float) -> Tensor | float:
+        """What is minimised beside the losses, differentiable; 0 where steps follow instead."""
+        total: Tensor | float = 0.0
+        if self._terms.has_priors and not self._takes_steps:
+            total = prior_total(self._plan, raws, spread)
+        decay = self._plan.weight_decay
+        if decay and isinstance(self._choice, Lbfgs):  # torch's knows of none
+            total += 0.5 * decay * torch.stack([raw.square().sum() for raw in raws.values()]).sum()
+        return total
 
     def follow(
         self, raws: Mapping[str, Tensor], optimizer: torch.optim.Optimizer, spread: float

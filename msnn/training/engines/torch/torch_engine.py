@@ -19,7 +19,6 @@ from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossErr
 from msnn.training.engines.optimizer_state import flattened, placed_like, rebuilt
 from msnn.training.engines.torch.known_steps import KnownSteps
 from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
-from msnn.training.engines.torch.plain_lbfgs import PlainLbfgs
 from msnn.training.engines.torch.torch_optimizers import torch_optimizer
 from msnn.training.plans.epoch_order import shuffled
 from msnn.training.plans.stage_plan import StagePlan
@@ -127,7 +126,7 @@ class TorchEngine:
             nonlocal before, height
             self._forget_slopes()
             found = self._objective.scored(runs)
-            total = found.total + self._known.priors(self._variables, self._spread)
+            total = found.total + self._known.terms(self._variables, self._spread)
             finite = math.isfinite(total.item())
             is_first = not before
             if is_first:
@@ -235,7 +234,7 @@ def _optimizer(plan: StagePlan, variables: Mapping[str, Tensor]) -> torch.optim.
         case TorchOptimizer():
             return torch_optimizer(plan.optimizer, _groups(plan, variables, lr), decay)
         case Lbfgs(history=history, iterations=iterations):
-            return PlainLbfgs(
+            return torch.optim.LBFGS(
                 list(variables.values()),
                 lr=lr,
                 max_iter=iterations,
