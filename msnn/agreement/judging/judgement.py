@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal, TypeAlias, TypeVar
 
 from numpy.typing import NDArray
+
+from spec_schema.late_dataclass import dataclass
 
 Arrays: TypeAlias = Mapping[str, NDArray[Any]]
 
