@@ -58,8 +58,8 @@ def _waiting(written: type, options: Mapping[str, bool], *, slots: bool) -> type
     asked = [name for option, names in _OF_OPTION.items() if options[option] for name in names]
     for name in (*_ALWAYS, *asked):
         content.setdefault(name, _Unwritten(name, unfinished))
-    if options["eq"] and content.get("__hash__") is None:
-        content["__hash__"] = _Unwritten("__hash__", unfinished) if options["frozen"] else None
+    if options["eq"] and options["frozen"] and content.get("__hash__") is None:
+        content["__hash__"] = _Unwritten("__hash__", unfinished)
     unfinished.made = type(written)(written.__name__, written.__bases__, content)
     unfinished.made.__qualname__ = written.__qualname__
     return unfinished.made
