@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
-from dataclasses import dataclass
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from msnn.errors.failures import MissingExtraError
+from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Sequence
 from contextvars import ContextVar
-from dataclasses import dataclass
+
+from spec_schema.late_dataclass import dataclass
 
 GAP = "  "
 

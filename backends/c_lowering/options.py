@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 from backends.c_language.literals import Dtype
 from backends.c_language.math_library import MathLibrary
+from spec_schema.late_dataclass import dataclass
 
 Ring = Literal["auto", "shift", "double"]
 ParameterAccess = Literal["const", "tunable", "calibration", "inline"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from compiler.builtins.call_options import resolved
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import ReadLog, ReadSamples, ReadSignal
@@ -19,6 +17,7 @@ from spec_schema.errors import calculus, names
 from spec_schema.expressions.language import NUMBERS
 from spec_schema.expressions.text import expression_text
 from spec_schema.expressions.tree import Call, Expression, Future, Member, Name, Past, Window
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.signals import Equation, Input, Output, Signal, State
 from spec_schema.sections.values import Parameter
 

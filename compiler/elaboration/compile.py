@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 
 from compiler.elaboration.deep_recursion import room_for
@@ -22,6 +22,7 @@ from compiler.passes.analyses.infinite_slopes import infinite_slopes
 from compiler.state_estimation.problem import EstimationProblem
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.errors import units
+from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.reader import ReadResult
 from spec_schema.sections.spec import Spec
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from compiler.elaboration.fitted_starts import check_fitted_starts, fit_over
 from compiler.elaboration.gradient_variables import gradient_variables, implicit_equations
@@ -27,6 +26,7 @@ from compiler.lowering.scope import owner_of
 from spec_schema.errors import states as state_errors
 from spec_schema.errors import time as times
 from spec_schema.expressions.tree import Name
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections import signals
 from spec_schema.sections.references import names_in
 from spec_schema.sections.spec import Spec

@@ -14,7 +14,6 @@ C can reproduce it bit for bit:
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, assert_never
 
 import numpy as np
@@ -24,6 +23,7 @@ from compiler.ir import ops
 from compiler.ir.program import Node
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import Type
+from spec_schema.late_dataclass import dataclass
 
 Array = NDArray[Any]
 

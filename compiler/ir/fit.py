@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from compiler.ir.graph import Graph
 from compiler.ir.types import Axis, Prediction, Type
+from spec_schema.late_dataclass import dataclass
 
 FilterKind: TypeAlias = Literal["iir", "state_space"]
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from compiler.ir.ops import Broadcast, Op
 from compiler.ir.types import Type
 from spec_schema.diagnostics.source import Span
+from spec_schema.late_dataclass import dataclass
 
 NodeId = int
 """Position of a node in its graph; operands always stand before the node that uses them."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal, ReadState, Window
 from compiler.ir.program import Graph, NodeId
+from spec_schema.late_dataclass import dataclass
 
 
 def needed(graph: Graph, wanted: Iterable[NodeId]) -> list[bool]:

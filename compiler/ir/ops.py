@@ -9,11 +9,11 @@ themselves are in the union `Op`, so that pyright names in a `match` which of th
 from __future__ import annotations
 
 import operator
-from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
 
 from compiler.ir.training.values import TrainingValue
+from spec_schema.late_dataclass import dataclass
 
 
 class Relation(Enum):

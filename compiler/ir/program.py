@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from enum import Enum
 from typing import Literal
 
@@ -14,6 +14,7 @@ from compiler.ir.graph import NodeId as NodeId
 from compiler.ir.training.known import Penalty, Prior, Statistic
 from compiler.ir.types import Axis, Prediction, Type
 from spec_schema.diagnostics.source import Span
+from spec_schema.late_dataclass import dataclass
 from spec_schema.units.unit import Unit
 
 InvalidPolicy = Literal["clamp", "hold", "flag", "trust"]

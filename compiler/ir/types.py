@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
+from spec_schema.late_dataclass import dataclass
 from spec_schema.units.unit import Unit
 
 WINDOW = "t"

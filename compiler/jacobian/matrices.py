@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from compiler.ir.program import Graph, NodeId
 from compiler.ir.types import Axis, Type
+from spec_schema.late_dataclass import dataclass
 from spec_schema.units.unit import Unit
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 from compiler.ir.scalars.table import Array
@@ -12,6 +12,7 @@ from compiler.linking.renaming import Renaming
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import submodels as errors
 from spec_schema.fields.entry import Entry
+from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.reader import ReadResult
 from spec_schema.robots.robot import Robot
 from spec_schema.sections.data.data import Data

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, TypeVar, cast
 
 from compiler.ir.scalars.signatures import OF_THE_LANGUAGE
@@ -13,6 +13,7 @@ from spec_schema.expressions.language import INDICES, LENGTH
 from spec_schema.expressions.tree import Call, Expression, Keyword, LanguageName, Member, Name
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.located import Choice, Located
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.layers.networks import EQUATION_TERMS, EquationLearner
 from spec_schema.sections.values import Function, Initializer
 from spec_schema.units.quantity import Quantity

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TypeGuard
 
 import numpy as np
@@ -18,6 +17,7 @@ from compiler.lowering.shape_repair import shape_repair
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Expression, LanguageName, ListLiteral, Name
+from spec_schema.late_dataclass import dataclass
 from spec_schema.units.unit import ONE, Unit
 
 # its square is a million numbers, which a graph holds one by one

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Protocol
 
 from compiler.ir.builder import GraphBuilder
@@ -22,6 +22,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import shapes
 from spec_schema.expressions.tree import Call, Member, Name
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.signals import Signal, State
 from spec_schema.sections.spec import Spec

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from enum import Enum
 from fractions import Fraction
 
 from compiler.ir.program import NodeId
 from spec_schema.expressions.tree import Expression
+from spec_schema.late_dataclass import dataclass
 
 Time = tuple[int, tuple[int, int] | None]
 """Shift and window: when an expression is evaluated, seen from t."""

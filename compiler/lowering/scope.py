@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from enum import Enum
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import names as errors
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.layers.layer import Layer
 from spec_schema.sections.signals import Equation, Output, Signal, State

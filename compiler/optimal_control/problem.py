@@ -26,7 +26,6 @@ x holds u_{k−1} of a control with a rate, and of all where a block is longer t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 from compiler.ir.liveness import needed
@@ -35,6 +34,7 @@ from compiler.ir.program import History, NodeId, Program, Tape
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import Vector
 from spec_schema.diagnostics.source import Span
+from spec_schema.late_dataclass import dataclass
 
 Curvature = Literal["exact", "gauss_newton"]
 """Whose second derivatives the solver takes: all of the Lagrangian, or those of the cost alone.

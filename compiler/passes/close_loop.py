@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 
 from compiler.ir.builder import GraphBuilder
@@ -24,6 +24,7 @@ from compiler.ir.program import (
 )
 from compiler.ir.types import WINDOW, Axis, Type
 from spec_schema.diagnostics.source import Span
+from spec_schema.late_dataclass import dataclass
 
 
 class LoopFault(Enum):

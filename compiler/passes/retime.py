@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, with_step
@@ -12,6 +12,7 @@ from compiler.ir.program import Expected, Graph, History, NodeId, Program, State
 from compiler.ir.types import WINDOW, Axis
 from compiler.passes.analyses.pointwise_windows import Sampled, Samplewise, at_samples, samplewise
 from compiler.passes.simplify.drop_unused import drop_unused
+from spec_schema.late_dataclass import dataclass
 
 
 def retime(program: Program, *, fixed_parameters: bool) -> Program:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, samples, with_start, with_step
@@ -10,6 +10,7 @@ from compiler.ir.liveness import Extent, extents
 from compiler.ir.ops import ReadLog, ReadSignal, Window
 from compiler.ir.program import History, Node, NodeId, Program, Signal, State
 from compiler.ir.types import WINDOW, Axis, Type
+from spec_schema.late_dataclass import dataclass
 
 
 def to_step_form(program: Program, late: int = 0) -> Program:

@@ -11,12 +11,12 @@ in step form: its next states and its outputs.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from compiler.ir.liveness import needed
 from compiler.ir.ops import ReadSignal
 from compiler.ir.program import History, Program, Tape
 from compiler.jacobian.matrices import Vector
+from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

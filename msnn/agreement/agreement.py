@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from msnn.agreement.faults import Fault
+from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from msnn.agreement.judging.judgement import Proof
+from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

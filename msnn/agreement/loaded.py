@@ -6,13 +6,13 @@ It is all that comparing, and running data through an export, ask of a target.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
 from compiler.jacobian.matrices import Jacobian
 from msnn.agreement.judging.judgement import Arrays, Beginning
+from spec_schema.late_dataclass import dataclass
 
 Start: TypeAlias = Callable[[Beginning], Arrays]
 """The states before the first step, (1, *shape) each."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -15,6 +15,7 @@ import typer
 
 from msnn.tables import LINE_WIDTH
 from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.late_dataclass import dataclass
 
 Messages = Literal["full", "concise", "github", "sarif"]
 """How messages are told: as text, as annotations of GitHub, or kept for one log of SARIF."""

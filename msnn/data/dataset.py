@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backends.files.disk_arrays import AT_ONCE, DiskArray
 from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.late_dataclass import dataclass
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

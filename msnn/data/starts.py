@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ from compiler.ir.liveness import Extent
 from compiler.ir.program import Program
 from msnn.data.dataset import IntArray
 from msnn.data.reads import reads, span
+from spec_schema.late_dataclass import dataclass
 
 Horizon = int | Literal["episode", "record"]
 """Evaluations of the step in one rollout; `record` runs over all rows and scores those of a set."""

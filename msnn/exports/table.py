@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from msnn.packages import CASADI, FMPY, ONNX, ONNXRUNTIME, TORCH, OptionalPackage
+from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
@@ -17,6 +17,7 @@ from msnn.agreement.loaded import Loaded
 from msnn.data.dataset import FloatArray
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.exports import TargetEntry
 
 OwnEntry = TypeVar("OwnEntry", bound=TargetEntry)

@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,6 +13,7 @@ from msnn.errors.learning.run_ends import nothing_kept
 from msnn.errors.learning.runs import no_run
 from msnn.model.spec_hash import kept_name
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.endless_files import refuse_endless
 
 LATEST = "latest"

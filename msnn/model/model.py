@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from compiler.ir.program import Program
@@ -15,6 +15,7 @@ from msnn.data.dataset import FloatArray
 from msnn.model.spec_hash import SubmodelFile
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import SourceText
+from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.reader import ReadResult
 from spec_schema.sections.spec import Spec
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from msnn.model.spec_hash import hash_of, parts_of
 from msnn.model.weights.safetensors_file import arrays_in
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import submodels as errors
+from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.reader import ReadResult
 from spec_schema.sections.submodels import Use
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from msnn.simulation.durations import samples
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.tree import Length
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.training.training import Rollout
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from compiler.ir.kept_results import kept_for_same
 from compiler.ir.program import Output, Program
@@ -17,6 +16,7 @@ from msnn.simulation.rollout_plan import RolloutPlan, default_rollout, plan_roll
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.tree import Expression, Member, Name, Window
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.data.data import Source
 from spec_schema.sections.validation import Metric, Validation
 from spec_schema.units.parser import parse_unit

@@ -1,12 +1,13 @@
 """Holds what a user is told about a spec as data, apart from how it is printed."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, TypeAlias, TypedDict, Unpack
 
 from spec_schema.diagnostics.printable import printable, printable_span
 from spec_schema.diagnostics.render_full import in_full
 from spec_schema.diagnostics.source import SourceText, Span
+from spec_schema.late_dataclass import dataclass
 
 Severity: TypeAlias = Literal["error", "warning", "note"]
 Secondary: TypeAlias = tuple[tuple[Span, str], ...]

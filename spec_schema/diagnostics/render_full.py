@@ -2,11 +2,11 @@
 
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Protocol
 
 from spec_schema.diagnostics.printable import printable_source
 from spec_schema.diagnostics.source import SourceText, Span
+from spec_schema.late_dataclass import dataclass
 
 _COLORS: Mapping[str, str] = {"error": "1;31", "warning": "1;33", "note": "1;32"}
 _FRAME = "1;34"

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from datetime import UTC, datetime, timedelta
 
 from spec_schema.diagnostics.source import Span
+from spec_schema.late_dataclass import dataclass
 
 _MOMENT = re.compile(
     r"(?P<day>\d{4}-\d\d-\d\d)"

@@ -2,13 +2,13 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import expressions as errors
 from spec_schema.expressions.durations import DURATION, NUMBER_PATTERN, duration_of
 from spec_schema.expressions.tree import Duration
+from spec_schema.late_dataclass import dataclass
 from spec_schema.names import is_name, is_python_word, normalised
 from spec_schema.units.unit import unit_symbol
 from spec_schema.yaml_tree.nodes import Positions

@@ -1,10 +1,11 @@
 """Defines the mathematics of a spec as a closed union of frozen nodes, each with its place."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 from typing import Literal, TypeAlias
 
 from spec_schema.diagnostics.source import Span
+from spec_schema.late_dataclass import dataclass
 from spec_schema.units.quantity import Quantity
 
 

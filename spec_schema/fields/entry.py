@@ -2,9 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic_core.core_schema import CoreSchema, with_info_plain_validator_function
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
@@ -37,8 +45,6 @@ class Entry(BaseModel):
     list of its keys says little (`example`).
     """
 
-    # Building the whole schema once, when the first spec is read, takes a third of the time that
-    # building each class at its definition takes.
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
     noun: ClassVar[str] = "this section"
     shorthand: ClassVar[str | None] = None
@@ -46,6 +52,20 @@ class Entry(BaseModel):
     example: ClassVar[str | None] = None
 
     place: Annotated[KeyAndValueSpan, LeafField(_as_given)] = Field(alias=_PLACE, repr=False)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Below a field, a reader that builds the schema of the class when a spec has such a part.
+
+        Most specs have few of the parts that there are; where a mistake is, its node knows.
+        """
+        if handler.field_name is None:
+            return handler(source)
+        return with_info_plain_validator_function(cls._read)
+
+    @classmethod
+    def _read(cls, node: Node, info: ValidationInfo) -> Self:
+        return cls.model_validate(node, context=info.context)
 
     @classmethod
     def known_keys(cls) -> tuple[str, ...]:

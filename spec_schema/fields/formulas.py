@@ -1,7 +1,7 @@
 """Leaf types of the schema that hold mathematics: expressions, arrays, predictions."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, TypeAlias
 
 from spec_schema.diagnostics.diagnostic import Findings
@@ -22,6 +22,7 @@ from spec_schema.expressions.tree import (
 from spec_schema.fields.entry import RefusedError
 from spec_schema.fields.located import Located
 from spec_schema.fields.plain import reads, scalar
+from spec_schema.late_dataclass import dataclass
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table, kind
 
 

@@ -1,12 +1,13 @@
 """Ties validators to what JSON Schema can say of the values they read."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, TypeAlias
 
 from pydantic import BeforeValidator, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core.core_schema import CoreSchema, with_info_plain_validator_function
 
+from spec_schema.late_dataclass import dataclass
 from spec_schema.names import RESERVED_PATTERN
 
 JsonSchema: TypeAlias = Mapping[str, Any]

@@ -1,9 +1,10 @@
 """Values of a spec that remember where they were written."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Generic, TypeVar
 
 from spec_schema.diagnostics.source import Span
+from spec_schema.late_dataclass import dataclass
 
 Value = TypeVar("Value")
 

@@ -1,7 +1,7 @@
 """Reads one spec file: text, YAML, schema and expressions, with everything wrong at once."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -10,6 +10,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.errors import yaml_text as errors
 from spec_schema.errors.files import unreadable_file
+from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.endless_files import refuse_endless
 from spec_schema.reading.settings import apply_settings, settings_source
 from spec_schema.robots.robot import Robot

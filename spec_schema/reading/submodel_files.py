@@ -2,13 +2,14 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.errors import robots as robot_errors
 from spec_schema.errors import submodels as errors
+from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.one_file import ReadResult, read_file, read_one_spec
 from spec_schema.sections.robots import Robot
 from spec_schema.sections.spec import Spec
@@ -36,7 +37,7 @@ def read_used(
     return _Reading(texts, unsaved or {}).used(result, (result.source.path,))
 
 
-@dataclass
+@dataclass()
 class _Reading:
     """Files that are read already, by where they really are, and how many sub-models each is."""
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from spec_schema.diagnostics.source import Span
+from spec_schema.late_dataclass import dataclass
 from spec_schema.robots.geometry import IDENTITY, ZERO, Matrix, Vector
 
 WORLD = -1

@@ -1,6 +1,6 @@
 """Named dimensions: `joint: 6`, or `joint: [shoulder, elbow]`."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, TypeAlias
 
 from spec_schema.diagnostics.diagnostic import Findings
@@ -8,6 +8,7 @@ from spec_schema.errors import schema as errors
 from spec_schema.fields.entry import RefusedError
 from spec_schema.fields.located import KeyAndValueSpan
 from spec_schema.fields.plain import read_count, reads, scalar
+from spec_schema.late_dataclass import dataclass
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar
 
 

@@ -1,6 +1,6 @@
 """Robots: what a spec says of a URDF file beside what stands in the file."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, ClassVar, TypeAlias
 
 from pydantic import Field
@@ -13,6 +13,7 @@ from spec_schema.fields.located import Choice, Located
 from spec_schema.fields.named_tables import Named
 from spec_schema.fields.plain import DifferentOf, LocatedText, located_choice, reads, scalar
 from spec_schema.fields.quantities import QUANTITY, read_quantity
+from spec_schema.late_dataclass import dataclass
 from spec_schema.units.quantity import Quantity
 from spec_schema.yaml_tree.nodes import Listing, Node, kind
 

@@ -1,7 +1,7 @@
 """Sub-models: specs that a spec uses as its parts, and what feeds their inputs."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, ClassVar
 
 from pydantic import ValidationInfo, model_validator
@@ -16,6 +16,7 @@ from spec_schema.fields.leaf import Gathering, members
 from spec_schema.fields.located import Located
 from spec_schema.fields.named_tables import read_table
 from spec_schema.fields.plain import LocatedText, Text, reads, scalar
+from spec_schema.late_dataclass import dataclass
 from spec_schema.names import is_dotted_name
 from spec_schema.sections.robots import Robot
 from spec_schema.yaml_tree.nodes import Listing, Node, Table, kind

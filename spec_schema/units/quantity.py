@@ -1,8 +1,9 @@
 """Numbers with a unit, as written in a spec."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from spec_schema.diagnostics.source import Span
+from spec_schema.late_dataclass import dataclass
 from spec_schema.units.unit import Unit
 
 

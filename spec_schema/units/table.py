@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+
+from spec_schema.late_dataclass import dataclass
 
 BASE_SYMBOLS = ("m", "kg", "s", "A", "K", "mol", "cd", "rad")
 

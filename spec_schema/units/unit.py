@@ -1,11 +1,12 @@
 """Represents units: exponents of SI base units and of angle, scale, canonical text."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from decimal import Decimal
 from fractions import Fraction
 from typing import TypeAlias
 
+from spec_schema.late_dataclass import dataclass
 from spec_schema.units.table import BASE_SYMBOLS, PREFIXES, UNIT_ROWS, UnitRow
 
 Rational: TypeAlias = int | Fraction

@@ -1,7 +1,7 @@
 """Builds the tree of nodes from PyYAML's events, without recursion and within fixed budgets."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import yaml
@@ -9,6 +9,7 @@ import yaml
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import SourceText, Span
 from spec_schema.errors import yaml_text as errors
+from spec_schema.late_dataclass import dataclass
 from spec_schema.names import normalised
 from spec_schema.yaml_tree.nodes import Listing, Node, Positions, Scalar, Table, kind, with_key
 from spec_schema.yaml_tree.scalar_positions import Style, scalar_offsets

@@ -1,10 +1,11 @@
 """Represents a spec file as a tree of nodes that know their places."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 from spec_schema.diagnostics.source import SourceText, Span
+from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -210,6 +210,24 @@ def _top(module: str) -> str:
     return module.partition(".")[0]
 
 
+_AT_ONCE = """
+import sys
+from dataclasses import dataclass
+from msnn.cli.application import run
+code = run(sys.argv[1:])
+ours = ("backends", "compiler", "msnn", "spec_schema")
+for name, module in sys.modules.items():
+    if name.partition(".")[0] in ours and vars(module).get("dataclass") is dataclass:
+        print(name, file=sys.stderr)
+sys.exit(code)
+"""
+
+
+def test_dataclasses_that_check_loads_are_written_when_used(project: Path):
+    said = in_new_process(("check", "plant.msnn.yaml"), project, start=_AT_ONCE)
+    assert (said.code, said.err) == (0, "")
+
+
 _COUNTED = """
 import atexit, os, sys
 atexit.register(lambda: print(len(os.listdir("/proc/self/task")), file=sys.stderr))

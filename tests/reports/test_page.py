@@ -17,6 +17,7 @@ import pytest
 from msnn.api import models, trainings
 from msnn.api.reports import WrittenReport, report
 from msnn.reports.page.packing import thinned
+from msnn.reports.page.page import marked
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.reports.conftest import HOSTILE
 
@@ -59,6 +60,17 @@ def test_what_a_spec_or_a_file_name_says_is_text(html: str):
     assert "&lt;/script&gt;&lt;img" in html
     assert html.count("</script>") == 2
     assert any(each["name"].startswith("a<b>\"&'.csv", 10) for each in data_of(html)["records"])
+
+
+@pytest.mark.parametrize(
+    ("said", "markup"),
+    [
+        ("`<b>` needs `x_1` & y", "<code>&lt;b&gt;</code> needs <code>x_1</code> &amp; y"),
+        ("one ` and <b>", "one ` and &lt;b&gt;"),
+    ],
+)
+def test_what_messages_quote_is_code_and_still_text(said: str, markup: str):
+    assert str(marked(said)) == markup
 
 
 def test_records_of_the_test_set_come_first(html: str):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import assert_never
 
@@ -22,6 +21,7 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.errors import calculus, time
 from spec_schema.expressions.tree import Expression
 from spec_schema.fields.located import Located
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.integrators import (
     Euler,
     Integrator,

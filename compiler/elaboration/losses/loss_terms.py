@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from compiler.lowering.constants import number, refuse_infinite
 from compiler.lowering.context import Context
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import names
 from spec_schema.expressions.language import LOSS_FUNCTIONS
 from spec_schema.expressions.tree import Binary, Call, Expression, Name, Negate, Operator
+from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from compiler.elaboration.named_values.histories import Buffers, Remembered
+from spec_schema.late_dataclass import dataclass
 from spec_schema.units.unit import Unit
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 
 from compiler.ir.program import History, NodeId
@@ -18,6 +17,7 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.errors import time as errors
 from spec_schema.expressions.tree import Member, Name
 from spec_schema.fields.formulas import Prediction
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.references import references
 from spec_schema.sections.signals import Equation, Output, State
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import assert_never
 
 from compiler.ir import ops
 from compiler.ir.program import Node
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import WINDOW, Axis, Type, describe_axes
+from spec_schema.late_dataclass import dataclass
 
 LARGEST_SIZE = 1 << 24
 """Scalars in one value: 128 MiB in float64, far above any model and far below any memory."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 
 from compiler.ir.scalars.table import UnitRule
+from spec_schema.late_dataclass import dataclass
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import ONE as ONE
 from spec_schema.units.unit import Unit

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Protocol
 
@@ -41,6 +40,7 @@ from compiler.ir.scalars.slopes import (
     slope_of_square_root,
     slope_of_tangent,
 )
+from spec_schema.late_dataclass import dataclass
 
 Array = NDArray[Any]
 

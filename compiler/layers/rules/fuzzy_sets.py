@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from compiler.ir.builder import GraphBuilder
@@ -11,6 +9,7 @@ from compiler.ir.ops import Relation
 from compiler.ir.program import NodeId
 from compiler.ir.scalars.table import Array
 from compiler.ir.types import Axis
+from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True)

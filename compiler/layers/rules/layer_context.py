@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, NoReturn, Protocol
 
 import numpy as np
@@ -28,6 +28,7 @@ from spec_schema.errors import names, shapes
 from spec_schema.expressions.tree import Call, LanguageName, Name
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.located import Located
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.values import Initializer
 from spec_schema.units.unit import Unit
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from compiler.ir.program import NodeId
 from compiler.layers.rules.layer_context import LayerContext
 from spec_schema.fields.entry import Entry
+from spec_schema.late_dataclass import dataclass
 
 S = TypeVar("S", bound=Entry)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from compiler.ir.program import NodeId
+from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Literal
 
 from compiler.ir import ops
@@ -11,6 +10,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.layers.rules.fuzzy_sets import FuzzySets, between, triangular
 from compiler.passes.simplify.fold_constants import folded
+from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 from compiler.ir.ops import (
     Add,
@@ -25,6 +24,7 @@ from compiler.passes.analyses.value_ranges import ValueRanges, holding
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import calculus as errors
+from spec_schema.late_dataclass import dataclass
 
 _Guard = tuple[NodeId, bool]
 """A condition, and whether it holds."""

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from spec_schema.late_dataclass import dataclass
 
 FloatArray = NDArray[np.float64]
 Kept = tuple[int, ...]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import assert_never
 
 from compiler.ir import ops
@@ -10,6 +10,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import WINDOW, Axis
+from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

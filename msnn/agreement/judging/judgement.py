@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 from typing import Any, Literal, TypeAlias, TypeVar
 
 from numpy.typing import NDArray
+
+from spec_schema.late_dataclass import dataclass
 
 Arrays: TypeAlias = Mapping[str, NDArray[Any]]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data.starts import reach
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.late_dataclass import dataclass
 
 MOST_STEPS = 2000
 """Steps that are compared at most."""

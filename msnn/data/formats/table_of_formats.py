@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msnn.errors.failures import MissingExtraError
 from msnn.packages import ASAMMDF, H5PY, OPENPYXL, PYARROW, ROSBAGS, SCIPY, OptionalPackage
+from spec_schema.late_dataclass import dataclass
 
 if TYPE_CHECKING:
     from msnn.data.formats.table import ColumnTable, Streams, WantedColumns

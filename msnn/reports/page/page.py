@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+from markupsafe import Markup, escape
 
 import templates
 from msnn.data.dataset import Dataset, FloatArray
@@ -147,12 +148,13 @@ def _facts(contents: Contents) -> list[tuple[str, str]]:
     found = contents.run.description
     data = found["data"]
     rows = ", ".join(f"{name} {number}" for name, number in data["rows"].items())
+    files = "1 file" if len(data["files"]) == 1 else f"{len(data['files'])} files"
     facts = [
         ("run", str(contents.run.folder.name)),
         ("state", contents.run.state),
         ("spec", f"{found.get('spec') or ''} · sha256 {found['spec_sha256'][:12]}"),
         ("settings", ", ".join(str(text) for text in found.get("settings", []))),
-        ("data", f"{len(data['files'])} files · rows: {rows}"),
+        ("data", f"{files} · rows: {rows}"),
         ("made with", ", ".join(f"{n} {v}" for n, v in found["versions"].items())),
     ]
     if contents.line is not None:
@@ -222,10 +224,23 @@ def _hash(text: str) -> str:
 
 @cache
 def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_FOLDER),
         undefined=jinja2.StrictUndefined,
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
+    )
+    environment.filters["marked"] = marked
+    return environment
+
+
+def marked(text: str) -> Markup:
+    """A message as markup: what stands between backticks is code."""
+    parts = text.split("`")
+    if len(parts) % 2 == 0:
+        return escape(text)
+    return Markup("").join(
+        Markup("<code>{}</code>").format(part) if number % 2 else escape(part)
+        for number, part in enumerate(parts)
     )

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from compiler.ir.program import Program
 from msnn.errors.learning import stages as errors
 from msnn.simulation.durations import samples
 from msnn.simulation.rollout_plan import RolloutPlan
 from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.training.training import Rollout
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import assert_never
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from msnn.errors.learning.stages import rate_beyond
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.training.schedules import Cosine, Exponential, Plateau, Step
 
 Rule = Cosine | Exponential | Step | Plateau | None

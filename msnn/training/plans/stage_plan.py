@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Literal
 
@@ -23,6 +23,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors.names import no_parameter
 from spec_schema.fields.located import Located
+from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.training.optimizers import (
     Adam,
     AdamW,

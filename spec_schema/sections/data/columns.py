@@ -1,7 +1,7 @@
 """Says which columns feed a signal: `col`, an index, a list or `tau{1..6}`; unit, scale."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, ClassVar, TypeAlias
 
 from pydantic import ValidationInfo
@@ -13,6 +13,7 @@ from spec_schema.fields.entry import Entry, RefusedError, findings_of
 from spec_schema.fields.leaf import Gathering, one_or_many
 from spec_schema.fields.plain import number, read_items, reads, scalar
 from spec_schema.fields.quantities import UnitField
+from spec_schema.late_dataclass import dataclass
 from spec_schema.yaml_tree.nodes import Node, Scalar
 
 _PATTERN = re.compile(r"([^{}]*)\{([0-9]{1,4})\.\.([0-9]{1,4})\}([^{}]*)")

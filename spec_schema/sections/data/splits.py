@@ -1,7 +1,7 @@
 """Divides records into the sets train, val and test."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import ValidationInfo, model_validator
@@ -14,6 +14,7 @@ from spec_schema.expressions.tree import Duration
 from spec_schema.fields.entry import Entry, RefusedError, findings_of
 from spec_schema.fields.moments import read_row_or_time
 from spec_schema.fields.plain import PositiveCount, choice, read_count, read_number, reads
+from spec_schema.late_dataclass import dataclass
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar
 
 SETS = ("train", "val", "test")

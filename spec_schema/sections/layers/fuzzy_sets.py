@@ -1,6 +1,5 @@
 """The fuzzy sets of a value: their centres and the shape of their membership."""
 
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, TypeAlias, get_args
 
 from pydantic import ValidationInfo, model_validator
@@ -12,6 +11,7 @@ from spec_schema.fields.formulas import ArrayField
 from spec_schema.fields.leaf import REFERENCE
 from spec_schema.fields.located import Located
 from spec_schema.fields.plain import Reference, References, Switch, choice, reads, scalar
+from spec_schema.late_dataclass import dataclass
 from spec_schema.names import normalised
 from spec_schema.yaml_tree.nodes import Node, Scalar, Table
 

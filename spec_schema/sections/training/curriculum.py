@@ -1,6 +1,6 @@
 """Lets the rollouts of a stage grow: each entry has a length and the epoch up to which it holds."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, TypeAlias
 
 from spec_schema.diagnostics.diagnostic import Findings
@@ -10,6 +10,7 @@ from spec_schema.expressions.tree import Length
 from spec_schema.fields.entry import RefusedError
 from spec_schema.fields.plain import reads
 from spec_schema.fields.quantities import POSITIVE_LENGTH, read_positive_length
+from spec_schema.late_dataclass import dataclass
 from spec_schema.yaml_tree.nodes import Node, Table, kind
 
 

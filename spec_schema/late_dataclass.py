@@ -1,0 +1,125 @@
+"""Dataclasses whose methods are written when a class is first used, not when its file is imported.
+
+The standard library writes and compiles six functions for a class. A command imports many classes
+that it makes no object of: for a small spec they took a quarter of `msnn check`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from threading import RLock
+from types import MethodType
+from typing import Any, ClassVar, TypeVar, cast, dataclass_transform, get_origin
+
+_Class = TypeVar("_Class", bound=type)
+_ALWAYS = ("__dataclass_fields__", "__dataclass_params__", "__match_args__", "__init__")
+_OF_OPTION = {
+    "repr": ("__repr__",),
+    "eq": ("__eq__",),
+    "order": ("__lt__", "__le__", "__gt__", "__ge__"),
+    "frozen": ("__setattr__", "__delattr__"),
+}
+_WRITING = RLock()  # the standard library refuses a class that another thread has half written
+
+
+@dataclass_transform(field_specifiers=(dataclasses.field,))
+def dataclass(
+    *,
+    frozen: bool = False,
+    slots: bool = False,
+    kw_only: bool = False,
+    eq: bool = True,
+    order: bool = False,
+    repr: bool = True,
+) -> Callable[[_Class], _Class]:
+    """As `dataclasses.dataclass`; what that writes is written when it is first asked for."""
+    options = {"frozen": frozen, "kw_only": kw_only, "eq": eq, "order": order, "repr": repr}
+
+    def late(written: _Class) -> _Class:
+        return cast("_Class", _waiting(written, options, slots=slots))
+
+    return late
+
+
+def _waiting(written: type, options: Mapping[str, bool], *, slots: bool) -> type:
+    """A class like the written one that has, or waits for, all that makes it a dataclass."""
+    content = dict(vars(written))
+    own = _own_fields(content)
+    for name in ("__dict__", "__weakref__", *own):
+        content.pop(name, None)
+    if slots:
+        inherited = {name for base in written.__mro__ for name in vars(base).get("__slots__", ())}
+        content["__slots__"] = tuple(name for name in own if name not in inherited)
+        if options["frozen"]:
+            content.setdefault("__getstate__", _state)
+            content.setdefault("__setstate__", _set_state)
+    unfinished = _Unfinished(written, options)
+    asked = [name for option, names in _OF_OPTION.items() if options[option] for name in names]
+    for name in (*_ALWAYS, *asked):
+        content.setdefault(name, _Unwritten(name, unfinished))
+    if options["eq"] and options["frozen"] and content.get("__hash__") is None:
+        content["__hash__"] = _Unwritten("__hash__", unfinished)
+    unfinished.made = type(written)(written.__name__, written.__bases__, content)
+    unfinished.made.__qualname__ = written.__qualname__
+    return unfinished.made
+
+
+def _own_fields(content: Mapping[str, Any]) -> list[str]:
+    annotations: Mapping[str, Any] = content.get("__annotations__", {})
+    return [name for name, annotation in annotations.items() if not _is_of_class(annotation)]
+
+
+def _is_of_class(annotation: Any) -> bool:
+    if isinstance(annotation, str):
+        return annotation.startswith("ClassVar")
+    return get_origin(annotation) is ClassVar
+
+
+def _state(self: Any) -> list[Any]:
+    """What a copy needs: without it a copy of a frozen object with slots would be assigned to."""
+    return [getattr(self, field.name) for field in dataclasses.fields(self)]
+
+
+def _set_state(self: Any, state: Sequence[Any]) -> None:
+    for field, value in zip(dataclasses.fields(self), state, strict=True):
+        object.__setattr__(self, field.name, value)
+
+
+class _Unfinished:
+    """A class as it was written, and the one made of it that waits for its methods."""
+
+    __slots__ = ("_is_finished", "_options", "_written", "made")
+
+    made: type
+
+    def __init__(self, written: type, options: Mapping[str, bool]) -> None:
+        self._written, self._options, self._is_finished = written, options, False
+
+    def finish(self) -> None:
+        """Lets the standard library do its work on the written class, and takes it over."""
+        with _WRITING:
+            if self._is_finished:
+                return
+            before = dict(vars(self._written))
+            dataclasses.dataclass(**self._options)(self._written)
+            fields = vars(self._written)["__dataclass_fields__"]
+            for name, value in vars(self._written).items():
+                if name not in fields and before.get(name) is not value:
+                    # put over what waits there, so that no thread finds a class without it
+                    setattr(self.made, name, value)
+            self._is_finished = True
+
+
+class _Unwritten:
+    """Stands where the standard library will put something, and has it put there when read."""
+
+    __slots__ = ("_name", "_unfinished")
+
+    def __init__(self, name: str, unfinished: _Unfinished) -> None:
+        self._name, self._unfinished = name, unfinished
+
+    def __get__(self, instance: object, owner: type) -> Any:
+        self._unfinished.finish()
+        found = getattr(self._unfinished.made, self._name)
+        return found if instance is None or not callable(found) else MethodType(found, instance)
