@@ -57,6 +57,7 @@ def lower(context: Context, expression: Expression, environment: Environment) ->
     builder = context.builder(environment)
     with builder.at(expression.span):
         node = _lower(context, expression, environment, builder)
+    context.refuse_vast(builder.type(node).axes, expression.span)
     report_unit_conflicts(context, builder, expression)
     return node
 

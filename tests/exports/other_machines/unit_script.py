@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import struct
 import zipfile
 from collections.abc import Iterator
@@ -43,7 +44,8 @@ def read_unit(path: Path) -> Unit:
 
     with zipfile.ZipFile(path) as archive:
         # FMPy reads the name that FMI 2.0 has for it, not that of 3.0
-        has_slopes = b"providesDirectionalDerivative" in archive.read("modelDescription.xml")
+        text = archive.read("modelDescription.xml").decode()
+    has_slopes = re.search(r'providesDirectionalDerivatives?="true"', text) is not None
     return Unit(path, read_model_description(str(path)), has_slopes)
 
 
