@@ -31,7 +31,7 @@ class Platform:
     fmi3: str
     suffix: str
     target: str
-    """As zig calls it, with the oldest C library that it is to run with."""
+    """As zig calls it, with the oldest C library or system that it is to run with."""
 
     def path(self, version: Version, prefix: str) -> str | None:
         """Where the binary stands in the archive; None where it cannot."""
@@ -44,8 +44,9 @@ _KNOWN = (
     Platform("linux64", "x86_64-linux", "so", "x86_64-linux-gnu.2.17"),
     Platform(None, "aarch64-linux", "so", "aarch64-linux-gnu.2.17"),
     Platform("win64", "x86_64-windows", "dll", "x86_64-windows-gnu"),
-    Platform("darwin64", "x86_64-darwin", "dylib", "x86_64-macos"),
-    Platform(None, "aarch64-darwin", "dylib", "aarch64-macos"),
+    # macOS 11: the first for both processors
+    Platform("darwin64", "x86_64-darwin", "dylib", "x86_64-macos.11.0"),
+    Platform(None, "aarch64-darwin", "dylib", "aarch64-macos.11.0"),
 )
 PLATFORMS = {platform.fmi3: platform for platform in _KNOWN}
 """By the name that FMI 3.0 has for them."""
@@ -73,20 +74,25 @@ def zig_compiler(target: Platform) -> tuple[str, ...]:
     return (sys.executable, "-m", "ziglang", "cc", "-target", target.target)
 
 
-def binary(sources: Mapping[str, str], compiler: Sequence[str]) -> bytes:
-    """A shared library of these files. Raises CompilerFailedError."""
-    return _compiled(tuple(sorted(sources.items())), tuple(compiler))
+def binary(sources: Mapping[str, str], compiler: Sequence[str], name: str) -> bytes:
+    """A shared library of these files, of that name. Raises CompilerFailedError."""
+    return _compiled(tuple(sorted(sources.items())), tuple(compiler), name)
 
 
 @lru_cache(maxsize=8)  # one model is often written again: entries of `validate`, tests
-def _compiled(sources: tuple[tuple[str, str], ...], compiler: tuple[str, ...]) -> bytes:
+def _compiled(
+    sources: tuple[tuple[str, str], ...], compiler: tuple[str, ...], library_name: str
+) -> bytes:
     with tempfile.TemporaryDirectory(prefix="msnn-fmu-") as place:
         folder = Path(place)
         for name, text in sources:
             (folder / name).write_text(text, encoding="utf-8")
-        library = folder / "unit.library"
+        library = folder / library_name
         texts = [str(folder / name) for name, _ in sources if name.endswith(".c")]
         arguments = ["-s", f"-I{HEADERS}", f"-I{folder}", *texts]
+        if library.suffix == ".dylib":
+            # without one it takes the path of this folder, which differs each time
+            arguments.append(f"-Wl,-install_name,@rpath/{library_name}")
         # -s: the symbols of a build have no place in an archive
         compile_with([*compiler, *FLAGS], arguments, library)
         return library.read_bytes()

@@ -50,10 +50,10 @@ _TEXT = """\
 # Units and exported C on other machines
 
 Written by `python benchmarks/fmu/machines.py --write`. Windows: {wine}, a binary of x86-64 by the
-zig wheel. AArch64: Linux by {qemu}. Answers are values, states that another instance went on from,
-slopes, statuses and messages of both units of FMI 2.0 and 3.0 (FMI 2.0 has no name for AArch64),
-each instance of two in turn as it was alone; compared with those of this machine's binary, numbers
-by their bits. Self-tests are those of the exported C, golden vectors included.
+zig wheel. AArch64: Linux by {qemu}. Answers are values, states that another instance
+went on from, slopes, statuses and messages of both units of FMI 2.0 and 3.0 (FMI 2.0 has no name
+for AArch64), each instance of two in turn as it was alone; compared with those of this machine's
+binary, numbers by their bits. Self-tests are those of the exported C, golden vectors included.
 
 {models} models: {failed} not as here. {units} units of Windows and {aarch64} of AArch64 gave
 {answers:,} answers, {differ} of them others; {tests} self-tests, {failing} of them failed.

@@ -306,6 +306,25 @@ def test_what_the_start_finds_is_told_where_it_ends(exported: Written) -> None:
             assert unit.messages == ["an input was outside its range and was used as it is"]
 
 
+def test_a_reset_unit_is_as_it_was_made(exported: Written) -> None:
+    with units(exported) as both:
+        for unit in both:
+            unit.initialise()
+            made = unit.state
+            for name, values in {
+                "k": [5.0, 1.0],
+                "torque": [1.0, 2.0],
+                "start.w": [3.0, 4.0],
+            }.items():
+                unit.set(reference(unit, name), np.array(values))
+            unit.begin()
+            unit.step(0, 0.1)
+            unit.initialise()
+            assert unit.get(reference(unit, "k"), (2,)).tolist() == [2.0, 3.0]
+            unit.initialise()
+            assert unit.state == made
+
+
 def test_arrays_are_set_and_read_whole(exported: Written) -> None:
     """FMI 3.0 passes how many values there are: none is written or read beyond them."""
     with units(exported) as (_, unit):
