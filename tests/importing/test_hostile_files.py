@@ -73,6 +73,15 @@ def test_places_are_kept_of_the_first_elements_of_a_list() -> None:
     assert found.place("a", 9_999).column == found.place("a").column == 7
 
 
+def test_a_file_that_is_too_long_is_refused_before_it_is_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(json_text, "LARGEST", 1_000)
+    found = _first(f'{{"Info": "{"a" * 1_000}')
+    assert found.code == "E1308"
+    assert "it has more than 1,000 characters" in found.message
+
+
 @pytest.mark.parametrize("value", ["0", "[]", "{}", '""'])
 def test_too_many_values_are_refused(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(json_text, "MOST_VALUES", 1_000)
