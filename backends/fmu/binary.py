@@ -30,7 +30,7 @@ class Platform:
     fmi3: str
     suffix: str
     target: str
-    """As zig calls it, with the oldest C library that it is to run with."""
+    """As zig calls it, with the oldest C library or system that it is to run with."""
 
     def path(self, version: Version, prefix: str) -> str | None:
         """Where the binary stands in the archive; None where it cannot."""
@@ -43,8 +43,9 @@ _KNOWN = (
     Platform("linux64", "x86_64-linux", "so", "x86_64-linux-gnu.2.17"),
     Platform(None, "aarch64-linux", "so", "aarch64-linux-gnu.2.17"),
     Platform("win64", "x86_64-windows", "dll", "x86_64-windows-gnu"),
-    Platform("darwin64", "x86_64-darwin", "dylib", "x86_64-macos"),
-    Platform(None, "aarch64-darwin", "dylib", "aarch64-macos"),
+    # macOS 11: the first for both processors
+    Platform("darwin64", "x86_64-darwin", "dylib", "x86_64-macos.11.0"),
+    Platform(None, "aarch64-darwin", "dylib", "aarch64-macos.11.0"),
 )
 PLATFORMS = {platform.fmi3: platform for platform in _KNOWN}
 """By the name that FMI 3.0 has for them."""
@@ -72,15 +73,18 @@ def zig_compiler(target: Platform) -> tuple[str, ...]:
     return (sys.executable, "-m", "ziglang", "cc", "-target", target.target)
 
 
-def binary(sources: Mapping[str, str], compiler: Sequence[str]) -> bytes:
-    """A shared library of these files. Raises CompilerFailedError."""
+def binary(sources: Mapping[str, str], compiler: Sequence[str], name: str) -> bytes:
+    """A shared library of these files, of that name. Raises CompilerFailedError."""
     with tempfile.TemporaryDirectory(prefix="msnn-fmu-") as place:
         folder = Path(place)
-        for name, text in sources.items():
-            (folder / name).write_text(text, encoding="utf-8")
+        for file, text in sources.items():
+            (folder / file).write_text(text, encoding="utf-8")
         texts = sorted(folder.glob("*.c"))
-        # -s: the symbols of a build have no place in an archive
+        linking = ["-s"]  # the symbols of a build have no place in an archive
+        if name.endswith(".dylib"):
+            # without one it takes the path of this folder, which differs each time
+            linking.append(f"-Wl,-install_name,@rpath/{name}")
         library = link_library(
-            [*compiler, *FLAGS], texts, [HEADERS, folder], folder / "unit.library", "-s"
+            [*compiler, *FLAGS], texts, [HEADERS, folder], folder / name, *linking
         )
         return library.read_bytes()

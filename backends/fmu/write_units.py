@@ -48,7 +48,7 @@ def write_units(
             # FMI 2.0 has no name for some machines: their unit has sources alone
             place = platform.path(version, facts.prefix)
             if place is not None:
-                files[place] = binary(sources, compiler)
+                files[place] = binary(sources, compiler, place.rpartition("/")[2])
         path = folder / f"{facts.prefix}_fmi{version}.fmu"
         written.append(write_bytes(path, archive(files)))
     return tuple(written)

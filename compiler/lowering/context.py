@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
 from typing import Protocol
 
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
-from compiler.ir.types import Axis, Type
+from compiler.ir.rules.op_rules import LARGEST_SIZE
+from compiler.ir.types import Axis, Type, describe_axes
 from compiler.linking.given_weights import GivenWeights
 from compiler.lowering.environment import Environment, EnvironmentPart, Time
 from compiler.lowering.failure import LoweringFailed
@@ -124,7 +126,16 @@ class Context:
 
     def axes_of(self, entry: Signal | State | Parameter) -> tuple[Axis, ...]:
         """The axes that an entry's `dims:` name."""
-        return tuple(self.dimension(dim.value, dim.span) for dim in entry.dims)
+        axes = tuple(self.dimension(dim.value, dim.span) for dim in entry.dims)
+        if axes:
+            self.refuse_vast(axes, entry.dims[-1].span)
+        return axes
+
+    def refuse_vast(self, axes: tuple[Axis, ...], span: Span) -> None:
+        """Reports a value that would fill the memory, before anything is made of it."""
+        if math.prod(axis.size for axis in axes) > LARGEST_SIZE:
+            self.findings.report(shapes.too_large(describe_axes(axes), LARGEST_SIZE, span))
+            raise LoweringFailed
 
     def type_of(self, entry: Signal | State | Parameter) -> Type:
         """Axes and unit of one sample of an entry."""

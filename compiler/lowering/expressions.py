@@ -57,6 +57,7 @@ def lower(context: Context, expression: Expression, environment: Environment) ->
     builder = context.builder(environment)
     with builder.at(expression.span):
         node = _lower(context, expression, environment, builder)
+    context.refuse_vast(builder.type(node).axes, expression.span)
     # operands have told theirs: what is left was met by this operation itself
     report_unit_conflicts(context, builder, expression)
     return node

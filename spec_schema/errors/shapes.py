@@ -1,4 +1,4 @@
-"""E04xx: dimensions and shapes."""
+"""E04xx, E1145: dimensions and shapes."""
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
@@ -73,6 +73,13 @@ def layer_called_differently(layer: str, before: str, now: str, span: Span) -> D
     notes = ("one layer called twice shares its weights",)
     repair = "declare a second layer"
     return error("E0404", span, message, "another shape", notes=notes, help=repair)
+
+
+def too_large(axes: str, most: int, span: Span) -> Diagnostic:
+    """E1145: a value of more elements than memory would hold along a record."""
+    message = f"{axes} has more than {most:,} elements"
+    repair = "take shorter dims or a shorter window, or reduce a factor first: `sum(x) * sum(u)`"
+    return error("E1145", span, message, "too large to be one value", help=repair)
 
 
 def unknown_dimension(name: str, span: Span) -> Diagnostic:

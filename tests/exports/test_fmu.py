@@ -6,6 +6,7 @@ import resource
 import zipfile
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
+from ctypes import byref
 from dataclasses import replace
 from pathlib import Path
 from textwrap import dedent
@@ -295,6 +296,79 @@ def test_an_input_out_of_range_is_a_warning_once(exported: Written) -> None:
             assert unit.messages == ["an input was outside its range and was used as it is"]
 
 
+def test_what_the_start_finds_is_told_where_it_ends(exported: Written) -> None:
+    with units(exported) as both:
+        for unit in both:
+            unit.initialise()
+            unit.set(reference(unit, "torque"), np.array([7.0, 0.0]))
+            assert unit.messages == []
+            unit.begin()
+            assert unit.messages == ["an input was outside its range and was used as it is"]
+
+
+def test_a_reset_unit_is_as_it_was_made(exported: Written) -> None:
+    with units(exported) as both:
+        for unit in both:
+            unit.initialise()
+            made = unit.state
+            for name, values in {
+                "k": [5.0, 1.0],
+                "torque": [1.0, 2.0],
+                "start.w": [3.0, 4.0],
+            }.items():
+                unit.set(reference(unit, name), np.array(values))
+            unit.begin()
+            unit.step(0, 0.1)
+            unit.initialise()
+            assert unit.get(reference(unit, "k"), (2,)).tolist() == [2.0, 3.0]
+            unit.initialise()
+            assert unit.state == made
+
+
+def test_arrays_are_set_and_read_whole(exported: Written) -> None:
+    """FMI 3.0 passes how many values there are: none is written or read beyond them."""
+    with units(exported) as (_, unit):
+        unit.initialise()
+        torque = reference(unit, "torque")
+        unit.set(torque, np.array([1.0, 2.0]))
+        for values, why in (([3.0], "fewer"), ([3.0, 4.0, 5.0], "more")):
+            with pytest.raises(Exception, match="SetFloat32"):
+                unit._fmu.setFloat32([torque], values)
+            said = f"there are {why} values than these variables have"
+            assert unit.messages[-1] == said
+            with pytest.raises(Exception, match="GetFloat32"):
+                unit._fmu.getFloat32([torque], len(values))
+            assert unit.messages[-1] == said
+
+
+def test_a_step_says_how_far_it_came(exported: Written) -> None:
+    with units(exported) as (_, unit):
+        unit.initialise()
+        unit.begin()
+        *_, came = unit._fmu.doStep(0.2, 0.1)
+        assert came == pytest.approx(0.3)
+        assert unit._fmu.getFloat64([reference(unit, "time")], 1) == [came]
+
+
+def test_it_is_for_co_simulation_only(exported: Written) -> None:
+    from fmpy.fmi2 import fmi2ModelExchange
+    from fmpy.fmi3 import FMU3Model
+
+    with units(exported) as (second, third):
+        token = second.description.guid.encode()
+        make, callbacks = second._fmu.fmi2Instantiate, byref(second._callbacks)
+        assert not make(b"msnn", fmi2ModelExchange, token, b"", callbacks, 0, 0)
+        assert second.messages == ["this unit is for co-simulation only"]
+        other = FMU3Model(
+            guid=third.description.guid,
+            modelIdentifier="plant",
+            unzipDirectory=third._fmu.unzipDirectory,
+            instanceName="msnn",
+        )
+        with pytest.raises(Exception, match="Failed to instantiate"):
+            other.instantiate()
+
+
 def test_slopes_are_those_of_finite_differences(exported: Written) -> None:
     """Central ones of the step that follows; float32 leaves them four digits, of numbers near 1."""
     change = 2.0**-7
@@ -328,6 +402,10 @@ def test_slopes_are_those_of_finite_differences(exported: Written) -> None:
                     expected = (ends[0] - ends[1]) / (2.0 * change)
                     assert np.allclose(slopes, expected, rtol=1e-3, atol=1e-4), (name, element)
                     assert np.any(slopes)
+            rows = {reference(unit, n): s for n, s in outputs.items()}
+            each = [unit.slopes(rows, {reference(unit, "torque"): seed}) for seed in np.eye(2)]
+            both_at_once = unit.slopes(rows, {reference(unit, "torque"): np.array([0.5, -2.0])})
+            assert np.array_equal(both_at_once, 0.5 * each[0] - 2.0 * each[1])
             with pytest.raises(Exception, match="DirectionalDerivative"):
                 unit.slopes({reference(unit, "slope"): 1}, {reference(unit, "y"): np.ones(1)})
             assert unit.messages[-1] == "there are slopes of outputs in inputs, and no others"

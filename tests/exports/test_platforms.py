@@ -58,8 +58,11 @@ def test_windows_and_macos_have_the_functions_of_fmi(
     assert set(third) == {"x86_64-windows/plant.dll", "aarch64-darwin/plant.dylib"}
     assert names_in_dll(second["win64/plant.dll"]) == defined(archives[0], 2)
     assert names_in_dll(third["x86_64-windows/plant.dll"]) == defined(archives[1], 3)
-    found = names_in_dylib(third["aarch64-darwin/plant.dylib"])
-    assert found - LINKERS_OWN == defined(archives[1], 3)
+    dylib = third["aarch64-darwin/plant.dylib"]
+    assert names_in_dylib(dylib) - LINKERS_OWN == defined(archives[1], 3)
+    assert libraries_of(dylib) == ["@rpath/plant.dylib", "/usr/lib/libSystem.B.dylib"]
+    assert oldest_system(dylib) == 11
+    assert b"msnn-fmu-" not in dylib + second["win64/plant.dll"], "a folder of this build"
 
 
 def test_without_zig_other_platforms_are_refused(
@@ -120,16 +123,36 @@ def names_in_dll(data: bytes) -> set[str]:
 
 def names_in_dylib(data: bytes) -> set[str]:
     """What a Mach-O file defines for others: external symbols of a section, less a `_`."""
-    place, found = 32, set[str]()
+    found = set[str]()
+    for place in load_commands(data, 2):  # LC_SYMTAB
+        symbols, count, strings, _ = struct.unpack_from("<4I", data, place + 8)
+        for number in range(count):
+            name, kind = struct.unpack_from("<IB", data, symbols + 16 * number)
+            is_private = kind & 0x10
+            if kind & 0x0E == 0x0E and kind & 1 and not is_private:
+                found.add(text(data, strings + name).removeprefix("_"))
+    return found
+
+
+def libraries_of(data: bytes) -> list[str]:
+    """What a Mach-O library is called, and those that it needs: LC_ID_DYLIB, LC_LOAD_DYLIB."""
+    places = [*load_commands(data, 0xD), *load_commands(data, 0xC)]
+    return [text(data, place + unsigned(data, place + 8)) for place in places]
+
+
+def oldest_system(data: bytes) -> int:
+    """The first macOS that a Mach-O file says it runs on: LC_BUILD_VERSION."""
+    (place,) = load_commands(data, 0x32)
+    return unsigned(data, place + 12) >> 16
+
+
+def load_commands(data: bytes, wanted: int) -> list[int]:
+    """Where commands of a kind begin in a Mach-O file."""
+    place, found = 32, list[int]()
     for _ in range(unsigned(data, 16)):
         command, size = struct.unpack_from("<2I", data, place)
-        if command == 2:  # LC_SYMTAB
-            symbols, count, strings, _ = struct.unpack_from("<4I", data, place + 8)
-            for number in range(count):
-                name, kind = struct.unpack_from("<IB", data, symbols + 16 * number)
-                is_private = kind & 0x10
-                if kind & 0x0E == 0x0E and kind & 1 and not is_private:
-                    found.add(text(data, strings + name).removeprefix("_"))
+        if command == wanted:
+            found.append(place)
         place += size
     return found
 

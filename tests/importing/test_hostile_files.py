@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msnn.api.imports import import_nnodely
+from msnn.importing.saved_file import json_text
+from msnn.importing.saved_file.json_text import read_json
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from tests.importing.recorded_model import recorded
 from tests.importing.saved_model import imported_text, saved, with_function
@@ -48,6 +51,43 @@ def test_what_is_no_json_has_its_place(text: str, line: int, column: int, said: 
     assert said in found.message
     assert found.span is not None
     assert (found.span.line, found.span.column) == (line, column)
+
+
+@pytest.mark.parametrize("filling", ["a", "\\n", "\\\\"])
+def test_a_long_text_takes_no_more_than_itself(filling: str) -> None:
+    text = f'{{"Info": "{filling * 1_000_000}"}}'
+    tracemalloc.start()
+    try:
+        read_json(text, "model.json")
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    # the text, what of it is not escaped, and a copy of that
+    assert most < 8 * len(text)
+
+
+def test_places_are_kept_of_the_first_elements_of_a_list() -> None:
+    found = read_json(f'{{"a": [{"0, " * 10_000}[7]], "b": 1}}', "model.json")
+    assert len(found.places) < 100
+    assert found.place("a", 3).column == 17
+    assert found.place("a", 9_999).column == found.place("a").column == 7
+
+
+def test_a_file_that_is_too_long_is_refused_before_it_is_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(json_text, "LARGEST", 1_000)
+    found = _first(f'{{"Info": "{"a" * 1_000}')
+    assert found.code == "E1308"
+    assert "it has more than 1,000 characters" in found.message
+
+
+@pytest.mark.parametrize("value", ["0", "[]", "{}", '""'])
+def test_too_many_values_are_refused(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(json_text, "MOST_VALUES", 1_000)
+    found = _first(f'{{"a": [{", ".join([value] * 1_000)}]}}')
+    assert found.code == "E1308"
+    assert "it has more than 1,000 values" in found.message
 
 
 def _part(*path: str, value: object) -> Callable[[dict[str, Any]], None]:

@@ -1,4 +1,4 @@
-"""E1117, E1140-E1149, E1224, W1120: controllers that cannot be exported or compiled."""
+"""E1117, E1140-E1144, E1224, W1120: controllers that cannot be exported or compiled."""
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span

@@ -82,7 +82,7 @@ class Layers:
         """The weights of a layer over so many samples or elements; offsets fit them."""
         weight = self.parameters.numbers(layer.weight).values
         if weight.ndim != 2 or weight.shape[0] != rows:
-            shape = " × ".join(map(str, weight.shape))
+            shape = " × ".join(map(str, weight.shape)) or "one number"
             raise ShapeError(f"the weights `{layer.weight}` are {shape}, not {rows} × any")
         if layer.bias is not None:
             bias = self.parameters.numbers(layer.bias).values

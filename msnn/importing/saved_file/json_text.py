@@ -19,10 +19,15 @@ DEEPEST = 32
 """Lists and objects inside each other; a saved model has seven."""
 _FURTHEST_PLACE = 6
 """Steps from the top to the values whose places are kept: numbers deeper down are alike."""
+_FURTHEST_ELEMENT = 64
+"""Elements of a list whose places are kept: a fault in a later one is shown at the list."""
+MOST_VALUES = 4_000_000
+"""Of a file: one that has an empty list in every third character takes thirty times its size."""
 _BLANK = re.compile(r"[ \t\n\r]*")
 _NUMBER = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?")
 _WORD = re.compile(r"[A-Za-z_+-]+|.", re.DOTALL)
-_STRING = re.compile(r'"((?:[^"\\\x00-\x1f]|\\.)*)"', re.DOTALL)
+# possessive: what could be tried again is kept for every character of a text that is long
+_STRING = re.compile(r'"((?:[^"\\\x00-\x1f]++|\\.)*+)"', re.DOTALL)
 _WORDS = {"true": True, "false": False, "null": None}
 
 Path: TypeAlias = tuple[str | int, ...]
@@ -74,6 +79,7 @@ class _Reader:
     def __init__(self, source: SourceText) -> None:
         self.source = source
         self.places: dict[Path, tuple[int, int]] = {}
+        self.count = 0
 
     def refused(self, offset: int, reason: str, label: str) -> SpecError:
         place = self.source.span(offset, offset + 1)
@@ -87,6 +93,9 @@ class _Reader:
         text = self.source.text
         if len(path) > DEEPEST:
             raise self.refused(at, f"it is nested more than {DEEPEST} deep", "one level too many")
+        self.count += 1
+        if self.count > MOST_VALUES:
+            raise self.refused(at, f"it has more than {MOST_VALUES:,} values", "one too many")
         sign = text[at : at + 1]
         if sign == "{":
             value, end = self._object(at, path)
@@ -96,7 +105,9 @@ class _Reader:
             value, end = self._string(at)
         else:
             value, end = self._number_or_word(at)
-        if len(path) <= _FURTHEST_PLACE:
+        step = path[-1] if path else ""
+        is_far = isinstance(step, int) and step >= _FURTHEST_ELEMENT
+        if len(path) <= _FURTHEST_PLACE and not is_far:
             self.places[path] = (at, end)
         return value, end
 

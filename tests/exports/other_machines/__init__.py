@@ -1,0 +1,1 @@
+"""Units and self-tests on machines other than this one: by Wine, by QEMU."""

@@ -1,0 +1,80 @@
+"""Machines other than this one, on which programs that zig compiles are run: Wine and QEMU."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from backends.c.host.build import build_test, compile_with
+from backends.files.c_compiler import find_compiler
+from backends.fmu.binary import HEADERS, PLATFORMS, Platform, this_platform, zig_compiler
+from tests.conditions import require_package, require_tool
+
+HOST = Path(__file__).with_name("unit_host.c")
+LONGEST = 600
+"""Seconds: what hangs is a failure."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A kind of machine: what compiles for it, and what runs that here."""
+
+    platform: Platform
+    compiler: Sequence[str]
+    emulator: Sequence[str] = ()
+
+    def unit_host(self, folder: Path) -> Path:
+        """The program that loads units, which `unit_script.py` writes scripts for."""
+        # Linux has had its loader in a library of its own
+        loader = () if self.platform.suffix == "dll" else ("-ldl",)
+        return compile_with(
+            [*self.compiler, "-std=c99", "-O1", "-D_POSIX_C_SOURCE=200809L"],
+            [f"-I{HEADERS}", str(HOST), *loader],
+            folder / f"{self.platform.fmi3}.exe",
+        )
+
+    def self_test(self, folder: Path, program: Path) -> Path:
+        """The test program of exported C."""
+        return build_test(folder, program, self.compiler)
+
+    def said(self, program: Path, *arguments: str, script: str = "") -> str:
+        """What a program prints, and a last line with its exit code where that is not 0."""
+        # Wine tells of whatever a machine without a screen lacks
+        environment = {**os.environ, "WINEDEBUG": "-all"}
+        done = subprocess.run(
+            [*self.emulator, str(program), *arguments],
+            input=script.encode(),
+            capture_output=True,
+            check=False,
+            env=environment,
+            timeout=LONGEST,
+        )
+        text = done.stdout.decode().replace("\r\n", "\n")
+        return text if done.returncode == 0 else f"{text}exit code {done.returncode}\n"
+
+
+def this_machine() -> Machine:
+    platform = this_platform()
+    assert platform is not None
+    return Machine(platform, find_compiler())
+
+
+def windows() -> Machine:
+    """x86-64 by Wine."""
+    require_package("ziglang", "make setup")
+    platform = PLATFORMS["x86_64-windows"]
+    return Machine(
+        platform, zig_compiler(platform), (require_tool("wine", "apt install wine64 wine"),)
+    )
+
+
+def aarch64() -> Machine:
+    """AArch64 with Linux by QEMU, and the C library of the cross compiler."""
+    require_package("ziglang", "make setup")
+    require_tool("aarch64-linux-gnu-gcc", "apt install gcc-aarch64-linux-gnu libc6-dev-arm64-cross")
+    emulator = require_tool("qemu-aarch64", "apt install qemu-user")
+    platform = PLATFORMS["aarch64-linux"]
+    return Machine(platform, zig_compiler(platform), (emulator, "-L", "/usr/aarch64-linux-gnu"))
