@@ -24,7 +24,6 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from backends.c.host.build import compile_with
 from msnn.agreement.judging.judgement import FloatType
 from msnn.exports.export import plan_exports, write_export
 from msnn.model.load import load_model
@@ -211,12 +210,8 @@ def self_tests(machine: Machine, code: Path, folder: Path, is_online: bool) -> I
             f"int {prefix}_selftest(void);\nint main(void) {{ return {prefix}_selftest(); }}\n"
         )
         # kernels stand in files of their own, by the name of the C that calls them
-        texts = [str(path) for path in (code / "src").glob(f"{prefix}*.c")]
-        yield compile_with(
-            [*machine.compiler, "-std=c99", "-O2", "-ffp-contract=off"],
-            [f"-I{code / 'include'}", *texts, str(main)],
-            folder / f"{prefix}.{kind}.exe",
-        )
+        texts = [*(code / "src").glob(f"{prefix}*.c"), main]
+        yield machine.program(code, texts, folder / f"{prefix}.{kind}.exe")
 
 
 def page(found: list[Measured], others: Sequence[Machine]) -> str:

@@ -58,10 +58,10 @@ def link_library(
             texts: dict[str, str] = {}
             _read(path, folders, texts)
             source = _Source(tuple(texts.items()), path, tuple(folders))
-            compiled = Path(place) / f"{path.stem}.o"
-            compiled.write_bytes(_object(source, tuple(head), installed))
-            objects.append(str(compiled))
-        return _made([*head, "-shared", *flags, *objects], library, "-lm")
+            copy = Path(place) / f"{path.stem}.o"
+            copy.write_bytes(_object(source, tuple(head), installed))
+            objects.append(str(copy))
+        return compiled([*head, "-shared", *flags, *objects], library, "-lm")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,13 +88,13 @@ def _read(path: Path, folders: Sequence[Path], texts: dict[str, str]) -> None:
 @lru_cache(maxsize=256)
 def _object(source: _Source, head: tuple[str, ...], _installed: tuple[int, ...]) -> bytes:
     with TemporaryDirectory(prefix="msnn-objects-") as place:
-        compiled = Path(place) / "object.o"
+        result = Path(place) / "object.o"
         includes = [f"-I{folder}" for folder in source.folders]
-        return _made([*head, "-c", *includes, str(source.path)], compiled).read_bytes()
+        return compiled([*head, "-c", *includes, str(source.path)], result).read_bytes()
 
 
-def _made(command: Sequence[str], result: Path, *libraries: str) -> Path:
-    """The file that a command of the compiler writes."""
+def compiled(command: Sequence[str], result: Path, *libraries: str) -> Path:
+    """The file that a command of the compiler writes. Raises CompilerFailedError."""
     whole = [*command, "-o", str(result), *libraries]
     try:
         done = run_compiler(whole)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from backends.c.host.build import build_test, compile_with
+from backends.c.host.build import compiled
 from backends.files.c_compiler import find_compiler
 from backends.fmu.binary import HEADERS, PLATFORMS, Platform, this_platform, zig_compiler
 from tests.conditions import require_package, require_tool
@@ -30,15 +30,19 @@ class Machine:
         """The program that loads units, which `unit_script.py` writes scripts for."""
         # Linux has had its loader in a library of its own
         loader = () if self.platform.suffix == "dll" else ("-ldl",)
-        return compile_with(
-            [*self.compiler, "-std=c99", "-O1", "-D_POSIX_C_SOURCE=200809L"],
-            [f"-I{HEADERS}", str(HOST), *loader],
-            folder / f"{self.platform.fmi3}.exe",
-        )
+        options = ["-std=c99", "-O1", "-D_POSIX_C_SOURCE=200809L", f"-I{HEADERS}"]
+        program = folder / f"{self.platform.fmi3}.exe"
+        return compiled([*self.compiler, *options, str(HOST)], program, *loader)
 
     def self_test(self, folder: Path, program: Path) -> Path:
         """The test program of exported C."""
-        return build_test(folder, program, self.compiler)
+        texts = (path for part in ("src", "test") for path in (folder / part).glob("*.c"))
+        return self.program(folder, sorted(texts), program)
+
+    def program(self, folder: Path, texts: Sequence[Path], program: Path) -> Path:
+        """A program of files that include headers of exported C."""
+        options = ["-std=c99", "-O2", "-ffp-contract=off", f"-I{folder / 'include'}"]
+        return compiled([*self.compiler, *options, *map(str, texts)], program, "-lm")
 
     def said(self, program: Path, *arguments: str, script: str = "") -> str:
         """What a program prints, and a last line with its exit code where that is not 0."""
