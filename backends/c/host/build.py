@@ -55,9 +55,9 @@ def link_library(
     with TemporaryDirectory(prefix="msnn-objects-") as place:
         objects: list[str] = []
         for path in sources:
-            texts: dict[str, str] = {}
+            texts: dict[Path, str] = {}
             _read(path, folders, texts)
-            source = _Source(tuple(texts.items()), path, tuple(folders))
+            source = _Source(tuple(texts.values()), path, tuple(folders))
             copy = Path(place) / f"{path.stem}.o"
             copy.write_bytes(_object(source, tuple(head), installed))
             objects.append(str(copy))
@@ -68,18 +68,21 @@ def link_library(
 class _Source:
     """A file of C and what it includes: alike files give one object wherever they lie."""
 
-    texts: tuple[tuple[str, str], ...]
+    texts: tuple[str, ...]
     path: Path = field(compare=False)
     folders: tuple[Path, ...] = field(compare=False)
 
 
-def _read(path: Path, folders: Sequence[Path], texts: dict[str, str]) -> None:
-    """Adds the file and, of those that it includes, the ones that are not the system's."""
-    texts[path.name] = path.read_text(encoding="utf-8")
-    for name in _INCLUDE.findall(texts[path.name]):
+def _read(path: Path, folders: Sequence[Path], texts: dict[Path, str]) -> None:
+    """Adds the file and, of those that it includes, the ones that are not the system's.
+
+    Two of them may have one name: `src/` has a header that sends to that of `include/`.
+    """
+    texts[path] = path.read_text(encoding="utf-8")
+    for name in _INCLUDE.findall(texts[path]):
         beside = [folder / name for folder in (path.parent, *folders)]
-        header = next((file for file in beside if file.is_file()), None)
-        if header is not None and header.name not in texts:
+        header = next((file.resolve() for file in beside if file.is_file()), None)
+        if header is not None and header not in texts:
             _read(header, folders, texts)
 
 

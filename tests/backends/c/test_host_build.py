@@ -28,6 +28,8 @@ def test_a_header_that_changed_is_seen(tmp_path: Path) -> None:
     (tmp_path / "src").mkdir()
     (tmp_path / "include").mkdir()
     (tmp_path / "src" / "it.c").write_text('#include "outer.h"\nint it(void) { return IT; }\n')
+    # as exported C has them: a header beside the sources sends to its namesake
+    (tmp_path / "src" / "outer.h").write_text('#include "../include/outer.h"\n')
     (tmp_path / "include" / "outer.h").write_text('#include "inner.h"\n')
     found: list[int] = []
     for number in (1, 2, 1):
