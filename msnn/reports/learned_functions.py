@@ -135,6 +135,7 @@ def _layers(spec: Spec) -> Iterator[_Candidate]:
     for name, layer in spec.layers.items():
         if name not in calls or not any(getattr(layer, kind) for kind in _DRAWN_LAYERS):
             continue
+        # sets over several values together are no curves of one
         if layer.fuzzify is not None and layer.fuzzify.over:
             continue
         call = calls[name]
@@ -219,6 +220,7 @@ def _ranges(
         values = np.concatenate([run.outputs[output.name] for run in runs])
         values = values[np.isfinite(values)]
         unit = probe.step[output.node].type.unit
+        # over a value that never changes there is no curve
         if len(values) and values.min() < values.max():
             text = texts[int(output.name.removeprefix("argument"))]
             low, high = float(values.min()), float(values.max())
