@@ -135,7 +135,6 @@ def _layers(spec: Spec) -> Iterator[_Candidate]:
     for name, layer in spec.layers.items():
         if name not in calls or not any(getattr(layer, kind) for kind in _DRAWN_LAYERS):
             continue
-        # sets over several values together are no curves of one
         if layer.fuzzify is not None and layer.fuzzify.over:
             continue
         call = calls[name]

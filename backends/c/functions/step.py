@@ -100,7 +100,7 @@ class _StepWriter(FunctionWriter):
             inner = self.scope.inner()
             memory.fill(newest, inner, self.unroll)
             self._empty.remove(memory.state.name)
-            # all buffers are filled in the first step, each at its own place in it
+            # the last one clears the mark: in the first step each is filled where it is pushed
             if not self._empty:
                 filled = Unsigned(INITIALISED | STATES_UNSET)
                 inner.assign(self._ready, Binary("&", self._ready, filled))
