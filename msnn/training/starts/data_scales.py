@@ -83,7 +83,10 @@ def _scales(
         # of [J r]ᵀ[J r]: the last one is Σ r²
         square = np.diagonal(products)
         size = _deviation(program, loss, data)
-        scored = len(few) * (steps - skip) * _elements(program, loss)
+        # the mean is over what is compared: a missing target has no square in the sum
+        scored = float(found[loss.name].count.value)
+        if not scored:
+            continue
         # without a deviation the residuals at the first weights are the yardstick
         wanted = square[-1] / scored if size is None else size * size
         if wanted > 0:
@@ -101,10 +104,6 @@ def _scales(
 
 def _ends(names: Sequence[str], weights: Mapping[str, FloatArray]) -> list[int]:
     return np.cumsum([weights[name].size for name in names])[:-1].tolist()
-
-
-def _elements(program: Program, loss: Loss) -> int:
-    return program.step[loss.prediction].type.size
 
 
 def _deviation(program: Program, loss: Loss, data: Dataset) -> float | None:
