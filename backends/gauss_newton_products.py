@@ -34,6 +34,7 @@ class StartBlocks:
 
     def scaled(self, share: float, learned: FloatArray) -> StartBlocks:
         """So many times these, of learned numbers with these slopes in other variables."""
+        # the learned numbers have other variables; those of a start stay what they are
         cross = share * self.cross * learned[None, :, None]
         return StartBlocks(cross, share * self.curvature, share * self.slope)
 

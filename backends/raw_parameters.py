@@ -88,6 +88,7 @@ def physical_slope(parameter: Parameter, raw: FloatArray) -> FloatArray:
         case None, float():
             return parameter.scale * _sigmoid(-raw)
         case float(low), float(high):
+            # not σ (1 − σ), which cancels where σ is nearly 1
             return (high - low) * _sigmoid(raw) * _sigmoid(-raw)
         case _:
             raise AssertionError("bounds are floats or None")

@@ -78,6 +78,7 @@ def _truth(printer: Printer) -> c.Function:
         body=(
             c.Declare(word, yes.text, c.Unsigned(1), constant=True),
             c.Declare(word, no.text, c.Unsigned(0), constant=True),
+            # read back from memory, so that nothing before it can decide what follows
             c.Declare(word, known.text, value, constant=True, volatile=True),
             c.Return(known),
         ),
@@ -89,6 +90,7 @@ def _truth(printer: Printer) -> c.Function:
 def _selecting(name: str, type: c.CType, printer: Printer) -> c.Function:
     truth, then, otherwise, both = map(c.Name, ("truth", "then", "otherwise", "both"))
     written = printer.type(type)
+    # at 0 what is taken where the truth value is 0
     values = (otherwise, then)
     return c.Function(
         name=f"{printer.prefix}_{name}",

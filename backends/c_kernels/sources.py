@@ -40,6 +40,7 @@ def c_sources(
 
     The text does not depend on the order of `names`. Raises KeyError for a name not in `KERNELS`.
     """
+    # sorted: the same model gives the same bytes, in whatever order its graph names them
     functions = {name: f"{prefix}_{name}" for name in sorted(set(names))}
     routines = callees_first(functions, FORMATS[real])
     if constant_time:
@@ -76,6 +77,7 @@ def callees_first(names: Iterable[str], format: Format) -> list[Routine]:
     def visit(routine: Routine) -> None:
         for callee in _called(routine.body):
             visit(callee)
+        # after its callees: C reads a file from top to bottom
         ordered.setdefault(routine.name, routine)
 
     for name in sorted(set(names)):

@@ -49,6 +49,7 @@ def scalar_operation(
         case ops.Clamp():
             return functions.helper("clamp", operands)
         case ops.Compare(relation):
+            # in constant time a comparison is a word of its own, that no branch may be made of
             return functions.truth(Binary(relation.value, *operands))
         case ops.Select():
             return functions.select(kind, *operands)

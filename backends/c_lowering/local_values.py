@@ -62,6 +62,7 @@ class LocalValues:
 
     def finished(self, node: Node, value: Expression, scope: BlockScope) -> Expression:
         """The expression, or a constant for it where the spec names it or it grows long."""
+        # it has a name already, and a copy of it would say nothing
         if isinstance(value, Name):
             return value
         if node.label is None and expression_size(value) <= _LONGEST_EXPRESSION:
@@ -80,6 +81,7 @@ class LocalValues:
             copy_value(value, place, scope, self.unroll)
             return place
         indices = [Index()] * len(node.type.shape)
+        # a scalar may have axes of length 1: an index for each
         made = value.make(indices, scope) if isinstance(value, Computed) else value.element(indices)
         if isinstance(value, ArrayView) or not isinstance(made, Name):
             self.notes.write(node, scope)

@@ -87,6 +87,7 @@ class SpecNotes:
         named = self._named.get((node.span.file, node.span.line), {})
         around = [span for span in named if _holds(span, node.span)]
         if around:
+            # places are nested: of those that hold the node the innermost ends first
             return named[min(around, key=lambda span: (span.end_line, span.end_column))]
         return next(iter(named.values())) if len(set(named.values())) == 1 else None
 

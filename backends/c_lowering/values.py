@@ -48,6 +48,7 @@ def copy_value(value: Value, target: ArrayView, scope: BlockScope, unroll: int) 
         if isinstance(value, ArrayView):
             made = value.element(indices)
         else:
+            # not `element`, whose finish would name what gets its name from the target
             made = value.make(indices, inner)
         inner.assign(target.element(indices), made)
 

@@ -32,6 +32,7 @@ class DiskArray(np.ndarray[Any, np.dtype[Any]]):
     """The same numbers in other types."""
 
     def __array_finalize__(self, made_of: object) -> None:
+        # numpy calls this for every view: with the pages it would be taken for the whole file
         self.pages, self.copies = None, {}
 
 
@@ -61,6 +62,7 @@ class ArrayFile:
         """All rows. The file lives as long as the array."""
         self._file.flush()
         shape = (self._rows, *self._shape)
+        # nothing can be mapped of an empty file
         if not np.prod(shape):
             self._file.close()
             return np.zeros(shape, self._dtype)
@@ -123,6 +125,7 @@ class _GivingBack:
         """Whether there is a file; it holds none while it sleeps, so that arrays can go."""
         with self._lock:
             mapped = list(self._mapped)
+            # under the lock: a file that comes now is seen here, or begins a new thread
             self._runs = bool(mapped)
         for pages in mapped:
             pages.madvise(mmap.MADV_DONTNEED)

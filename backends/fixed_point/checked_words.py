@@ -81,6 +81,7 @@ def _replace(
     inner.add(report)
     scope.add(If(Binary("!=", word, raw), tuple(inner.statements)))
     if held is not None:
+        # in any case: a valid word is what the next step holds, an invalid one was replaced by it
         scope.assign(held, word)
 
 

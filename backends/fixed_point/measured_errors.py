@@ -79,6 +79,7 @@ class _Comparison:
         for run in range(_RUNS):
             self._reset({port.name: drawn(port, random) for port in self.integers.windows})
             given = self._inputs(count, random, held=run % 2 == 1)
+            # both get the values of words: rounding an input is the caller's error
             found, _ = self.words.run(given, count)
             real = {name: _real(port, given[name]) for name, port in inputs.items()}
             exact, _ = self.reals.run(self._with_needless(real, count), count)

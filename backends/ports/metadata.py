@@ -91,6 +91,7 @@ def _output(program: Program, output: Output, name: str) -> dict[str, Any]:
         **_value(output.name, name, type.axes, type.unit, output.doc),
         "range": json_range(program.expected_range(output.name)),
         "predicts": predicts
+        # from the t at which the step is called, as all samples here
         and {"signal": predicts.signal, "ahead": predicts.ahead - program.late},
     }
 

@@ -89,6 +89,7 @@ def port_names(interface: StepInterface, reserved: Iterable[str] = ()) -> PortNa
     parameters = {p.name: p for p in (*interface.parameters, *interface.start_parameters)}
     states = [state.name for state in interface.states]
     return PortNames(
+        # in this order: who comes first keeps its name; next values, which no spec names, give way
         inputs=identifiers(port.signal.name for port in interface.inputs),
         outputs=identifiers(output.name for output in interface.outputs),
         states=identifiers(states),

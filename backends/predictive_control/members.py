@@ -66,6 +66,7 @@ def members(sizes: Sizes, shapes: Mapping[str, tuple[int, ...]], real: str) -> l
         add("real", shape, name)
     add("real", (stages, sizes.results), "results")
     add("real", (stages,), "cost")
+    # C has no empty arrays
     add("real", (stages if sizes.kept_at_end else sizes.horizon, max(sizes.kept, 1)), "kept")
     if sizes.given:
         add("real", (stages, sizes.given), "given")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from compiler.differentiation.sensitivities import LossResiduals, Sensitivities
-from compiler.interpreter.bounded import Bounded, unit_roundoff
+from compiler.interpreter.bounded import Bounded, exact, unit_roundoff
 from compiler.interpreter.bounded_rollouts import Forward, Rollouts, RolloutStep
 from compiler.interpreter.bounded_sums import Total
 from compiler.interpreter.operations import Array
@@ -27,28 +27,34 @@ class InterpretedProducts:
 
     products: Total
     cost: Total
+    count: Total
+    """How many elements it scores, by the factors of their rows."""
     left_out: Total
-    """How many of its elements have no share in the products."""
+    """How many of these have no share in the products."""
 
 
 def interpreted_products(
     found: Sensitivities, weights: Mapping[str, Array], runs: Rollouts
 ) -> dict[str, InterpretedProducts]:
     """The products of every loss that is a sum of squares, over these rollouts, in float64."""
-    totals = {term.loss.name: term.total for term in found.losses}
+    terms = {term.loss.name: term for term in found.losses}
+    summed = [node for term in found.losses for node in (term.total, term.count)]
     wanted = [node for one in found.residuals for node in (one.values, one.slopes, one.left_out)]
-    asked = [node for node in (*totals.values(), *wanted) if node is not None]
+    asked = [node for node in (*summed, *wanted) if node is not None]
     forward = Forward(found.program, asked, weights, _DTYPE)
     sums = {
-        one.loss.name: InterpretedProducts(Total(_DTYPE), Total(_DTYPE), Total(_DTYPE))
+        one.loss.name: InterpretedProducts(*(Total(_DTYPE) for _ in range(4)))
         for one in found.residuals
     }
     members = len(runs.t0)
     # the first samples of a rollout let states settle and count in no loss
     for moment in forward.moments(runs)[runs.skip :]:
         for one in found.residuals:
-            total = sums[one.loss.name]
-            total.cost.add(moment.values[totals[one.loss.name]].repeated(members))
+            total, term = sums[one.loss.name], terms[one.loss.name]
+            total.cost.add(moment.values[term.total].repeated(members))
+            every = exact(np.full(members, float(term.elements)))
+            count = every if term.count is None else moment.values[term.count].repeated(members)
+            total.count.add(count)
             total.products.add(_products(_rows(one, moment, found.numbers, members)))
             if one.left_out is not None:
                 total.left_out.add(_over_elements(moment.values[one.left_out].repeated(members)))

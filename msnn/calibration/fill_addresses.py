@@ -81,6 +81,7 @@ def fill_addresses(elf: Path, export: Path, chosen: Mapping[str, str]) -> Filled
 def _export(folder: Path) -> tuple[str, dict[str, Any]]:
     files = sorted(folder.glob("*.a2l"))
     descriptions = [file.with_suffix(".json") for file in files]
+    # of two files nobody could say which one is of this ELF
     if len(files) == 1 and descriptions[0].is_file():
         try:
             description = json.loads(descriptions[0].read_text(encoding="utf-8"))["c"]
@@ -104,6 +105,7 @@ def _choose(
         else:
             findings.report(faults.no_such_instance(name, type, names))
         return None
+    # the defaults are constants in flash: who has a copy of them calibrates the copy
     default = f"{type.removesuffix('_t')}_default"
     own = [instance for instance in there if instance.name != default] or there
     if len(own) > 1:

@@ -136,7 +136,8 @@ def _of_kind(
 def _of_dimensions(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[InterfaceChange]:
     """The order of labels is that of elements; sizes are said of what has them."""
     before, after = _by_name(old["dimensions"]), _by_name(new["dimensions"])
-    for name in before.keys() & after.keys():
+    # in the order of the spec: a set of names has another one in each process
+    for name in (name for name in before if name in after):
         left, right = before[name]["labels"], after[name]["labels"]
         if left != right and len(left) == len(right):
             yield InterfaceChange(

@@ -59,6 +59,7 @@ def joined(found: Sequence[Agreement]) -> Agreement:
         first = replace(
             first,
             steps=first.steps + other.steps,
+            # np.maximum keeps NaN, which `max` may lose
             one_step=float(np.maximum(first.one_step or 0.0, other.one_step or 0.0)),
             free_run=float(np.maximum(first.free_run, other.free_run)),
             bits=_sum(first.bits, other.bits),

@@ -58,6 +58,7 @@ def compare_horizon(
             measured, given = _numbers(problem, step.measured, step.given)
             expected = judge.correct(measured, given)
             found = library.correct_numbers(step.measured, step.given)
+            # a window that neither can solve is no fault of the export
             has_failed |= found.status >= FilterStatus.DIVERGED > expected.status
             has_failed |= found.status == FilterStatus.CAPPED and not np.isfinite(found.residual)
             share.count()
@@ -65,9 +66,11 @@ def compare_horizon(
             pairs = [(found.std, np.array(step.std), np.array(golden.near_std))]
             if max(found.status, expected.status) <= FilterStatus.CAPPED:
                 stopped = [one.residual for one in (found, expected) if one.status]
+                # both are off from the optimum, each by no more than the larger residual
                 left = max(tolerance, *stopped) if stopped else tolerance
                 pairs.append((found.x, judge.vector, near + stages * left * (scales + most_std)))
                 compared += 1
+            # neither solved the window: both fall back to the filter, which has nothing to iterate
             elif found.status == expected.status:
                 pairs.append((found.x, judge.vector, near))
             for values, expected_values, bound in pairs:

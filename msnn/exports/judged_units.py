@@ -82,6 +82,7 @@ def compare_estimator_units(
     measured = [f"measured.{m.signal}" for m in problem.measured]
     inputs = [m.name for m in problem.inputs.members]
     for name, member in zip(inputs, problem.inputs.members, strict=True):
+        # inputs that are no variables of the unit are given to the library all the same
         sizes.setdefault(name, member.size)
     start = _split(golden.start, [f"start.{m.name}" for m in problem.states.members], sizes)
     library.reset(golden.start)
@@ -94,6 +95,7 @@ def compare_estimator_units(
             given = _split(step.given, inputs, sizes)
             now = {f"now.{name}": values for name, values in given.items()}
             found = library.correct_numbers(step.measured, step.given)
+            # a unit predicts at the beginning of its step: it takes the inputs of the sample before
             numbers = {**before, **now, **_split(step.measured, measured, sizes)}
             known = {name: v for name, v in numbers.items() if name in unit_names(unit)}
             outputs = [v.name for v in unit.variables.of(VariableKind.OUTPUT)]
@@ -141,6 +143,7 @@ class _UnitRun:
             self.differing += _other(found, np.ravel(values))
         variables = self._unit.variables
         references = (variables.status_reference, variables.iterations_reference)
+        # filters have no iterations to count
         for reference, value in zip(references, counts, strict=False):
             self.differing += self._instance.count(reference) != value
 
@@ -188,6 +191,7 @@ def _split(
 
 def _other(found: Array, expected: Array) -> int:
     """Values with other bits; NaN is NaN."""
+    # FMI 2.0 knows float64 alone, in which every float32 is exact
     given = found.astype(expected.dtype)
     same = (
         given.view(np.uint8).reshape(given.size, -1)

@@ -76,6 +76,7 @@ class Equations:
         for arg in node.args:
             inner = self._written[id(arg)][0]
             if arg.args and len(inner) > _LONGEST_NAME:
+                # told by identity: equal terms of two places may have other names
                 self._written[id(arg)] = self._named(arg, inner)
         return text_of(node, [self._written[id(arg)] for arg in node.args])
 

@@ -41,6 +41,7 @@ def spec_values(found: Sections) -> dict[str, Any]:
     outputs |= added
     closings = {name: term for name, (term, _) in signals.states.items()}
     losses = [term for _, *sides in found.losses.values() for term in sides]
+    # all uses are counted before a text is written: what is used twice becomes an equation
     equations.count([*outputs.values(), *found.held.values(), *signals.equations.values()])
     degrees = [term for one in found.layers.declared.values() for term in _degrees(one)]
     equations.count([*closings.values(), *losses, *degrees])

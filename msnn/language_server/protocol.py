@@ -90,6 +90,7 @@ def _section(section: Section, view: View) -> types.DocumentSymbol:
 def _symbol(heading: Heading, kind: types.SymbolKind, view: View) -> types.DocumentSymbol:
     start = _position(position_of(heading.line, heading.column, view.source))
     end = _position(position_of(heading.line, heading.end_column, view.source))
+    # the end is exclusive: the beginning of the line after the last
     last = types.Position(heading.last_line + 1, 0) if heading.last_line > heading.line else end
     return types.DocumentSymbol(
         name=heading.name,
@@ -106,6 +107,7 @@ def _item(item: Item, number: int, range: types.Range) -> types.CompletionItem:
         kind=_item_kind(item.kind),
         detail=item.detail or None,
         documentation=doc,
+        # editors sort by text: leading zeros keep 10 behind 9
         sort_text=f"{number:04}",
         filter_text=item.label,
         text_edit=types.TextEdit(range, item.insert),

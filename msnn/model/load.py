@@ -70,9 +70,11 @@ def with_seed(model: Model, seed: int) -> Model:
 def _of_run(run: Path, settings: Sequence[str], strict_units: bool) -> Model:
     """The model that a run has kept, with the settings of the run before those given here."""
     kept = kept_spec(run)
+    # those given here come last, so that they win
     settings = (*kept.settings, *settings)
     read = read_spec(kept.path, kept.text, settings, texts=kept.texts)
     model = _compiled(read, kept.path, settings, strict_units, kept)
+    # with the run's own settings: those given here may change training, never what was kept
     if hash_of(model.text, model.parts, model_settings(kept.settings)) != kept.sha256:
         raise SpecError((nothing_kept(str(run)),))
     return replace(model, settings=settings, run=run, trained_in=kept.trained_in)

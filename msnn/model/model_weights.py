@@ -36,6 +36,7 @@ def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
     program = compile_spec(
         read.spec, used=read.used, weights=model.part_weights, numbers=numbers, draw=draw
     ).program
+    # trained elsewhere: to draw these anew would throw that training away
     given = tuple(f"{part.name}." for part in model.parts if part.weights)
     kept = initial_weights(model.program)
     return {

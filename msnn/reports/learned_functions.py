@@ -219,6 +219,7 @@ def _ranges(
         values = np.concatenate([run.outputs[output.name] for run in runs])
         values = values[np.isfinite(values)]
         unit = probe.step[output.node].type.unit
+        # over a value that never changes there is no curve
         if len(values) and values.min() < values.max():
             text = texts[int(output.name.removeprefix("argument"))]
             low, high = float(values.min()), float(values.max())

@@ -113,6 +113,7 @@ def _arrays(
 def _series(port: Port, value: FloatArray, row: int) -> FloatArray:
     """A log in which the step at this row sees exactly these samples."""
     samples = value[np.newaxis] if port.type.window is None else np.moveaxis(value, -1, 0)
+    # the window is last in a value (R1), and time is first in a log
     series = np.zeros((row + max(port.last, 0) + 1, *samples.shape[1:]))
     series[row + port.first : row + port.last + 1] = samples
     return series

@@ -38,6 +38,7 @@ class LossSum:
     def value(self, measure: Measure) -> float:
         """The loss: 0 where nothing was scored (rule R9)."""
         mean = self.total / self.count if self.count else 0.0
+        # the root of the mean over all: a mean of roots would depend on how rollouts are cut
         return float(np.sqrt(mean)) if measure is Measure.RMSE else mean
 
     def __add__(self, other: LossSum) -> LossSum:
@@ -108,6 +109,7 @@ def summed(
             if scored is not None:
                 rows = scored[name][moment.t]
             there = (
+                # NaN is a missing target; an infinite one counts, and makes the loss infinite
                 np.ones(prediction.shape, dtype=np.bool_) if target is None else ~np.isnan(target)
             )
             there &= _along(rows, prediction)

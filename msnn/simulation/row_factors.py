@@ -45,6 +45,7 @@ def check_row_factors(
 
 def _evaluated(runs: Runs, rows: int) -> IntArray:
     """The rows t of all evaluations, each once."""
+    # +1 where a rollout begins, −1 behind its end: the sum says how many evaluate a row
     changes = np.zeros(rows + 1, np.int64)
     np.add.at(changes, runs.t0, 1)
     np.add.at(changes, runs.t0 + runs.steps, -1)

@@ -48,6 +48,7 @@ def simulation_data(
         missing = [file for file in files if not matching(Path.cwd(), str(file))]
         if missing:
             raise SpecError([no_file(str(file), None, None) for file in missing])
+        # other files have the columns of the spec's: only what is read of them differs
         section = data_of_files(model.spec.data or _plain_layout(model), files, data_set)
         filters = row_filters(model.spec.model_copy(update={"data": section}))
         return load_data(program, section, Path.cwd(), filters, beside)

@@ -116,6 +116,7 @@ class StartFit:
 
         begin = Interpreter(self._program, weights).start(series, runs.t0)
         flat = [begin[state.name].reshape(len(runs), -1) for state in self._states]
+        # each run by itself: no run's evaluations depend on another's start
         found = descended(np.concatenate(flat, axis=1), products)
         lost = {
             name: np.asarray(part.reshape(len(runs), -1).any(axis=1))

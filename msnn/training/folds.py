@@ -83,6 +83,7 @@ def train_folds(
     """
     count = fold_count(model)
     folder = _folder(model, options)
+    # one for all folds: a warning of the spec is the same in each, and is told once
     shown = _FoldProgress(progress or Silent(), count)
     folds: list[Fold] = []
     for number in range(1, count + 1):

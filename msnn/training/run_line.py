@@ -29,6 +29,7 @@ def begun(
     """
     settings = tuple(map(one_form, model.settings))
     spec, of_data = hash_of(model.text, model.parts, settings), data_hash(data)
+    # the version too: another one may train the same spec to other weights
     decides = [__version__, spec, _initial_hash(model.program), of_data, seed, fold, held_out]
     return RunLine(
         key=hashlib.sha256(json.dumps(decides).encode()).hexdigest(),

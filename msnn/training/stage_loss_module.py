@@ -47,6 +47,7 @@ def stage_loss(
     findings = Findings()
     plans = on_device(plan_stages(program, stages, findings), device, findings)
     findings.raise_errors()
+    # raised before: plans of a faulty spec have no rollouts to look for in the data
     runs = stage_data(plans[number], data, findings)
     findings.raise_errors()
     assert runs is not None
@@ -69,6 +70,7 @@ class StageLoss(nn.Module):
         self.plan = plan = with_slopes_alone(plan)
         self._spread: float | None = None
         self._data, self._runs = data, runs
+        # given back bit for bit: through a raw variable and a float32 they would come back rounded
         self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
         self.notes: tuple[Diagnostic, ...] = ()
         """What the user should know of how it is computed."""
@@ -107,6 +109,7 @@ class StageLoss(nn.Module):
         plan = self.plan
         self._objective.write(factors_of(plan, self._data.series, epoch))
         if has_priors(plan):
+            # once an epoch, as in training: measured by each batch it would be noise itself
             self._spread = self._measured(epoch)
         runs = self._runs.in_epoch(epoch)
         if self._starts is not None:

@@ -58,8 +58,10 @@ def train(
     plans = on_device(plan_stages(program, stages, findings), options.device, findings)
     datas = [stage_data(plan, data, findings) for plan in plans]
     findings.raise_errors()
+    # before the run's folder is made: an optimiser that torch refuses leaves nothing behind
     try_optimizers(program, plans)
     ranks = options.ranks
+    # ranks must begin alike: each would draw its own, and train another model
     first = weights_of_first(ranks, first_weights(program, data) if weights is None else weights)
     plans = with_data_scales([replace(plan, ranks=ranks) for plan in plans], data, first)
     ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
@@ -93,6 +95,7 @@ def train(
         ):
             return run.through(begin, stop_asked)
     except OSError as error:
+        # a full disk, a folder taken away: a message; of other files nothing is known here
         if folder is None or not folder.has(error):
             raise
         file, reason = str(error.filename), (error.strerror or str(error)).lower()

@@ -103,6 +103,7 @@ def coverages(
     found: dict[int, Coverage] = {}
     for group in simulated_together(checks):
         first, names = checks[group[0]], {checks[index].plan.of for index in group}
+        # variances cost a direction for each learned number: other outputs go without them
         program = reduced(
             first.plan.rollout.program, lambda output, of=names: output.name in of, lambda _: False
         )

@@ -114,6 +114,7 @@ def validate(
     outcomes = simulator.outcomes(ready)
     # by identity: entries measured alike share one measurement
     measurements = {id(found): found for found in outcomes if isinstance(found, Measurement)}
+    # of each measurement, so that a signal that several entries read may come more than once
     far = [
         extrapolates(found.data, each.signal, each.share, each.low, each.high)
         for found in measurements.values()

@@ -42,6 +42,7 @@ def _on_board(board: Board, level: str, model: ExportedC) -> ProofStep:
             return check.of(found or ["no word about the stack"], "golden steps differ")
         painted = int(stack[1], 16)
         bound = stack_bound(sorted(folder.glob("*.ci")), f"{model.prefix}_step")
+        # painted is what a run has used, the bound what any run can use
         if bound is not None and painted > bound:
             found.append(f"the stack was {painted} bytes deep, the call graph allows {bound}")
         flash, data, bss = build.added(write_harness("size_main.c", model, folder))
@@ -66,5 +67,6 @@ def _on_board(board: Board, level: str, model: ExportedC) -> ProofStep:
 
 def _instructions(counts: list[int], model: ExportedC) -> list[int]:
     """Of each step."""
+    # the first count is of an empty step: call, loop and reading of the counter
     idle, *rest = counts
     return [count - idle + _RETURN for count in rest[: len(model.expected)]]

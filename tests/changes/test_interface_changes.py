@@ -59,6 +59,20 @@ def test_one_change(
     assert bool(found.breaks) is breaks
 
 
+def test_dimensions_are_told_in_the_order_of_the_spec() -> None:
+    names = ["wheel", "axle", "cell", "arm", "leg", "tank"]
+    dims = ", ".join(f"{name}: [left, right]" for name in names)
+    inputs = "".join(f"  in_{name}: {{dims: [{name}]}}\n" for name in names)
+    spec = f"msnn: 1\nname: plant\nsample_time: 0.1 s\ndims: {{{dims}}}\ninputs:\n{inputs}"
+    spec += f"outputs: {{y: {' + '.join(f'sum(in_{name})' for name in names)}}}\n"
+    old, new = (
+        load_model(Path("plant.msnn.yaml"), text=each).program
+        for each in (spec, spec.replace("[left, right]", "[right, left]"))
+    )
+    found = interface_changes(old, new)
+    assert [change.part for change in found] == [f"dimension {name}" for name in names]
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -39,6 +39,7 @@ def _segment(interface: Interface) -> Segment:
     """The parameters, then their checksum, of which alignment makes as much as a number has."""
     size = 4 if interface.options.dtype == "float32" else 8
     count = sum(field.size for field in interface.parameters) + 1
+    # the struct ends at a multiple of its widest member: a CRC of 4 bytes beside float64 takes 8
     return Segment(f"{interface.prefix}_calibration_t", interface.calibration_section, count * size)
 
 

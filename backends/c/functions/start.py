@@ -41,6 +41,7 @@ def init_function(program: Program, model: ControllerCode) -> Function:
     writer.set_states(program, dict.fromkeys(known))
     for memory in interface.states:
         if memory.state.name in interface.from_record:
+            # defined, but no state: `ready` says which are to be set before a step
             memory.write_start(_zeros(memory.shape), writer.scope, writer.unroll)
     ready = INITIALISED
     ready |= BUFFERS_EMPTY if interface.filled_by_first else 0
@@ -125,6 +126,7 @@ class _StartWriter(FunctionWriter):
         if interface.has_state:
             self.scope.add(Assign(Member("s", interface.ready), Unsigned(ready)))
         else:
+            # C has no empty structs: the only member is one that nothing reads
             self.scope.add(Assign(Member("s", RESERVED), Unsigned(0)))
 
 

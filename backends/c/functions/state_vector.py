@@ -45,6 +45,7 @@ def _get_state(interface: Interface, vector: VectorNames) -> Function:
     def write(scope: BlockScope) -> None:
         listed = _listed(interface, vector)
         for memory in listed:
+            # rings: where their oldest sample is must be known before any is read
             if not isinstance(memory, PlainState | DelayLine):
                 memory.begin(scope)
         for memory in listed:

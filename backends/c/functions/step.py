@@ -100,6 +100,7 @@ class _StepWriter(FunctionWriter):
             inner = self.scope.inner()
             memory.fill(newest, inner, self.unroll)
             self._empty.remove(memory.state.name)
+            # the last one clears the mark: in the first step each is filled where it is pushed
             if not self._empty:
                 filled = Unsigned(INITIALISED | STATES_UNSET)
                 inner.assign(self._ready, Binary("&", self._ready, filled))
@@ -124,6 +125,7 @@ class _StepWriter(FunctionWriter):
                     if isinstance(place.storage, Member) and place.storage.base == "s":
                         place = lowered.copy(node, name)
                     following.append((memory, place))
+        # only now: each of these may read a state that another replaces
         for memory, place in following:
             memory.write(place, self.scope, self.unroll)
         for memory in interface.states:

@@ -36,6 +36,7 @@ class StructMemory:
         structs = self.new(count)
         for name, value in values.items():
             target = structs[self._fields[name]["field"]]
+            # a series has one axis more than a field: (count, *shape)
             array = np.asarray(value)
             shape = target.shape if array.ndim == target.ndim else target.shape[1:]
             if array.shape != shape or (shape != target.shape and count != 1):
@@ -101,6 +102,7 @@ def _set_value(state: dict[str, Any], memory: Any, value: Array) -> None:
     if state["kind"] == "shift":
         stored[..., :kept] = value
         return
+    # the oldest sample of a ring is one behind its head, so that it begins at 1
     memory[state["head"]] = 0
     stored[..., 1 : kept + 1] = value
     stored[..., kept + 2 :] = value

@@ -68,4 +68,5 @@ def _feeds_itself(program: Program, state: State, in_place: Mapping[str, InPlace
     joins = state.next if buffer is None else buffer.newest
     following = {other.name: other.next for other in program.states}
     following[state.name] = joins
+    # over all steps, as a value may come back to its state by way of another
     return state.name in needed_over_time(program.step, following, [joins])[1]

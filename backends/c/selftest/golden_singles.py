@@ -69,6 +69,7 @@ def golden_singles(
     if not (alone or others):
         return None
     trials = joined_trials([*alone, *others])
+    # of those alone only the Jacobian is compared at other parameters: their step is as trained
     stepped = joined_trials([*map(steps.with_trained, alone), *others])
     count = len(trials)
     values, begun, inputs = steps.run(stepped), steps.begun(trials), steps.inputs(trials)

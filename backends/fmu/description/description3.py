@@ -57,6 +57,7 @@ def description_text(facts: UnitFacts, token: str) -> str:
     structure = child(root, "ModelStructure")
     for variable in variables.of(VariableKind.OUTPUT):
         known = None if facts.depends is None else facts.depends[variable.name]
+        # without the attribute it may depend on everything, with an empty one on nothing
         places = None if known is None else " ".join(str(input.first) for input in known)
         reference = {"valueReference": str(variable.first)}
         child(structure, "Output", {**reference, "dependencies": places})

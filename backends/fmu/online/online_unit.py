@@ -194,4 +194,5 @@ def _beginning(dtype: Dtype, variable: Variable) -> list[str]:
 def valid_numbers(range: tuple[float, float] | None, size: int, dtype: Dtype) -> NDArray[Any]:
     """The numbers within a range that are nearest to 0."""
     low, high = (-np.inf, np.inf) if range is None else range
+    # FMI wants starts within `min` and `max`
     return np.full(size, min(max(0.0, low), high), dtype)

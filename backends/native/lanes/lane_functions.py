@@ -99,6 +99,7 @@ class LaneWriter:
     def _given(self, value: TrainingValue, type: Type) -> ArrayView:
         match value:
             case LossScale(loss):
+                # by place: the kernel's caller gives one scale for each loss, in this order
                 names = [term.loss.name for term in self.memory.step.losses]
                 return ArrayView(Name("scale"), (), (), Index(names.index(loss)))
             case KeptRow(node):

@@ -103,6 +103,7 @@ class _LaneLowering(RoutineLowering):
                 name = c.Name(self.name(target))
                 # lanes that do not take this side keep what they have
                 body.append(c.Assign(name, self.select(target.kind, taken, value, name)))
+            # in this order: the second side selects among what the first has written
             made.append(c.If(c.Call("any_lane", (taken,)), tuple(body)))
         return made
 

@@ -61,6 +61,7 @@ class LanePrinter(Printer):
                 # the samples behind the last whole turn
                 begin = f"{HORIZON} - ({HORIZON} % {step}U)" if rest else "0"
                 stop = (
+                    # never HORIZON - step, which wraps to a huge size where the horizon is short
                     f"{time} < {HORIZON}" if rest or step == 1 else f"{time} + {step} <= {HORIZON}"
                 )
                 by = 1 if rest else step

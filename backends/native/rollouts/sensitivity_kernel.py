@@ -75,6 +75,7 @@ class SensitivityKernel(LaneLibrary):
         _with_stack(self._stack, add)
         # a mark is 0 or √ of the factor of its row, so that the sum of its squares counts
         marks = found[:, numbers + 1, numbers + 1] if self._marked else np.zeros(losses)
+        # the kernel sums blocks up to the diagonal: what is above comes by symmetry
         lower = np.tril(found[:, : numbers + 1, : numbers + 1])
         whole = lower + np.tril(lower, -1).transpose(0, 2, 1)
         return {
@@ -98,6 +99,7 @@ def _with_stack(needed: int, run: Callable[[], None]) -> None:
     if needed <= STACK:
         run()
         return
+    # a setting of the process, for threads to come: taken back once this one has started
     usual = threading.stack_size(2 * needed)
     try:
         thread = threading.Thread(target=run)

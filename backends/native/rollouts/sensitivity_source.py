@@ -46,6 +46,7 @@ def sensitivity_source(found: Sensitivities) -> SensitivitySource:
     memory = LaneMemory(forward_only(found.program, found.losses))
     functions = LaneFunctions(FunctionNames(PREFIX, "float64", "own"))
     marked = any(one.left_out is not None for one in found.residuals)
+    # slopes, residual, mark; whole blocks, so that the loop over products has no rest
     width = -(-(found.numbers + 1 + marked) // _BLOCK) * _BLOCK
     firsts, places = _rows(found, width)
     writer = ModelFunctions(memory, functions, Stored(ROWS, places))
@@ -73,6 +74,7 @@ def _rows(
     for loss in found.program.losses:
         residual = residuals.get(loss.name)
         if residual is None:
+            # a loss that is no sum of squares is summed, but has no rows
             firsts.append(firsts[-1])
             continue
         type = found.program.step[residual.values].type
@@ -80,6 +82,7 @@ def _rows(
         strides = tuple(stride * width for stride in each.strides)
         first = firsts[-1] * width
         values = ArrayView(each.storage, type.shape, strides, Index(first + found.numbers))
+        # the learned numbers are the innermost axis: products run along rows
         slopes = ArrayView(each.storage, (found.numbers, *type.shape), (1, *strides), Index(first))
         places += [(residual.values, values), (residual.slopes, slopes)]
         if residual.left_out is not None:

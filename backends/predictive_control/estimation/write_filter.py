@@ -72,6 +72,7 @@ def filter_sources(
     judge = KalmanFilter(problem, weights)
     estimated = judge.numbers
     numbers = TypedLiterals(dtype)
+    # the smallest normal number: many controllers flush those below it to 0
     smallest = float(np.finfo(dtype).tiny)
     table = FunctionTable(FunctionNames(name, dtype, "own"))
     program = inline_parameters(augmented(problem.program, problem.parameters), weights)
@@ -114,6 +115,7 @@ def filter_sources(
         # D begins as the variances: numbers are independent before anything is measured
         "first": np.diagonal(judge.covariance).tolist(),
         "noises": moving,
+        # a drift that float64 has must not round to 0 in float32
         "noise": [max(float(judge.drift[i]), smallest) for i in moving],
         "bounds": [
             {
@@ -174,6 +176,7 @@ def _members(
         reals("moved", size),
         reals("results", most),
         reals("slopes", most * size),
+        # the factor after the step beside the noise: together they are made a triangle again
         reals("work", size, size + noises),
     ]
 

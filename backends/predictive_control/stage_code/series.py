@@ -36,6 +36,7 @@ class Series:
 
     def place(self, sample: Sample) -> int:
         """Where a stage finds it."""
+        # that of stage 0: stage k adds k, whatever the sample
         return self.now[self._number(sample)] - sample.lag
 
     @property
@@ -85,6 +86,7 @@ def places_in_series(problem: ControlProblem, series: Series) -> dict[str, Place
 def _place(shape: tuple[int, ...], at: tuple[int, ...] | list[int]) -> Place:
     """The place of a quantity whose numbers, in C order, stand at these places."""
     steps = c_strides(shape)
+    # buffers keep whole signals: the numbers of one have series of one length, and one stride
     strides = tuple(
         at[step] - at[0] if size > 1 else 0 for size, step in zip(shape, steps, strict=True)
     )

@@ -125,6 +125,7 @@ class StageWriter:
                     zeros = (0,) * len(type.shape)
                     lowered.store(limit.node, ArrayView(Name("limit"), type.shape, zeros, place))
                 continue
+            # a row has two sides, one beside the other: its limits stand at every second place
             strides = tuple(2 * stride for stride in c_strides(type.shape))
             place = ArrayView(Name("limit"), type.shape, strides, Index(limit.first_side))
             lowered.store(limit.node, place)

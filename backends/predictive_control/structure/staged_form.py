@@ -32,6 +32,7 @@ def staged_form(problem: ControlProblem, rows: Rows) -> Form:
         terminal=_arrays(problem, stages, stages.terminal, stages.terminal_results),
         steady=None,
         shapes={
+            # the terminal stage has room for controls too, so that all stages have one width
             "z": (count, width),
             "dz": (count, width),
             "gradient": (count, width),

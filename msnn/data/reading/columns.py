@@ -79,6 +79,7 @@ def in_units_of_file(
 def _in_units(feed: Feed, units: Mapping[ColumnKey, Unit], findings: Findings) -> Feed:
     declared, column = feed.signal.unit, feed.column
     stated = {key: units[key] for key in feed.keys if key in units}
+    # what the spec says goes before what a file says
     if declared is None or not stated or (column is not None and column.unit is not None):
         return feed
     if all(unit.same_as(declared) for unit in stated.values()):
@@ -86,6 +87,7 @@ def _in_units(feed: Feed, units: Mapping[ColumnKey, Unit], findings: Findings) -
     span = feed.signal.span if column is None else column.place.value
     scaled = column is not None and (column.scale != 1.0 or column.offset != 0.0)
     for key, unit in stated.items():
+        # `scale:` may convert already: with a unit of the file beside it, cells would convert twice
         fits = unit.same_dimension(declared)
         if not fits or (scaled and not unit.same_as(declared)):
             make = data_units.unit_beside_scale if fits else data_units.misfitting_file_unit
@@ -109,6 +111,7 @@ def _to_signal(unit: Unit, declared: Unit) -> tuple[float, float]:
     """Factor and offset from one unit to another."""
     if unit.same_as(declared):
         return 1.0, 0.0
+    # affine, as °C to K: the offset is what 0 becomes
     return unit.factor_to(declared), unit.convert(0.0, declared)
 
 
@@ -139,4 +142,5 @@ def _conversion(signal: Signal, column: Column, findings: Findings) -> tuple[flo
         )
         return column.scale, column.offset
     factor, shift = _to_signal(unit, declared)
+    # the spec's scale and offset make a value in the column's unit, which is converted then
     return factor * column.scale, factor * column.offset + shift

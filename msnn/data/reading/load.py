@@ -62,6 +62,7 @@ def joined_files(
         findings.report(not_on_disk(reason, data.place.key))
     drops = data.nan == "drop" and program.sample_time is not None
     parts: list[FilePart] = []
+    # told behind the faults of files: with those nothing was dropped for good
     left_out = Findings()
     outside: dict[tuple[str, Path], Findings] = {}
     reached: set[tuple[str, Path]] = set()
@@ -191,6 +192,7 @@ def _sets(
 def _times(part: FilePart, sample_time: float | None) -> RecordTimes:
     time = part.time
     if time is None and sample_time is not None:
+        # no column says it: rows are samples, one every `sample_time`
         time = np.arange(len(part.usable), dtype=np.float64)
         time *= sample_time
     return RecordTimes(len(part.usable), time, part.begins, part.file.shown)
@@ -208,6 +210,7 @@ def _report_ranges(
         worst, count, place = 0.0, 0, ""
         for part in parts:
             values = part.series[signal.name]
+            # fmax, since a missing value is no value outside
             beyond = np.fmax(low - values, values - high)
             count += int(np.sum(beyond > 0))
             most = float(np.nanmax(beyond, initial=0.0)) if beyond.size else 0.0
@@ -215,6 +218,7 @@ def _report_ranges(
                 excess = most
                 index = int(np.nanargmax(beyond))
                 worst = float(values.ravel()[index])
+                # (rows, *shape) in C order: elements of a row follow each other
                 row = index * len(values) // values.size
                 place = Record(part.file.shown, 0, len(values), part.pieces).place(row)
         if count:

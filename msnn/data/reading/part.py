@@ -60,6 +60,7 @@ class FilePart:
         assert other.time is not None
         first = self.file.shown.split(_TO)[0]
         continues = np.concatenate((self.continues, other.continues))
+        # the only row whose flag says "begins a record" and no longer does
         continues[len(self.continues)] = True
         return FilePart(
             file=replace(self.file, shown=f"{first}{_TO}{other.file.shown}"),
@@ -96,6 +97,7 @@ def read_part(
         if not read.columns and not mine.failed:
             mine.report(no_column_read(file.shown, program.name))
     if read is not None and not mine.failed:
+        # a column that a signal of the program needs as well may not be missing
         spare = wanted_columns(more).keys() - wanted_columns(found).keys()
         rows = record_rows(read, file, data, program.sample_time, mine, spare)
     findings.report(*mine.in_order)
@@ -158,6 +160,7 @@ def _read(
     if time is not None and not file.keeps_time:
         moments = frozenset({time.column.column})
         users[time.column.column] = "`time`"
+        # without time nobody knows how rows follow each other, whatever `nan:` says of values
         optional -= {time.column.column}
         spare -= {time.column.column}
     try:

@@ -47,6 +47,7 @@ class RowFilter:
         for first in range(0, rows, _AT_ONCE):
             t = np.arange(first, min(first + _AT_ONCE, rows))
             prediction, _ = judge.step(series, t, judge.start(series, t)).losses[_NAME]
+            # `where` gives 1 or 0 exactly, and `l1` of a single number is that number
             kept[t] = prediction > 0
         return kept
 
@@ -79,6 +80,7 @@ def _compiled(
     span = condition.span
     numbers = (Number(1.0, span), Number(0.0, span))
     held = Call(Name("where", span), (condition, *numbers), (), span)
+    # not validated again: every part comes out of a spec that was
     loss = Loss.model_construct(expr=Call(Name("l1", span), (held,), (), span), place=data.place)
     alone = Spec.model_construct(
         msnn=1,
@@ -100,6 +102,7 @@ def _compiled(
         findings.report(*error.diagnostics)
         return None
     around = reads(program.step, [program.losses[0].prediction]).values()
+    # a filter decides row by row, before it is known which rows follow each other
     if program.states or any((extent.first, extent.last) != (0, 0) for extent in around):
         findings.report(errors.wide_filter(span))
         return None

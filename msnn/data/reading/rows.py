@@ -64,6 +64,7 @@ def picked_rows(
         if length is None:
             continue
         if isinstance(length, Samples):
+            # `to: n` includes row n
             bounds[index] = length.count + index
             continue
         if time is None:
@@ -108,10 +109,12 @@ def continuity(
         row = picked.first + (index + 1) * picked.every
         faults.append(TimeFault(kind, row, float(steps[index]), int(wrong.sum()) - 1))
 
+    # not `steps <= 0`, which is false for NaN
     backward = ~(steps > 0)
     if backward.any():
         fault("order", backward)
     elif not good.all():
+        # most steps agree with the spec: single gaps; else the sample time itself is another
         common = float(np.median(steps))
         same = np.abs(common - sample_time) <= GAP_TOLERANCE * sample_time
         fault("gap" if same else "sample time", ~good)

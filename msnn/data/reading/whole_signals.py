@@ -64,6 +64,7 @@ def _is_column(shape: tuple[int, ...]) -> bool:
 def _whole(name: str, shape: tuple[int, ...], layout: Source) -> Column:
     """The columns of one array: `q[0]`, `q[1]`, …, or `q` itself for a scalar."""
     names = [f"{name}[{i}]" for i in range(math.prod(shape))] if shape else [name]
+    # C order, as `Feed.series` puts columns together again
     parts = tuple(ColumnName(part, layout.place.value) for part in names)
     return Column.model_construct(place=layout.place, column=parts)
 

@@ -83,6 +83,7 @@ class ExportedRollouts:
         program = to_step_form(prune_outputs(self.program, names))
         plan = replace(self.plan, program=program, cuts=(), platforms=())
         interface = step_interface(program)
+        # exports start from states: those that a spec takes from the log are its interpreter's
         starts = Interpreter(program, self.weights).start(self.series, runs.t0)
         total = int(runs.steps.sum())
         found = {

@@ -139,6 +139,7 @@ class _CasadiExport:
         self, matrices: Sequence[Matrix], inputs: Arrays, states: Arrays, steps: int
     ) -> Arrays:
         """The matrices (steps, rows, columns) by name, of CasADi's derivative."""
+        # CasADi's own, so that it judges ours and not the other way round
         derivative = self._step.jacobian()
         found: list[Arrays] = []
         for k in range(steps):
@@ -169,6 +170,7 @@ class _CasadiExport:
 
     def _call(self, function: Any, given: Arrays) -> Arrays:
         known = set(function.name_in())
+        # not every function takes all parameters, as that of the first states
         arguments = {n: v for n, v in {**given, **self._parameters}.items() if n in known}
         return {name: np.array(value) for name, value in function.call(arguments).items()}
 

@@ -40,6 +40,7 @@ def _prepare(request: Request, entry: CExport | None) -> ExportPlan[None] | None
     if step is None:
         return None
     report, place = request.findings.report, entry.place.key
+    # words have no room beyond a range: equations keep to theirs in the judge as well
     step = limit_expected(step)
     report(*(fixed_point_option(name, place) for name in _float_options(entry)))
     extras = {*request.extras, *entry.extras}
@@ -116,6 +117,7 @@ class _Scale:
     @staticmethod
     def _words(field: Mapping[str, Any], numbers: NDArray[Any]) -> NDArray[np.int64]:
         low, high = field["range"]
+        # clipped first: beyond the range a word would wrap
         return np.rint(np.ldexp(np.clip(numbers, low, high), field["fraction"])).astype(np.int64)
 
 

@@ -86,6 +86,7 @@ class _OnnxExport:
 def _session(path: Path) -> Any:
     onnxruntime: Any = import_module("onnxruntime")
     options = onnxruntime.SessionOptions()
+    # the order of sums, and so their bits, does not depend on the machine's cores
     options.intra_op_num_threads = 1
     return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
 

@@ -39,6 +39,7 @@ def interpolated(
     if np.any(np.diff(x) <= 0):
         raise ShapeError("two knots of a table are the same")
     slope = np.diff(y) / np.diff(x)
+    # nnodely does not extrapolate: beyond the ends it goes on with the value there
     inside = call("clip", value.pieces[0], number(x[0]), number(x[-1]))
     if len(x) == 2:
         line = infix("*", number(slope[0]), infix("-", inside, number(x[0])))
@@ -47,6 +48,7 @@ def interpolated(
     findings.report(nearest_knot(name, place))
     dims, names = layers.dims, layers.names
     knot = dims.of(len(slope), "knot")
+    # rectangular sets about the knots choose the nearest one; the last has no line of its own
     settings = {"centers": x[:-1].tolist(), "membership": "rectangular", "dim": knot}
     layer = layers.declare(f"nearest_{name}", ("nearest", name), {"fuzzify": settings})
     parts: list[Term] = []

@@ -42,6 +42,7 @@ def _integral(graph: Graph, state: str, source: str) -> Recognised | None:
     if factors is None or factors[1] != _STEP:
         return None
     half = graph.pair(factors[0], "Mul")
+    # looked for first: the sum of two samples is an integrand of the other form as well
     if half is not None and graph.is_constant(half[1], 0.5):
         sums = graph.pair(half[0], "Add")
         buffer = None if sums is None else _neighbours(graph, *sums)
@@ -61,6 +62,7 @@ def _ringing(graph: Graph, state: str, source: str) -> Recognised | None:
     sides = graph.pair(source, "Sub")
     if sides is None or not _is_own_past(graph, sides[1], state):
         return None
+    # d = (e − e[t−1]) 2 / dt − d[t−1] has its pole at −1: an error of d stays, with changing sign
     quotient = graph.pair(sides[0], "Div")
     double = None if quotient is None else graph.pair(quotient[0], "Mul")
     if quotient is None or quotient[1] != _STEP or double is None:

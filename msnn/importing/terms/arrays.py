@@ -109,6 +109,7 @@ def summed(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) -> E
     """The sum over axes, of all without."""
     axes = range(array.ndim) if dim is None else (dim,) if isinstance(dim, int) else tuple(dim)
     axes = {axis % max(array.ndim, 1) for axis in axes}
+    # what is summed moves behind, in its order: terms are added as torch's memory has them
     order = [a for a in range(array.ndim) if a not in axes] + sorted(axes)
     kept = [array.shape[a] for a in range(array.ndim) if a not in axes]
     flat = array.transpose(order).reshape(*kept, -1)
@@ -131,6 +132,7 @@ def matmul(left: Elements, right: Elements) -> Elements:
     """The matrix product as torch has it, batches included."""
     if left.ndim == 0 or right.ndim == 0:
         raise NotTranslatedError("a matrix product of a scalar")
+    # a vector is a row on the left and a column on the right; its axis is dropped at the end
     a = left[None, :] if left.ndim == 1 else left
     b = right[:, None] if right.ndim == 1 else right
     if a.shape[-1] != b.shape[-2]:

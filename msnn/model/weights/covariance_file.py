@@ -48,7 +48,9 @@ class Covariance:
         places = _places(list(self.values), self.values)
         numbers = np.concatenate([places[name] for name in names])
         part = self.matrix[np.ix_(numbers, numbers)]
+        # eigenvalues, not Cholesky: the matrix is singular wherever a number is held
         values, vectors = np.linalg.eigh((part + part.T) / 2.0)
+        # rounding makes eigenvalues that should be 0 slightly negative
         return vectors * np.sqrt(np.maximum(values, 0.0))
 
     @property
@@ -92,6 +94,7 @@ def read_covariance(weights_file: Path, weights: Mapping[str, FloatArray]) -> Co
         reason = known.get("reason")
         why = f"there is no {path}" if reason is None else f"no standard errors, since {reason}"
         raise SpecError([no_covariance(why)]) from None
+    # untrusted, like every file: shapes and finiteness are checked before anything is computed
     arrays = arrays_in(content) or {}
     values = {
         name.removeprefix(_VALUE): arrays[name]

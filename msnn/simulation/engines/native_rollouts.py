@@ -77,6 +77,7 @@ def check_rollouts(kernel: RolloutKernel, series: Weights, runs: Runs, weights: 
     program = kernel.program
     builder = GraphBuilder(program.step)
     terms = loss_terms(builder, program)
+    # with the terms of the losses as nodes, which the judge evaluates as any other
     judged = replace(program, step=builder.graph())
     wanted = [output.node for output in program.outputs]
     wanted += [node for term in terms for node in (term.total, term.count) if node is not None]
@@ -110,6 +111,7 @@ def check_rollouts(kernel: RolloutKernel, series: Weights, runs: Runs, weights: 
 
 def _beginning(program: Program, series: Weights, runs: Runs) -> tuple[Weights, Runs]:
     """A piece of the log, and the rollouts that begin in it."""
+    # the judge is slow and a log may have millions of rows: few of them tell a wrong kernel
     far, first = reach(program), int(runs.t0.min())
     begin = first - far.back
     stop = first + _ROWS + max(far.ahead, far.start_ahead)

@@ -107,6 +107,7 @@ def interpreter_seconds(program: Program, runs: Runs) -> float:
     wanted += [node for loss in program.losses for node in loss.nodes]
     live = needed(program.step, wanted)
     sizes = [node.type.size for index, node in program.step if live[index]]
+    # numpy is called once a step for a whole group, as often as the longest of it has steps
     longest = np.sort(runs.steps)[::-1][::SIDE_BY_SIDE]
     calls, steps = int(longest.sum()), int(runs.steps.sum())
     return calls * len(sizes) * _SECONDS_A_NODE + steps * sum(sizes) * _SECONDS_A_NUMBER
@@ -130,6 +131,7 @@ def _native(
         made.check(runs)
     except CompilerMissingError as error:
         return otherwise(str(error), error)
+    # a wrong kernel must not cost the result: the interpreter can give it, and the fault is told
     except Exception as error:
         if os.environ.get(NO_FALLBACK):
             raise

@@ -37,6 +37,7 @@ class StepwiseRollouts:
         for part in _parts(runs):
             begins = first[done : done + len(part)]
             for row in self._steps(part, False):
+                # rollouts lie one after the other, each as long as it is
                 places = begins[row.members] + row.number
                 for name, values in found.items():
                     values[places] = row.values.outputs[name]

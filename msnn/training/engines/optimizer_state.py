@@ -50,7 +50,9 @@ def _encoded(value: Any, path: str, arrays: dict[str, Any]) -> Any:
             return {"array": path}
         case dict():
             entries = [
-                [key, _encoded(part, f"{path}/{key}", arrays)] for key, part in value.items()
+                # pairs, no object: keys of optimisers are integers, which JSON would make strings
+                [key, _encoded(part, f"{path}/{key}", arrays)]
+                for key, part in value.items()
             ]
             return {"mapping": entries}
         case list() | tuple():

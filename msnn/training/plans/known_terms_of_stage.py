@@ -92,6 +92,7 @@ def _once(runs: Runs, skip: int) -> float:
     """The share of the scored steps that has each row once."""
     first, last = runs.t0 + skip, runs.t0 + runs.steps
     used = last > first
+    # +1 where a run begins to score, −1 behind its end: rows where the sum is not 0 are scored
     change = np.zeros(int(last.max()) + 1, np.int64)
     np.add.at(change, first[used], 1)
     np.add.at(change, last[used], -1)

@@ -63,6 +63,7 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
     lessons: list[Lesson] = []
     for phase in plan.phases:
         shorter = replace(rollout, horizon=phase.horizon)
+        # its findings are dropped: those of the whole horizon are told already
         runs = set_rollouts(shorter, data, TRAIN, rollout.stride, wanted_by, span, Findings())
         if runs is not None:  # there are at least those of the whole horizon
             lessons.append(Lesson(phase.until, runs))

@@ -146,6 +146,7 @@ def check_torch_optimizer(
     if weight_decay and not rule.has_weight_decay:
         findings.report(errors.no_weight_decay(name.value, name.span))
     for parameter in trained:
+        # raised before the stage, where torch says it once the optimiser is made
         if rule.matrices_only and len(parameter.axes) != 2:
             reason = f"it trains matrices, and `{parameter.name}` is none"
             findings.report(errors.refused_by_torch(name.value, reason, name.span))
@@ -163,6 +164,7 @@ def fits(value: OptionValue | None, rule: OptionRule) -> bool:
             if value is None:
                 return rule.or_none
             kind = int if rule.whole else int | float
+            # bool is an int of Python, but `lr: true` is a slip
             if isinstance(value, bool) or not isinstance(value, kind):
                 return False
             return rule.least <= value <= rule.most and rule.above < value < rule.below

@@ -64,6 +64,7 @@ class GlooRanks:
     def agree(self, content: bytes) -> bool:
         """Whether all ranks have the same content; the answer is the same on each."""
         digest = hashlib.sha256(content).digest()
+        # 48 bits, which float64 holds exactly; the most of −x is the least of x
         number = float(int.from_bytes(digest[:6]))
         most, least = self.most((number, -number))
         return most == -least

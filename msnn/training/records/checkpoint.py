@@ -21,6 +21,7 @@ from msnn.training.plans.learning_rate import Reductions
 from msnn.training.plans.stage_result import StageResult
 from spec_schema.diagnostics.diagnostic import SpecError
 
+# goes up when what is kept changes: an older checkpoint is refused, never guessed at
 _FORMAT = 4
 _RESULT = ("best_value", "best_epoch", "epochs", "reason", "seconds", "attempt")
 

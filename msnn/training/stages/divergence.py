@@ -36,9 +36,11 @@ def explain_divergence(
     runs = fault.runs
     second_order = plan.optimizer.needs_squares
     program = plan.rollout.program
+    # a step that overshot: with such a parameter every value is bad, and none of them is the cause
     for parameter in program.parameters:
         if not np.isfinite(weights[parameter.name]).all():
             return errors.diverged_parameter(plan.name, epoch, parameter.name, parameter.span)
+    # in the stage's dtype: what overflows in float32 is finite in float64
     judge = Interpreter(program, weights, plan.dtype)
     for moment in moments(judge, dataset.series, runs, losses=True):
         for node in _results(program):
@@ -51,6 +53,7 @@ def explain_divergence(
                 return errors.diverged(
                     plan.name, epoch, what, place, origin.span, second_order=second_order
                 )
+    # every value of every step is finite: a sum of them is not, or a slope
     sums = loss_sums(judge, dataset.series, runs)
     if fault.slopes or all(np.isfinite(one.total) for one in sums.values()):
         names = fault.slopes or _without_slope(plan, dataset, weights, runs)
@@ -68,9 +71,11 @@ def _without_slope(
     """The trained parameters in which the loss has no finite slope, in the first rollouts."""
     steps = min(int(runs.steps[0]), _LOOKED_AT)
     t0 = runs.t0[runs.steps >= steps][:_LOOKED_AT]
+    # at least one step is scored, or there would be no slope to look at
     few = Rollouts(dataset.series, t0, steps, min(plan.rollout.skip, steps - 1))
     training = InterpretedTraining(training_step(plan.program), weights, np.dtype(plan.dtype))
     gradient = training.losses(few, plan.loss_weights).gradient
+    # a factor of 0 keeps a parameter where it is, whatever its slope
     moving = [name for name in plan.trained if plan.lr_factors.get(name) != 0]
     return tuple(name for name in moving if not np.isfinite(gradient[name].value).all())
 

@@ -37,10 +37,12 @@ class LateJumps:
     def epoch_ended(self, event: EpochEnd) -> None:
         """Counts a late epoch, and whether it jumps."""
         if event.epoch == 1:
+            # the next of several attempts: what an earlier one did says nothing of it
             self.__init__()
         if event.lr is None or event.epoch <= LATE * event.epochs:
             return
         self._late += 1
+        # losses of kind `mean` may be 0 or negative, of which there is no multiple
         ratio = event.monitor / event.best if event.best > 0 else 1.0
         if ratio > JUMP and math.isfinite(ratio):
             self._jumps += 1

@@ -48,6 +48,7 @@ def monitor(
         found = residuals_of(plan, sums, data.watched)
         if found.count:
             with np.errstate(over="ignore"):
+                # infinite far from the priors, which is worse than any other and never the best
                 total += found.square * float(np.expm1(distance(plan, weights()) / found.count))
     return total
 

@@ -40,6 +40,7 @@ def searched_rate(
     """The rate of the first epoch of an attempt at a stage."""
     order = engine.order(len(runs), order_key(plan.seed, plan.index, 0, attempt))
     size = plan.batch or len(order)
+    # always the same batch: from batch to batch losses differ by more than a step changes them
     judged = runs.take(order[:size])
     kept, had_left_out = engine.state(), engine.has_left_out
     least, best = _total(plan, engine, judged), None
@@ -57,6 +58,7 @@ def searched_rate(
             least, best = total, rate
         rate *= RATIO
     engine.restore(kept)
+    # `state` does not have it
     engine.has_left_out = had_left_out
     return USUAL if best is None else SHARE * best
 

@@ -60,7 +60,9 @@ def _scales(
     runs = set_rollouts(rollout, data, TRAIN, None, "scales", plan.span, Findings())
     assert runs is not None, "the stage has rollouts"
     steps = min(MOST_STEPS, int(runs.steps.max()))
+    # of one length, so that every element below has the same number of squares in its sum
     long = np.flatnonzero(runs.steps >= steps)
+    # rounding names a run twice where there are fewer than MOST_ROLLOUTS
     few = runs.take(
         long[np.unique(np.linspace(0, len(long) - 1, MOST_ROLLOUTS).round().astype(int))]
     )
@@ -78,14 +80,20 @@ def _scales(
         products = np.asarray(found[loss.name].products.value, float)
         if products.ndim == 3:
             products = products.sum(axis=0)
+        # of [J r]ᵀ[J r]: the last one is Σ r²
         square = np.diagonal(products)
         size = _deviation(program, loss, data)
-        scored = len(few) * (steps - skip) * _elements(program, loss)
+        # the mean is over what is compared: a missing target has no square in the sum
+        scored = float(found[loss.name].count.value)
+        if not scored:
+            continue
+        # without a deviation the residuals at the first weights are the yardstick
         wanted = square[-1] / scored if size is None else size * size
         if wanted > 0:
             total += square[:-1] / scored / wanted
     scales: dict[str, float] = {}
     for name, part in zip(names, np.split(total, _ends(names, weights)), strict=True):
+        # steps have one length for the whole array, and its most sensitive element must bear it
         largest = float(part.max())
         if not (np.isfinite(largest) and largest > 0):
             place = program.parameter(name).span
@@ -98,19 +106,17 @@ def _ends(names: Sequence[str], weights: Mapping[str, FloatArray]) -> list[int]:
     return np.cumsum([weights[name].size for name in names])[:-1].tolist()
 
 
-def _elements(program: Program, loss: Loss) -> int:
-    return program.step[loss.prediction].type.size
-
-
 def _deviation(program: Program, loss: Loss, data: Dataset) -> float | None:
     """Of the signal that a loss compares with; None where it is an expression or constant."""
     node = None if loss.target is None else program.step[loss.target]
+    # these show samples of the signal in another shape
     while node is not None and isinstance(node.op, ops.Broadcast | ops.Reshape | ops.Slice):
         node = program.step[node.args[0]]
     if node is None or not isinstance(node.op, ops.ReadSamples):
         return None
     rows = data.series[node.op.signal][data.in_set(TRAIN)]
     known = rows[np.isfinite(rows)]
+    # a signal that never changes has a deviation of 0, by which nothing can be divided
     return float(np.std(known)) or None
 
 

@@ -69,10 +69,12 @@ def _system(fit: Fit, parts: list[RowsWithoutGap]) -> StateSpaceArrays | None:
     radius, feedthrough = fit.radius, fit.feedthrough
     if inputs > 1 or outputs > 1:
         return fitted_system(parts, fit.den, radius=radius, feedthrough=feedthrough)
+    # without feedthrough the first sample that counts is that of the step before
     structure = FilterStructure(0 if feedthrough else 1, fit.num, fit.den, radius)
     found = fitted_filter(_pieces(parts, 0), structure)
     if found is None:
         return None
+    # A of the layer is radius · lattice: the lattice itself has its poles within the unit circle
     poles = np.linalg.eigvals(lattice_of(found.reflection).matrix) / radius
     reflection = reflections_of(stable(np.asarray(poles, complex), 1.0))
     drive = driven_by_all(reflection, 1)
@@ -118,6 +120,7 @@ def _series(
         ).reshape(len(t), -1)
         outputs = signal[t + fit.target.ahead].reshape(len(t), -1)
         known = np.all(np.isfinite(inputs), axis=1) & np.all(np.isfinite(outputs), axis=1)
+        # across a missing value an equation would join samples that are not neighbours
         edges = np.flatnonzero(np.diff(known)) + 1
         for part in np.split(np.arange(len(t)), edges):
             if len(part) and known[part[0]]:

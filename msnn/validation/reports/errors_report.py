@@ -132,6 +132,7 @@ def _rows(found: Measurement, each: ErrorsOfElement) -> list[tuple[str, ...]]:
         called = f"{called} [{', '.join(map(str, each.element))}]"
     if each.itself is None:
         return [(called, "", "", "", "", "", "", str(each.count), "too few errors to judge")]
+    # only rollouts of several steps have a curve over them
     said = _of_itself(each.itself, one_step=found.curve is None)
     rows = [_row(called, "themselves", each.itself, said)]
     for name, correlation in each.inputs.items():

@@ -63,6 +63,7 @@ def fuzz(model: ExportedC, folder: Path, limit: str, seconds: float) -> int:
     )
     try:
         said = run_tool([program, limit, *_OPTIONS], folder, seconds)
+    # a failed tool too, but no finding: the fuzzer should have ended by itself
     except ToolTimedOutError:
         raise
     except ToolFailedError as error:

@@ -61,6 +61,7 @@ def link_of(text: str) -> Link | None:
     kind, _, rest = text.partition(":")
     match kind:
         case "gdb":
+            # from the right: an IPv6 address has colons of its own
             host, _, port = rest.rpartition(":")
             number = _number(port)
             fits = bool(host) and number is not None and number < 65536
@@ -70,6 +71,7 @@ def link_of(text: str) -> Link | None:
         case "pyocd":
             return PyOcd(rest) if rest else None
         case "serial":
+            # from the right: names of ports on Linux may have an `@` themselves
             port, at, baud = rest.rpartition("@")
             if not at:
                 return Serial(rest, _BAUD) if rest else None

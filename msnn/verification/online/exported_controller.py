@@ -107,6 +107,7 @@ def read_exported_controller(folder: Path) -> ExportedController | None:
 def _about(folder: Path, kind: str) -> dict[str, Any] | None:
     for path in sorted(folder.glob(f"*_{kind}.json")):
         about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        # from a file that anybody may have written: it names types and functions of C
         if about["dtype"] not in ("float32", "float64"):
             raise ValueError(about["dtype"])
         return about

@@ -20,6 +20,7 @@ def assumed_range(member: RangedField, model: ExportedC) -> Range:
     """Of a state or an input, rounded as the generated code rounds it."""
     low, high = member.range or (-ASSUMED, ASSUMED)
     number = np.float32 if model.dtype == "float32" else np.float64
+    # a limit in float32 may lie outside the spec's: the code compares with this one
     return float(number(low)), float(number(high))
 
 

@@ -62,6 +62,7 @@ def analysed(model: ExportedC, main: Path, *, infinite: bool, folder: Path) -> A
     A float that becomes NaN is an alarm, and one that becomes infinite unless `infinite` numbers
     are among those that main draws; then `values` says where they remain.
     """
+    # of kernels Eva gets bounds instead of bodies
     sources = [path for path in model.model_sources if not path.stem.endswith("_math")]
     said = run_tool(
         [
@@ -87,6 +88,7 @@ def _values(said: str) -> dict[str, PossibleValues]:
     """The interval that holds all that was shown under each name."""
     found: dict[str, PossibleValues] = {}
     for name, low, high, one, only_nan, or_nan in _SHOWN.findall(said):
+        # no number at all: the neutral element of joining intervals
         bounds = (math.inf, -math.inf) if only_nan else (float(one or low), float(one or high))
         shown = PossibleValues(*bounds, nan=bool(only_nan or or_nan))
         found[name] = shown.joined(found.get(name, shown))

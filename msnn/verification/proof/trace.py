@@ -74,6 +74,7 @@ def _blocks(file: str, text: str) -> list[TracedBlock]:
         said = _FOLD.sub(" ", note.group(1))
         what, place = _what_and_place(said)
         spec, _, line = place.rpartition(":")
+        # a block ends before the next note where its function or heading does
         closed = _END.search(text, note.end(), end)
         stop = end if closed is None else closed.start()
         first, last = text.count("\n", 0, note.start()) + 1, text[:stop].rstrip().count("\n") + 1

@@ -55,6 +55,32 @@ def test_numbers_of_0_95_and_5000_train_together(engine: str) -> None:
     assert without.weights["k"] == pytest.approx(1000, rel=0.02)
 
 
+STEADY = """
+msnn: 1
+name: steady
+sample_time: 1 s
+inputs: {u: 1}
+targets: {y: 1}
+parameters: {k: {init: 1000, scale: data}}
+outputs: {z: {expr: k * u, predicts: "y[t]"}}
+train: [{epochs: 1, optimizer: adam, engine: torch, rollout: {horizon: 10}}]
+"""
+
+
+def test_rows_without_a_target_do_not_change_the_scale(tmp_path: Path) -> None:
+    program, spec = compiled(STEADY)
+    y = np.where(np.arange(300) % 2, 3.0, -3.0)
+    found: list[dict[str, float]] = []
+    for number, kept in enumerate((y, np.where(np.arange(300) % 5 < 2, y, np.nan))):
+        rows = dataset({"u": np.ones(300), "y": kept}, train=[300])
+        result = train(program, rows, spec.train, TrainingOptions(runs=tmp_path / str(number)))
+        assert result.folder is not None
+        record = json.loads((result.folder / "run.json").read_text())
+        found.append(record["stages"][0]["scales"])
+    # a slope of 1 everywhere: the scale is the deviation of the target, however few there are
+    assert found == [pytest.approx({"k": 3.0}, rel=1e-12)] * 2
+
+
 def test_the_scale_is_that_of_its_formula(tmp_path: Path) -> None:
     program, spec = compiled(text("scale: data", "optimizer: adam, engine: torch"))
     found = data()

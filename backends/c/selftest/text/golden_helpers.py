@@ -46,6 +46,7 @@ def helper_functions(
         "x": golden.states,
         "u": golden.inputs,
         "y": golden.outputs,
+        # as the vectors of steps are: one row a step, and parameters have the same in each
         "p": {name: np.asarray(values)[np.newaxis] for name, values in weights.items()},
     }
     vectors = (

@@ -38,6 +38,7 @@ def drawn_starts(
     for end in (0, 1):
         record = drawn_record(program, random, StartPoint(), dtype)
         for name, series in record.log.items():
+            # at a limit and not beyond: what is in order must not be reported
             series[:] = _common(limits[name])[end]
         yield record
     for name, extent in reads.items():
@@ -47,6 +48,7 @@ def drawn_starts(
             for element in _elements(count, unroll, turn):
                 record = drawn_record(program, random, StartPoint(), dtype)
                 for other, series in record.log.items():
+                    # all else in order, so that the status tells of one check alone
                     np.clip(series, *_common(limits[other]), out=series)
                 begin = size * (record.t0 + extent.first)
                 record.log[name].reshape(-1)[begin + element] = value

@@ -46,6 +46,7 @@ def golden_start(
         rows = slice(record.t0 + port.first, record.t0 + port.last + 1)
         windows[field.name] = np.moveaxis(series[rows], 0, -1).reshape(field.shape).copy()
         checked = apply_policy_to_window(port.signal, series[rows], interface.options.dtype)
+        # states are made of the samples as the policy leaves them
         series[rows], bits = checked[0], bits | checked[1]
         log[field.name] = series
     states = interpreter.start(log, record.t0)

@@ -38,12 +38,14 @@ def try_natively(
     """
     try:
         return Attempt(make(plan), plan, ())
+    # no mistake of ours: the caller says what a missing compiler means
     except (CompilerMissingError, SpecError):
         raise
     except WrongKernelError as error:
         _raise_if_asked(error)
         if in_double and plan.dtype == "float32":
             note = kernels.wrong_kernel(plan.name, str(error), "in float64", plan.span)
+            # at most once, as float64 has no wider type to go on to
             other = try_natively(replace(plan, dtype="float64"), make, in_double=False)
             resolved = on_torch(plan) if other.made is None else other.plan
             return Attempt(other.made, resolved, (note, *other.notes))

@@ -51,6 +51,7 @@ class NativeSlopes:
         if self._ranks is None:
             return self._kernel.products(self._train, runs.t0, runs.steps, physical)
         own = own_runs(runs, self._ranks)
+        # fewer runs than ranks: who has none still takes part in the sum
         if len(own):
             found = self._kernel.products(self._train, own.t0, own.steps, physical)
         else:

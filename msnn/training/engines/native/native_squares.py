@@ -37,6 +37,7 @@ class NativeSquares:
         self._program = with_compared_squares(plan.rollout.program)
         self._series = series = own_series(plan, series)
         self._costs = Kernel(self._program, "float64", plan.threads, slopes=False)
+        # arrays of its own again: `write` fills the starts of trained and of watched runs apart
         self._train = self._costs.data(own_series(plan, series), plan.train_skip, train_rows)
         self._evaluation = self._costs.data(series, plan.rollout.skip, evaluation_rows)
 

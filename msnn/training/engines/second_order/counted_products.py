@@ -48,6 +48,7 @@ class CountedProducts:
         if not all(np.isfinite(one.cost) for one in self.by_loss.values()):
             return ()
         bad = [
+            # the diagonal alone: an infinite slope of one number makes whole rows infinite
             ~np.isfinite(one.slope) | ~np.isfinite(np.diagonal(one.curvature))
             for one in self.by_loss.values()
         ]

@@ -40,6 +40,7 @@ class DampedModel:
         """The step in raw variables at this damping, and how much the model falls by it."""
         along = -(self.directions.T @ self.slope) / (self.curvatures + damping)
         if not self.known.has_corners:
+            # −2gᵀδ − δᵀAδ with g = −(A + μ)δ: a sum of squares, where the difference would cancel
             fall = float(np.sum(along * along * (self.curvatures + 2.0 * damping)))
             return (self.directions @ along) * self.scale, fall
         trial = self._to_corners(self.directions @ along, damping)
@@ -57,11 +58,13 @@ class DampedModel:
     def _at(self, scaled: FloatArray) -> FloatArray:
         """Raw variables, exactly 0 where the step leads there."""
         reached = self.raw + scaled * self.scale
+        # raw + scaled · scale rounds, and would leave what is on a corner a little beside it
         return np.where(scaled == -self.raw / self.scale, 0.0, reached)
 
     def _to_corners(self, scaled: FloatArray, damping: float) -> FloatArray:
         """The least of the damped model with its corners, from the one without."""
         steepest = float(self.curvatures.max(initial=0.0)) + damping
+        # 1/L of a gradient 2(Aδ + g), in raw variables, in which the penalties are written
         lengths = self.scale * self.scale / (2.0 * steepest)
         origin = self.raw / self.scale
 

@@ -183,6 +183,7 @@ class KernelObjective:
             kernel.source.losses, found.sums.tolist(), found.counts.tolist(), strict=True
         ):
             losses[name] = LossSum(total, count)
+        # a root is taken of the sums over all groups and ranks, never of parts
         value = sum(
             weight * losses[name].value(measures[name])
             for name, weight in self._plan.loss_weights.items()
@@ -222,6 +223,7 @@ class _KernelTotal(torch.autograd.Function):
         ctx: Any, grad: Tensor
     ) -> tuple[Tensor | None, ...]:
         (gradient,) = ctx.saved_tensors
+        # the gradient is that of the weighted total: what follows it in torch can only scale it
         return (grad * gradient, None, None, None, None)
 
 

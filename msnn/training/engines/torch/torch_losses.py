@@ -30,6 +30,7 @@ class TorchLossSum:
 
     def value(self, measure: Measure) -> Tensor:
         """The loss: 0 where nothing was scored (rule R9)."""
+        # differentiable without a scored element too: a batch may lack every target of one loss
         mean = self.total / (self.count or 1.0)
         if measure is Measure.RMSE and mean.item() > 0:  # the root has no slope at 0
             return mean.sqrt()
@@ -59,6 +60,7 @@ def scoring(
     scored: Mapping[str, BoolArray] | None,
 ) -> TorchScoring:
     """The series with the dtype of a model, where the model is."""
+    # looked for once: a mask where nothing can be missing would cost every batch
     missing = any(bool(np.isnan(values).any()) for values in series.values())
     place, dtype = model.device, model.dtype
     return TorchScoring(
@@ -109,6 +111,7 @@ def scored_values(
 ) -> dict[str, ScoredValues | None]:
     """What every loss compares over the rollouts; None where nothing is scored."""
     program = model.program
+    # so that those which still run are always the first of their batch: a slice, no index
     order = longest_first(runs)
     t0 = torch.from_numpy(runs.t0[order]).to(model.device)
     steps = runs.steps[order]
@@ -155,6 +158,7 @@ class _Block:
 def _reads(program: Program, steps: int) -> dict[str, Extent]:
     """The samples around t0 that a rollout reads of each signal."""
     found: dict[str, Extent] = {}
+    # the start runs at t0 alone, the step at t0 … t0 + steps − 1
     for graph, last in ((program.step, steps - 1), (program.start, 0)):
         for log in (True, False):
             for name, extent in extents(graph, log=log).items():
@@ -189,6 +193,7 @@ def _scored(parts: list[_Part], missing: bool) -> ScoredValues | None:
         there = ~torch.isnan(target)
         return ScoredValues(prediction[there], target[there], None)
     joined = _joined(factors)
+    # one factor a row, for all elements of its prediction
     each = joined.reshape(-1, *[1] * (prediction.dim() - 1)).expand(prediction.shape)
     # a factor of 0 leaves out; 0 times NaN would not
     there = each > 0 if target is None else (each > 0) & ~torch.isnan(target)

@@ -93,6 +93,7 @@ class TorchSquares:
                 else:
                     target = 0.0 if one.target is None else one.target
                     found[name] = (one.prediction - target).reshape(-1)
+            # jacfwd differentiates the first and hands the second through: one rollout has both
             return found, found
 
         forward: Any = torch.func.jacfwd(errors, has_aux=True)
@@ -152,6 +153,7 @@ def _products(
     if steep:
         finite = slopes.abs().sum(1) <= LARGEST_SLOPE  # false for NaN
         left_out = each[~finite].sum().item()
+        # where, not a product: 0 · inf is not a number
         error, slopes = torch.where(finite, error, 0.0), torch.where(finite[:, None], slopes, 0.0)
     return Products(
         (slopes.T @ slopes).cpu().numpy(),

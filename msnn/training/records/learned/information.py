@@ -92,6 +92,7 @@ class SymmetricInformation:
         found: dict[str, float] = {}
         for name in (name for name in self.curvatures if name in measured):
             freedom = numbers(self.products, name) - self.used_up.get(name, 0.0)
+            # tr(M⁻¹ cₗJₗᵀJₗ), both symmetric: how many of the learned numbers this loss decides
             freedom -= float(np.sum(inverse * self.curvatures[name]))
             found[name] = self.products[name].squares / freedom if freedom > 0 else np.nan
         return found
@@ -102,5 +103,6 @@ def _share(plan: StagePlan, name: str, found: Products) -> float:
     loss = next(loss for loss in plan.rollout.program.losses if loss.name == name)
     share = plan.loss_weights[loss.name] / found.count
     if loss.measure is Measure.RMSE and found.cost > 0:
+        # d√(S/n)/dS = 1 / (2 n √(S/n))
         return share / (2.0 * float(np.sqrt(found.cost / found.count)))
     return share

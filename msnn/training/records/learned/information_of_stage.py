@@ -58,6 +58,7 @@ def information_of(
     overlapping = _overlapping_runs(plan, data)
     if overlapping is not None:
         return of_overlapping_runs(plan, data, rows, overlapping, weights), products, notes
+    # what decides a start comes first in its run: the samples that scoring skips count here
     whole = replace(unknown.plan, rollout=replace(unknown.plan.rollout, skip=0))
     deciding = replace(runs, steps=np.minimum(runs.steps, starts.over))
     squares, _ = _squares(whole, data, None, deciding, moved)

@@ -91,6 +91,7 @@ class _Sums:
         learned = len(self.curvature)
         j, k = one.slopes[:, :learned], one.slopes[:, learned:]
         self.curvature += np.einsum("rpm,rqm->pq", j, j)
+        # += with an index adds once where one is repeated: no run is twice among these members
         self.cross[one.members] += j @ k.transpose(0, 2, 1)
         self.own[one.members] += k @ k.transpose(0, 2, 1)
         self.count[one.members] += one.count
@@ -173,6 +174,7 @@ class _Runs:
             for moment in moments(self.judge, self.log, self.runs, losses=False):
                 decides = moment.number < self.over
                 for name in self.losses if decides or moment.number >= self.skip else ():
+                    # all known rows decide a start; those of the set alone are scored
                     some = np.ones(len(moment.t), np.bool_)
                     if self.rows is not None and not decides:
                         some = self.rows[name][moment.t]

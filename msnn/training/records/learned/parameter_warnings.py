@@ -66,12 +66,15 @@ def _of_readable(
     if is_read.all():
         return changes, []
     moves = np.array([[change.get(name, 0.0) for name in names] for change in changes])
+    # columns of `turned` combine changes, in order of how far they move what is read
     turned, sizes, _ = np.linalg.svd(moves[:, is_read])
     shows = np.zeros(len(moves), dtype=np.bool_)
+    # more changes than readable numbers: the combinations beyond move none of these
     shows[: len(sizes)] = sizes > _SHARE
     shown, alone = turned[:, shows].T @ moves, turned[:, ~shows].T @ moves
     found: list[Mapping[str, float]] = []
     beside: dict[str, None] = {}
+    # less their projection on changes of black boxes alone, of which any amount may be added
     for move in shown - shown @ np.linalg.pinv(alone) @ alone:
         move = move / move[np.argmax(np.abs(move * is_read))]
         kept = np.abs(move) > _SHARE
@@ -92,6 +95,7 @@ def _together(changes: Sequence[Mapping[str, float]]) -> list[list[Mapping[str, 
         owners, members = {_owner(name) for name in change}, [change]
         apart: list[tuple[set[str], list[Mapping[str, float]]]] = []
         for group in groups:
+            # a change can join groups that had nothing in common before it
             if group[0] & owners:
                 owners, members = owners | group[0], group[1] + members
             else:
