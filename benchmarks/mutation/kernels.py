@@ -200,8 +200,10 @@ def _source(source: KernelSource) -> Iterator[None]:
     """Kernels are made of this source."""
     before = kernel_module.kernel_source
 
-    def other(step: TrainingStep, dtype: Dtype, *, reproducible: bool = False) -> KernelSource:
-        del step, dtype, reproducible
+    def other(
+        step: TrainingStep, dtype: Dtype, *, reproducible: bool = False, lbfgs: bool = False
+    ) -> KernelSource:
+        del step, dtype, reproducible, lbfgs
         return source
 
     kernel_module.kernel_source = other

@@ -49,8 +49,10 @@ def spoiled(*precisions: str) -> SourceOf:
     """Sources of kernels whose gradient is a tenth too small in these precisions."""
     right = kernel_module.kernel_source
 
-    def source(step: TrainingStep, dtype: Dtype, *, reproducible: bool) -> KernelSource:
-        made = right(step, dtype, reproducible=reproducible)
+    def source(
+        step: TrainingStep, dtype: Dtype, *, reproducible: bool, lbfgs: bool
+    ) -> KernelSource:
+        made = right(step, dtype, reproducible=reproducible, lbfgs=lbfgs)
         assert RIGHT in made.text
         text = made.text.replace(RIGHT, WRONG) if dtype in precisions else made.text
         return replace(made, text=text)
@@ -58,11 +60,13 @@ def spoiled(*precisions: str) -> SourceOf:
     return source
 
 
-def not_written(step: TrainingStep, dtype: Dtype, *, reproducible: bool) -> KernelSource:
+def not_written(
+    step: TrainingStep, dtype: Dtype, *, reproducible: bool, lbfgs: bool
+) -> KernelSource:
     raise KeyError("w")
 
 
-def no_c(step: TrainingStep, dtype: Dtype, *, reproducible: bool) -> KernelSource:
+def no_c(step: TrainingStep, dtype: Dtype, *, reproducible: bool, lbfgs: bool) -> KernelSource:
     return KernelSource(text="this is no C", signals=(), parameters=(), losses=())
 
 
@@ -131,9 +135,11 @@ def test_a_kernel_that_failed_is_not_tried_in_the_next_start(
     made: list[str] = []
     source = spoiled("float32")
 
-    def counted(step: TrainingStep, dtype: Dtype, *, reproducible: bool) -> KernelSource:
+    def counted(
+        step: TrainingStep, dtype: Dtype, *, reproducible: bool, lbfgs: bool
+    ) -> KernelSource:
         made.append(dtype)
-        return source(step, dtype, reproducible=reproducible)
+        return source(step, dtype, reproducible=reproducible, lbfgs=lbfgs)
 
     monkeypatch.setattr(kernel_module, "kernel_source", counted)
     heard = Heard()

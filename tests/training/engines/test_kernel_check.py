@@ -147,8 +147,8 @@ def test_a_wrong_kernel_is_found(
 ) -> None:
     right = kernel_module.kernel_source
 
-    def wrong(step: TrainingStep, dtype: Dtype, *, reproducible: bool) -> KernelSource:
-        made = right(step, dtype, reproducible=reproducible)
+    def wrong(step: TrainingStep, dtype: Dtype, *, reproducible: bool, lbfgs: bool) -> KernelSource:
+        made = right(step, dtype, reproducible=reproducible, lbfgs=lbfgs)
         text = made.text.replace(*CHANGES[change])
         assert text != made.text
         return replace(made, text=text)
