@@ -81,7 +81,7 @@ def test_what_was_proposed_before_a_search_was_killed_is_told(msnn: CommandLine)
     assert states == ["COMPLETE", "COMPLETE", "FAIL", "COMPLETE", "COMPLETE"]
     settings = [line.settings[-1] for line in read(Path("runs") / LOG)]
     assert len(settings) == 4
-    assert settings[1] == "parameters.k.init=7.0 N/m"
+    assert settings[1] == "parameters.k.init=7 N/m"
 
 
 def test_a_value_that_another_command_has_told_stays(
