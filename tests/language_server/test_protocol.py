@@ -42,6 +42,9 @@ def _have_session(client: Client, path: Path) -> None:
     (action,) = client.request("textDocument/codeAction", _of(path) | asked)
     (edit,) = action["edit"]["changes"][path.as_uri()]
     assert edit == {"range": found["range"], "newText": "gain"}
+    client.change(path, f"# a line more\n{_WRONG}")
+    late = client.request("textDocument/codeAction", _of(path) | asked)
+    assert late == [], "its places are of a text that is no more"
     client.change(path, PLANT)
     assert client.diagnostics(path) == []
 
