@@ -42,6 +42,8 @@ class PretendedRay:
     tasks: list[Any] = field(default_factory=list[Any])
     """As they were sent."""
     stored: list[bytes] = field(default_factory=list[bytes])
+    options: dict[str, Any] = field(default_factory=dict[str, Any])
+    """Of tasks, as they were asked for."""
     exceptions = SimpleNamespace(RayError=RayError, RayTaskError=RayTaskError)
 
     def is_initialized(self) -> bool:
@@ -54,7 +56,9 @@ class PretendedRay:
         self.stored.append(pickle.dumps(value))
         return Reference(len(self.stored) - 1)
 
-    def remote(self, **_: object) -> Callable[[Callable[[Any], object]], Any]:
+    def remote(self, **options: object) -> Callable[[Callable[[Any], object]], Any]:
+        self.options = options
+
         def made(function: Callable[[Any], object]) -> Any:
             def sent(task: Any) -> tuple[Callable[[Any], object], int]:
                 self.tasks.append(pickle.loads(pickle.dumps(task)))  # noqa: S301  (our own)
