@@ -43,7 +43,7 @@ def metric_changes(old: ValidationReport, new: ValidationReport) -> tuple[Metric
 
 
 def error_growth(metric: str, old: float, new: float) -> float | None:
-    """By how much the error behind a metric grew, as a share of the former; NaN is worst.
+    """By how much the error behind a metric grew, as a share of the former; NaN is endless.
 
     Of rmse, mae, max_abs, fvu and losses the error is the value, of `fit` and `r2` what they lack
     of 100 % and of 1. None for `aic`.
@@ -51,11 +51,12 @@ def error_growth(metric: str, old: float, new: float) -> float | None:
     if metric in _UNJUDGED:
         return None
     best = _BEST.get(metric)
-    before, after = (old, new) if best is None else (best - old, best - new)
-    if math.isnan(after) or math.isnan(before):
-        return 0.0 if math.isnan(before) else math.inf
-    if before == 0.0:
-        return math.inf if after > 0.0 else 0.0
+    errors = (old, new) if best is None else (best - old, best - new)
+    before, after = (math.inf if math.isnan(error) else error for error in errors)
+    if before == after:
+        return 0.0
+    if before == 0.0 or math.isinf(before):  # no share of it is a number
+        return math.copysign(1.0 if before else math.inf, after - before)
     return (after - before) / abs(before)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from compiler.ir.program import Program
+from msnn.changes.export_changes import export_changes
 from msnn.changes.interface_changes import InterfaceChange, interface_changes
 from msnn.changes.metric_changes import MetricChange, metric_changes
 from msnn.data.dataset import FloatArray
@@ -74,7 +75,7 @@ def model_changes(
     return ModelChanges(
         name=new.name,
         specs=compare_specs(old, new),
-        interface=interface_changes(old.program, new.program),
+        interface=(*interface_changes(old.program, new.program), *export_changes(old, new)),
         metrics=metrics,
         learned=learned,
         warnings=warnings,

@@ -40,6 +40,7 @@ _IN_KEY = re.compile(r"[\w.-]")
 _IN_UNIT = re.compile(r"[^\W\d_]")
 _AFTER_NUMBER = re.compile(r"\s*[+-]?[\d.]+(?:[eE][+-]?\d+)?\s+(?P<unit>\S*)\Z")
 _CALL = re.compile(r"([\w.]+)\s*\Z")
+_KEYWORD_OF_DIMS = re.compile(r"\b(?:over|dim)\s*=\s*\Z")
 _LONGEST_NAME = 200
 """Characters before a bracket in which the name of what is called is looked for."""
 _EXPRESSIONS = tuple(get_args(field)[1] for field in (ExpressionField, ConditionField, ArrayField))
@@ -200,7 +201,10 @@ def _in_expression(place: SchemaPlace, cursor: Cursor, view: View) -> Iterator[I
     if dot:
         yield from _members(base, view)
         return
-    yield from _keywords(cursor.before[:start], view)
+    if _KEYWORD_OF_DIMS.search(cursor.before[:start]) is not None:
+        yield from _names(view, (Kind.DIMENSION,))
+        return
+    yield from _keywords(cursor.before[:start])
     if place.key == "expr" and cursor.path[:1] == ("functions",) and len(cursor.path) > 1:
         function = view.names.get(cursor.path[1])
         for argument in function.arguments if function is not None else ():
@@ -252,10 +256,8 @@ def _members(base: str, view: View) -> Iterator[Item]:
         )
 
 
-def _keywords(before: str, view: View) -> Iterator[Item]:
-    """The keywords of the builtin whose call is open, or the dims after one of them."""
-    if before.rstrip().endswith("over=") or before.rstrip().endswith("dim="):
-        yield from _names(view, (Kind.DIMENSION,))
+def _keywords(before: str) -> Iterator[Item]:
+    """The keywords of the builtin whose call is open."""
     depth = 0
     for at in range(len(before) - 1, -1, -1):
         depth += (before[at] in ")]") - (before[at] in "([")

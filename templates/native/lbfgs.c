@@ -51,20 +51,29 @@ static void direction_of(const struct curvature *c, const double *g, double *d)
 /* Keeps the pair of a step in the place of the oldest one, if the total bends upwards along it. */
 static void remember(struct curvature *c, const struct line *line, const double *before)
 {
-    const int pair = c->pairs > 0 ? (c->newest + 1) % c->history : 0;
-    double *const s = c->steps + (size_t)pair * PARAMETERS;
-    double *const y = c->changes + (size_t)pair * PARAMETERS;
+    /* room of the search, which is over: a pair without a bend leaves the oldest one as it is */
+    double *const step = line->slopes;
+    double bend = 0, length = 0, change = 0;
     for (int i = 0; i < PARAMETERS; i++) {
-        /* the step as it was rounded */
-        s[i] = line->v->rate[i] != 0 ? (double)line->v->raw[i] - line->from[i] : 0;
-        y[i] = line->lowest[i] - before[i];
+        /* as it was rounded */
+        step[i] = line->v->rate[i] != 0 ? (double)line->v->raw[i] - line->from[i] : 0;
+        const double y = line->lowest[i] - before[i];
+        bend += step[i] * y;
+        length += step[i] * step[i];
+        change += y * y;
     }
-    const double bend = dot(s, y);
-    if (bend > LEAST_CURVATURE * sqrt(dot(s, s)) * sqrt(dot(y, y))) {
-        c->shares[pair] = 1.0 / bend;
-        c->newest = pair;
-        c->pairs = c->pairs < c->history ? c->pairs + 1 : c->history;
+    if (!(bend > LEAST_CURVATURE * sqrt(length) * sqrt(change))) {
+        return;
     }
+    const int pair = c->pairs > 0 ? (c->newest + 1) % c->history : 0;
+    double *const changes = c->changes + (size_t)pair * PARAMETERS;
+    memcpy(c->steps + (size_t)pair * PARAMETERS, step, PARAMETERS * sizeof *step);
+    for (int i = 0; i < PARAMETERS; i++) {
+        changes[i] = line->lowest[i] - before[i];
+    }
+    c->shares[pair] = 1.0 / bend;
+    c->newest = pair;
+    c->pairs = c->pairs < c->history ? c->pairs + 1 : c->history;
 }
 
 /* Steps from raw variables at which the batch has this total and these slopes. */

@@ -25,11 +25,11 @@ struct line {
     int looks;                      /* that are left */
 };
 
-/* Slopes with those of weight decay and priors, and by how much these add to the total. */
+/* Slopes with those of weight decay and priors, clipped, and by how much these add to the total. */
 static double with_known(const struct variables *v, const struct optimizer *o,
                          const real *restrict slopes, double *restrict found)
 {
-    double added = 0;
+    double added = 0, squares = 0;
     for (int i = 0; i < PARAMETERS; i++) {
         const double raw = v->rate[i] != 0 ? (double)v->raw[i] : 0;
         added += 0.5 * o->decay * raw * raw;
@@ -41,6 +41,12 @@ static double with_known(const struct variables *v, const struct optimizer *o,
             found[i] += 2.0 * o->known->spread * away * slope(v, i) / o->known->std[i];
         }
 #endif
+        squares += found[i] * found[i];
+    }
+    /* all of them: a minimum is where they add to 0, and parts of them do not */
+    const double factor = clip_factor(o, squares);
+    for (int i = 0; i < PARAMETERS; i++) {
+        found[i] *= factor;
     }
     return added;
 }

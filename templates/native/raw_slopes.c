@@ -19,6 +19,13 @@ struct optimizer {
 
 enum { NOT_FINITE, TOO_STEEP, FINITE };
 
+/* What slopes with this sum of squares are multiplied by so that they are no longer than `clip`. */
+static double clip_factor(const struct optimizer *o, double squares)
+{
+    const double length = sqrt(squares);
+    return o->clip > 0 && length > o->clip ? o->clip / (length + 1e-6) : 1.0;
+}
+
 /* Whether total and slopes of the model at the present variables are numbers, and the slopes, clipped,
    in `all`. Not so where a rank is lost. Numbers of rate 0 have no slope. */
 static int raw_slopes(struct team *team, struct batch *b, const struct variables *v,
@@ -47,11 +54,14 @@ static int raw_slopes(struct team *team, struct batch *b, const struct variables
     if (is_steep) {
         return TOO_STEEP;
     }
-    if (o->clip > 0 && sqrt(squares) > o->clip) {
-        const double factor = o->clip / (sqrt(squares) + 1e-6);
+#if !LBFGS
+    /* its line search clips these with the slopes of what is known */
+    const double factor = clip_factor(o, squares);
+    if (factor < 1.0) {
         for (int i = 0; i < PARAMETERS; i++) {
             gradient[i] *= (real)factor;
         }
     }
+#endif
     return FINITE;
 }

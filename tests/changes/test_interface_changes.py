@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from msnn.changes.export_changes import export_changes
 from msnn.changes.interface_changes import interface_changes
 from msnn.changes.metric_changes import error_growth
 from msnn.model.load import load_model
@@ -41,6 +42,14 @@ export: {c: {outputs: [y]}}
         ("max: 10", "max: 9", ("parameter k range", "0 … 10", "0 … 9"), True),
         ("  z: u[t-1]\n", "  z: u[t-9]\n", ("start from u samples", "t-1", "t-9 … t-1"), True),
         ("  z: u[t-1]\n", "  z: u[t-1]\n  q: u\n", ("output q", None, "V"), False),
+        ("  z: u[t-1]\n", "  z: u[t]\n", ("start from u", "t-1", None), True),
+        (
+            "  z: u[t-1]\n",
+            '  z: {expr: "u[t-1]", predicts: "u[t+1]"}\n',
+            ("output z predicts", "", "u[t+1]"),
+            True,
+        ),
+        ("[left, right]", "[left, right, spare]", ("input w shape", "wheel 2", "wheel 3"), True),
         (
             "[left, right]",
             "[right, left]",
@@ -90,6 +99,63 @@ def _changes(new: str):
     return interface_changes(old, other)
 
 
+NAMED = "msnn: 1\nname: p\nsample_time: 1 s\ninputs: {ρ: m}\noutputs: {y: ρ}\n"
+
+
+def test_an_input_whose_identifier_another_takes_is_called_otherwise() -> None:
+    both = NAMED.replace("{ρ: m}", "{rho: m, ρ: m}").replace("y: ρ", "y: rho + ρ")
+    old, new = (load_model(Path("p.yaml"), text=text).program for text in (NAMED, both))
+    found = {f"{each.part} {each.what}".strip(): each for each in interface_changes(old, new)}
+    assert found.keys() == {"input rho", "input ρ name in exports"}
+    assert found["input rho"].breaks, "who calls the step must give it"
+    renamed = found["input ρ name in exports"]
+    assert (renamed.old, renamed.new) == ("rho", "rho_2")
+    assert renamed.breaks
+
+
+def test_more_samples_of_an_input_and_of_a_start_must_be_given() -> None:
+    ahead = _changes(SPEC.replace("{expr: k*u + s + sum(w)", '{expr: "k*u[t+1] + s + sum(w)"'))
+    (samples,) = (each for each in ahead if each.what == "samples")
+    assert (samples.part, samples.old, samples.new) == ("input u", "t", "t … t+1")
+    assert samples.breaks
+    before = SPEC.replace("  z: u[t-1]\n", "  z: u\n")
+    old, new = (load_model(Path("p.yaml"), text=text).program for text in (before, SPEC))
+    (start,) = interface_changes(old, new)
+    assert (start.part, start.old, start.new) == ("start from u", None, "t-1")
+    assert start.breaks
+
+
+C = "export: {c: {outputs: [y]}}"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("c: {}", "c: {dtype: float64}", ("export c dtype", "float32", "float64")),
+        ("c: {dtype: float32}", "c: {}", None),
+        ("fmu: {}", "fmu: {dtype: float64}", ("export fmu dtype", "float32", "float64")),
+        ("c: {prefix: valve}", "c: {prefix: tank}", ("export c prefix", "valve", "tank")),
+        ("c: {}", "c: {prefix: tank}", ("export c prefix", "", "tank")),
+        ("c: {}", "c: {params: tunable}", ("export c params", "const", "tunable")),
+        ("c: {}", "c: {delay: u}", ("export c delay", "", "u")),
+        ("c: {delay: [u, w]}", "c: {delay: [w, u]}", None),
+        ("c: {close: [u]}", "c: {}", ("export c close", "u", "")),
+        ("c: {}", "c: {unroll: 9, ring: double}", None),
+        ("c: {}", "casadi: {}", None),
+    ],
+)
+def test_a_change_of_what_an_export_promises(
+    old: str, new: str, said: tuple[str, str, str] | None
+) -> None:
+    assert SPEC.count(C) == 1
+    models = (
+        load_model(Path("plant.yaml"), text=SPEC.replace(C, f"export: {{{each}}}"))
+        for each in (old, new)
+    )
+    found = [(f"{each.part} {each.what}", each.old, each.new) for each in export_changes(*models)]
+    assert found == ([] if said is None else [said])
+
+
 def test_an_equation_that_an_export_leaves_out_takes_what_only_it_uses() -> None:
     found = {change.part: change for change in _changes(SPEC.replace("[y]", "[z]"))}
     for part in ("input w", "output y", "parameter k", "state s"):
@@ -104,7 +170,13 @@ def test_an_equation_that_an_export_leaves_out_takes_what_only_it_uses() -> None
         ("rmse", 0.0, 1e-9, float("inf")),
         ("rmse", 0.0, 0.0, 0.0),
         ("rmse", 1.0, float("nan"), float("inf")),
-        ("rmse", float("nan"), 1.0, 0.0),
+        ("rmse", float("nan"), 1.0, -1.0),
+        ("rmse", float("inf"), 1.0, -1.0),
+        ("rmse", float("nan"), float("nan"), 0.0),
+        ("rmse", float("inf"), float("nan"), 0.0),
+        ("rmse", 1.0, float("inf"), float("inf")),
+        ("fit", 50.0, float("nan"), float("inf")),
+        ("fit", float("-inf"), 50.0, -1.0),
         ("fit", 90.0, 95.0, -0.5),
         ("fit", 99.0, 98.0, 1.0),
         ("r2", 0.75, 0.5, 1.0),

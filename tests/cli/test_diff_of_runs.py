@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from safetensors.numpy import load_file
 
 from tests.cli.command_line import CommandLine
 from tests.cli.test_check import SPEC, change
@@ -48,6 +49,11 @@ def test_a_worse_metric_ends_with_3_at_its_line(msnn: CommandLine, old: Path):
     assert said.code == 3
     assert said.err.count(f"::error title=E0871,file={SPEC},line=") == 2
     assert "WORSE" in said.out
+    record = json.loads(msnn("diff", OLD, NEW, "--data-root", ".", "--format", "json").out)
+    weights = [load_file(run / "weights.safetensors") for run in (Path(OLD), Path(NEW))]
+    assert [(each["name"], each["old"], each["new"]) for each in record["learned"]] == [
+        (name, *(float(of[name]) for of in weights)) for name in ("c", "k", "m")
+    ]
     allowed = msnn("diff", OLD, NEW, "--data-root", ".", "--fail-on", "worse", "--margin", "1e6")
     assert allowed.code == 0
     assert msnn("diff", NEW, OLD, "--data-root", ".", "--fail-on", "worse").code == 0

@@ -43,6 +43,35 @@ def test_every_file_is_in_one_log(msnn: CommandLine, project: Path):
     assert "```yaml repaired" in rules["E0301"]["help"]["markdown"]
 
 
+_BELOW = "msnn: 1\nname: b\ninputs: {v: {}}\noutputs: {y: {doc: 𝛼, expr: u}}\n"
+
+
+def test_files_of_a_folder_are_named_from_the_current_one(msnn: CommandLine, project: Path):
+    """Each by its own place, with all of its way, whether the folder is given in full or not."""
+    below = project / "sub folder"
+    below.mkdir()
+    change(project, "k*x", "kk*x")
+    (below / "b, 1: c.msnn.yaml").write_text(_BELOW)
+    wanted = [
+        ("plant.msnn.yaml", (23, 17, 19)),
+        ("sub%20folder/b%2C%201%3A%20c.msnn.yaml", (4, 29, 30)),
+    ]
+    for folder in (".", str(project)):
+        said = msnn("check", "--format", "sarif", folder)
+        (run,) = _legal(json.loads(said.out))["runs"]
+        places = [each["locations"][0]["physicalLocation"] for each in run["results"]]
+        found = [
+            (each["artifactLocation"]["uri"], (region["startLine"], *columns))
+            for each in places
+            for region in (each["region"],)
+            for columns in ((region["startColumn"], region["endColumn"]),)
+        ]
+        assert found == wanted
+    said = msnn("check", "--format", "github", "sub folder")
+    place = "file=sub folder/b%2C 1%3A c.msnn.yaml,line=4,endLine=4,col=29,endColumn=29"
+    assert said.err.startswith(f"::error title=E0301,{place}::unknown name `u`")
+
+
 def test_other_places_and_files_elsewhere():
     source = SourceText("/elsewhere/a b.yaml", "k: 1\nk: 2\n")
     found = Diagnostic(

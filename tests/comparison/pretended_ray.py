@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,9 +29,14 @@ class TaskOSError(RayTaskError, OSError):
 @dataclass(frozen=True)
 class Reference:
     number: int
+    cluster: int
 
     def hex(self) -> str:
-        return f"{self.number}"
+        # no two clusters share one: what processes of nodes keep goes by it
+        return f"{self.cluster}-{self.number}"
+
+
+_CLUSTERS = count()
 
 
 @dataclass
@@ -42,6 +48,9 @@ class PretendedRay:
     tasks: list[Any] = field(default_factory=list[Any])
     """As they were sent."""
     stored: list[bytes] = field(default_factory=list[bytes])
+    number: int = field(default_factory=_CLUSTERS.__next__)
+    options: dict[str, Any] = field(default_factory=dict[str, Any])
+    """Of tasks, as they were asked for."""
     exceptions = SimpleNamespace(RayError=RayError, RayTaskError=RayTaskError)
 
     def is_initialized(self) -> bool:
@@ -52,9 +61,11 @@ class PretendedRay:
 
     def put(self, value: object) -> Reference:
         self.stored.append(pickle.dumps(value))
-        return Reference(len(self.stored) - 1)
+        return Reference(len(self.stored) - 1, self.number)
 
-    def remote(self, **_: object) -> Callable[[Callable[[Any], object]], Any]:
+    def remote(self, **options: object) -> Callable[[Callable[[Any], object]], Any]:
+        self.options = options
+
         def made(function: Callable[[Any], object]) -> Any:
             def sent(task: Any) -> tuple[Callable[[Any], object], int]:
                 self.tasks.append(pickle.loads(pickle.dumps(task)))  # noqa: S301  (our own)

@@ -93,6 +93,43 @@ def test_who_kills_a_process_takes_no_other_training_with_it(cluster: Cluster):
     assert "E0977" in refused[0].reason
 
 
+def test_seeds_leave_the_files_that_they_leave_here(cluster: Cluster):
+    cluster(lambda _: None)
+    for runs, ray in (("here", None), ("there", "auto")):
+        api.sweep(SPEC, settings=ASKED["settings"], seeds=2, ray=ray, runs=runs)
+    lines = read(Path("here", LOG))
+    assert [line.seed for line in lines] == [0, 1]
+    weights: set[bytes] = set()
+    for line in lines:
+        here, there = (Path(runs, str(line.folder)) for runs in ("here", "there"))
+        left = sorted(path.relative_to(here) for path in here.rglob("*"))
+        assert left == sorted(path.relative_to(there) for path in there.rglob("*"))
+        file = "weights.safetensors"
+        assert (here / file).read_bytes() == (there / file).read_bytes()
+        weights.add((here / file).read_bytes())
+    assert len(weights) == 2
+
+
+def test_tasks_begin_again_where_a_node_is_killed_and_not_after_a_mistake(cluster: Cluster):
+    ray = cluster(lambda _: None)
+    api.sweep(SPEC, **ASKED, ray="auto")
+    assert ray.options["max_retries"] == 3
+    retried = tuple(ray.options["retry_exceptions"])
+    assert issubclass(RayError, retried)
+    assert issubclass(FileNotFoundError, retried), "of a node that is going"
+    assert not issubclass(ZeroDivisionError, retried)
+
+
+def test_a_node_with_another_version_is_told(cluster: Cluster, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("msnn.comparison.workers.ray_tasks.__version__", "0.0.1")
+    cluster(lambda _: None)
+    found = api.sweep(SPEC, **ASKED, ray="auto")
+    failed = [line for entry in found.entries for line in entry.failed]
+    assert len(failed) == 9
+    assert all("a node has msnn 0.0.1" in line.reason for line in failed)
+    assert not Path("runs", LOG).exists(), "its results would stand beside those of this one"
+
+
 def test_a_disk_of_a_node_that_is_full_is_told(cluster: Cluster):
     def full(task: Task) -> Exception | None:
         is_full = "init=11 N/m" in dict(numbers([task])[0])

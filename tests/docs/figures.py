@@ -28,6 +28,10 @@ _UNITS = (
     r"(?:[nµm]?s|min|minutes?|seconds?|hours?|an? (?:second|minute|hour)"
     r"|[kMGT]i?B|bytes?|bits?|ulp|times|instructions?|cycles|operations)\b|%|×"
 )
+# with its unit behind a blank or without one: 30 ms, 30ms, 1.7x
+_SHOWN = re.compile(
+    rf"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?(?:(?=(?:{_UNITS})|x\b)|(?!\w|\.\d+[A-Za-z]))"
+)
 _SCALES = r"(?: (?:thousand|million|billion))?"
 _LOOKS_MEASURED = re.compile(
     rf"(?<![\w.\[])\d[\d,]*(?:\.\d+)?(?:e-?\d+)?{_SCALES}\s?(?:{_UNITS})"
@@ -77,13 +81,13 @@ def passages_of(page: Path) -> list[Passage]:
 def not_measured(text: str, results: str) -> list[str]:
     """Numbers of a text that no number of the results gives when it is rounded to their digits."""
     known = [float(number) for number in _NUMBER.findall(_ungrouped(results))]
-    shown = _NUMBER.findall(_ungrouped(_NOT_SHOWN.sub(" ", text)))
+    shown = _SHOWN.findall(_ungrouped(_NOT_SHOWN.sub(" ", text)))
     return [number for number in shown if not any(_rounds(one, number) for one in known)]
 
 
 def _ungrouped(text: str) -> str:
     """A text with 12,345 as 12345."""
-    return re.sub(r"(?<=\d),(?=\d{3}\b)", "", text)
+    return re.sub(r"(?<=\d),(?=\d{3}(?!\d))", "", text)
 
 
 def _rounds(value: float, shown: str) -> bool:

@@ -52,6 +52,8 @@ def test_a_figure_that_was_not_measured_is_named():
     results = "damping 28.335 and 1.9e-06, 200 times, 4,711 bytes"
     assert not_measured("28.3 of [200](a%2031.md) `77`, 28, 4711, 4,711 and 2e-06", results) == []
     assert not_measured("28.4, 201 times or -200", results) == ["28.4", "201", "-200"]
+    assert not_measured("28.3s, 200x, 4,711bytes and 2 of float32 in M4F", results) == ["2"]
+    assert not_measured("30ms, 1.75s, 1.7x, 3GiB", results) == ["30", "1.75", "1.7", "3"]
 
 
 @pytest.mark.parametrize(

@@ -71,6 +71,17 @@ class Client:
         params = {"textDocument": document, "contentChanges": [{"text": text}]}
         self.notify("textDocument/didChange", params)
 
+    def close_text(self, path: Path) -> list[dict[str, Any]]:
+        """Closes an open text; what is said of its file from then on, of no version."""
+        self.notify("textDocument/didClose", {"textDocument": {"uri": path.as_uri()}})
+
+        def is_of_it(message: dict[str, Any]) -> bool:
+            params = message.get("params") or {}
+            is_published = message.get("method") == "textDocument/publishDiagnostics"
+            return is_published and (params["uri"], params.get("version")) == (path.as_uri(), None)
+
+        return self._await(is_of_it)["params"]["diagnostics"]
+
     def diagnostics(self, path: Path) -> list[dict[str, Any]]:
         """What is said of the text as it was sent last, once it is."""
         version = self._versions[path.as_uri()]

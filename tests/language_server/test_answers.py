@@ -66,6 +66,22 @@ def test_a_definition_is_where_the_text_has_it_now():
     found = definition(*viewed(text))
     assert found is not None
     assert found.range.start == Position(9, 2)
+    of_part = definition(*viewed("# a line more\n" + marked("speed)", "speed.me|as)")))
+    assert of_part is not None
+    assert of_part.range.start == Position(7, 2)
+
+
+def test_places_count_utf_16_units():
+    view, position = viewed(marked('{expr: "twice(push', '{doc: 𝛼𝛽𝛾𝛿𝜀, expr: "twice(pu|sh'))
+    place = Position(position.line, position.character + 5)
+    found = hover(view, place)
+    assert found is not None
+    assert found.text.startswith("**push**")
+    proposed = complete(view, place)
+    assert proposed is not None
+    assert [item.label for item in proposed.items] == ["push"]
+    for range in (found.range, proposed.range):
+        assert range.start == Position(place.line, place.character - 2)
 
 
 def test_a_member_is_defined_in_the_file_of_its_sub_model(tmp_path: Path):
@@ -95,6 +111,11 @@ def test_a_member_is_defined_in_the_file_of_its_sub_model(tmp_path: Path):
     members = complete(view, Position(5, 15))
     assert members is not None
     assert [item.label for item in members.items] == ["p.k", "p.u", "p.y"]
+    connected = complete(view, Position(4, 10))
+    assert connected is not None
+    assert {item.label for item in connected.items} == {"p.k", "p.u", "p.y"}, "no name of its own"
+    elsewhere = definition(View(SourceText(path, "\n\n" + whole), knowledge), Position(7, 22))
+    assert elsewhere == of_member
 
 
 @pytest.mark.parametrize(
@@ -105,7 +126,12 @@ def test_a_member_is_defined_in_the_file_of_its_sub_model(tmp_path: Path):
         (marked("* sum(", "* s|("), {"sum", "sin", "softmax", "speed"}, {"gain"}),
         (marked("* sum(", "* su|"), {"sum"}, {"speed"}),
         (marked("* sum(force[t-3:t])", "* sum(force, o|"), {"over=", "out"}, {"speed"}),
+        (marked("* sum(force[t-3:t])", "* sum(force, over=|"), {"wheel"}, {"gain", "sin", "over="}),
+        (marked("* sum(force[t-3:t])", "* sum(force, over = w|"), {"wheel"}, set()),
+        (marked("* sum(", "* m|("), {"max", "mean"}, {"mse", "mae"}),
+        (marked("doc: result", 'predicts: "|"'), {"speed", "force"}, {"gain", "push"}),
         (marked("speed)", "speed.m|)"), {"speed.meas"}, {"speed.past"}),
+        (marked("speed)", "gain.|)"), {"gain.past"}, {"gain.meas"}),
         (marked("{unit: m/s}", "{unit: k|}"), {"kg", "kN", "km"}, {"m"}),
         (marked("{unit: m/s}", "{unit: m/s, on_invalid: |}"), {"clamp", "hold"}, {"true"}),
         (marked("dims: wheel", "dims: |"), {"wheel"}, {"gain"}),

@@ -42,6 +42,9 @@ def _have_session(client: Client, path: Path) -> None:
     (action,) = client.request("textDocument/codeAction", _of(path) | asked)
     (edit,) = action["edit"]["changes"][path.as_uri()]
     assert edit == {"range": found["range"], "newText": "gain"}
+    client.change(path, f"# a line more\n{_WRONG}")
+    late = client.request("textDocument/codeAction", _of(path) | asked)
+    assert late == [], "its places are of a text that is no more"
     client.change(path, PLANT)
     assert client.diagnostics(path) == []
 
@@ -78,8 +81,14 @@ def test_an_open_sub_model_is_checked_where_it_is_used(tmp_path: Path):
         (found,) = client.diagnostics(whole)
         (place,) = found["relatedInformation"]
         assert place["location"]["uri"] == part.as_uri()
-        client.notify("textDocument/didClose", _of(part))
+        assert client.close_text(part) == [], "nobody looks at it any more"
         assert client.diagnostics(whole) == [], "the file on the disk holds again"
+        part.write_text(fine.replace("2 * u", "2 * v"))
+        client.notify("workspace/didChangeWatchedFiles", {"changes": []})
+        assert len(client.diagnostics(whole)) == 1, "another program has written it"
+        part.write_text(fine)
+        client.notify("textDocument/didSave", _of(whole))
+        assert client.diagnostics(whole) == []
 
 
 def test_broken_specs_are_underlined_as_check_says(tmp_path: Path):

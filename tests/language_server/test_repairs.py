@@ -33,11 +33,23 @@ def _times(message: str, examined: Examined) -> int:
 
 
 def test_only_a_problem_that_is_selected_is_repaired(tmp_path: Path):
-    text = "msnn: 1\nname: m\ninputs: {u: {}}\noutputs:\n  y: sni(u)\n  z: u ^ 2\n"
+    text = "msnn: 1\nname: m\ninputs: {uu: {}}\noutputs:\n  y: 2 * uv\n  z: 3 * vu\n  w: 4 * uw\n"
     path = tmp_path / "m.msnn.yaml"
     problems = problems_of(examine(str(path), text, {}), str(path))
+    assert len(list(repairs_of(problems, str(path), _EVERYTHING))) == 3
     line = TextRange(Position(5, 0), Position(5, 9))
-    assert [repair.text for repair in repairs_of(problems, str(path), line)] == ["**"]
+    (repair,) = repairs_of(problems, str(path), line)
+    assert repair.problem.range == TextRange(Position(5, 9), Position(5, 11))
+
+
+def test_what_is_wrong_in_another_file_is_not_repaired_in_this_one(tmp_path: Path):
+    part, whole = tmp_path / "part.msnn.yaml", tmp_path / "whole.msnn.yaml"
+    part.write_text("msnn: 1\nname: part\ninputs: {u: {}}\noutputs: {y: 2 * uu}\n")
+    text = "msnn: 1\nname: whole\nuse: {p: part.msnn.yaml}\n"
+    text += "inputs: {a: {}}\nconnect: {p.u: a}\noutputs: {z: p.y}\n"
+    examined = examine(str(whole), text, {})
+    assert [found.replacement for found in examined.diagnostics] == ["u"]
+    assert not repairs(examined, whole)
 
 
 @pytest.mark.parametrize("line_end", ["\n", "\r\n"])

@@ -121,7 +121,14 @@ def test_two_records_are_not_one():
 
 @pytest.mark.parametrize(
     "errors",
-    [np.zeros(1000), np.full(1000, np.nan), np.ones(50), np.zeros(0), np.full(1000, np.inf)],
+    [
+        np.zeros(1000),
+        np.full(1000, np.nan),
+        np.ones(50),
+        np.zeros(0),
+        np.full(1000, np.inf),
+        1e200 * np.cos(np.arange(1000)),  # of a model that diverged: squares are no numbers
+    ],
 )
 def test_of_too_little_nothing_is_said(errors: FloatArray):
     itself, inputs = judged(errors, {"u": np.ones(len(errors))})

@@ -19,6 +19,7 @@ from msnn.model.kept_run import CHECKPOINT, DESCRIPTION, read_json
 from msnn.model.load import with_seed
 from msnn.training.folds import of_fold
 from msnn.training.records.run_log import RunLine
+from spec_schema.version import __version__
 
 _OPEN_MODELS, _OPEN_DATA = 4, 16
 """That a process of a node keeps: folds and variants after each other share them."""
@@ -94,7 +95,9 @@ def _trained(task: Task, sent: SentTrial) -> TaskResult:
             record |= {"spec": task.spec, "spec_places": sent.spec_places}  # as the command sees it
             text = json.dumps(record, ensure_ascii=False, indent=2) + "\n"
             files[DESCRIPTION] = text.encode()
-    return TaskResult(outcome, files, time.monotonic() - began)
+    # what has trained: the line came with the version of the command
+    line = replace(outcome.line, version=__version__)
+    return TaskResult(replace(outcome, line=line), files, time.monotonic() - began)
 
 
 _MODELS = Latest[Any](_OPEN_MODELS)

@@ -207,7 +207,7 @@ class _Cluster:
     def _ended(self, ready: ReadyTrial, result: TaskResult) -> tuple[Trial, TrialOutcome]:
         outcome = result.outcome
         # other versions may train otherwise, and the log would hold both under one key
-        if outcome.line.version not in ("", __version__):
+        if outcome.line.version != __version__:
             why = f"a node has msnn {outcome.line.version}, and this is {__version__}"
             return ready.trial, self._refused(ready, why)
         self._keep(ready, outcome.line, result.files)

@@ -164,9 +164,11 @@ def _on_grid(values: FloatArray, places: IntArray, size: int) -> _Grid:
 def _autocorrelation(signal: _Grid, lags: int) -> FloatArray | None:
     """r(0) … r(lags); None of too few values, or of values that do not vary."""
     count = float(signal.there.sum())
-    power = float(signal.values @ signal.values)
+    # of a model that diverged squares are beyond all numbers
+    with np.errstate(over="ignore"):
+        power = float(signal.values @ signal.values)
     # with fewer values a lag the estimate is noise
-    if count < _FEW * lags or not power > 0:
+    if count < _FEW * lags or not 0 < power < math.inf:
         return None
     return _sums(signal, signal, lags)[lags:] / power * count
 

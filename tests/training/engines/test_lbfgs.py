@@ -1,4 +1,4 @@
-"""L-BFGS finds what is known to be least; `test_engines` compares its steps with torch's."""
+"""L-BFGS finds what is known to be least, by the steps of torch where one may compare them."""
 
 from __future__ import annotations
 
@@ -61,3 +61,68 @@ def test_a_bent_valley_is_followed_to_its_end(engine: str, history: int) -> None
     optimizer = f"optimizer: {{lbfgs: {{iterations: 50, history: {history}}}}}"
     found = run(VALLEY, f"epochs: 2, engine: {engine}, {optimizer}", nothing, nothing).weights
     np.testing.assert_allclose([found["a"], found["b"]], 1.0, rtol=1e-6)
+
+
+def test_what_is_held_takes_no_part(engine: str) -> None:
+    """Neither its weight decay nor its prior: they would promise a fall that never comes."""
+    held = LINEAR.replace("init: 0}", "init: 0}, c: {init: 5, prior: {mean: 0, std: 0.1}}")
+    held = held.replace("over=column)", "over=column) + c")
+    stage = "epochs: 2, freeze: c, weight_decay: 0.3, optimizer: {lbfgs: {iterations: 40}}"
+    found = run(held, f"{stage}, engine: {engine}").weights
+    right = np.linalg.solve(2 / ROWS * U.T @ U + 0.3 * np.eye(3), 2 / ROWS * U.T @ (Y - 5))
+    np.testing.assert_allclose(found["w"], right, rtol=1e-6)
+    assert found["c"] == 5
+
+
+MEMORY = """
+inputs: {u: 1}
+targets: {y: m}
+parameters:
+  a: {init: 0.3, min: 0, max: 1}
+  b: {init: 0.1, unit: m, scale: 0.5, prior: {mean: 40 cm, std: 5 cm}}
+  c: {init: 2, min: 0.1, prior: {mean: 1, std: 0.3}}
+states: {x: {unit: m, next: "a*x + b*tanh(c*u)", init: 0}}
+outputs: {z: {expr: x, predicts: y}}
+"""
+PLAIN = "optimizer: {lbfgs: {iterations: 8}}"
+
+
+def log_with_gaps() -> tuple[FloatArray, FloatArray]:
+    random = np.random.default_rng(3)
+    u = random.uniform(-1, 1, ROWS)
+    y = np.zeros(ROWS)
+    for t in range(ROWS - 1):
+        y[t + 1] = 0.8 * y[t] + 0.5 * np.tanh(u[t]) + random.normal(0, 0.02)
+    y[random.choice(ROWS, 10, replace=False)] = np.nan
+    return u, y
+
+
+LOG = log_with_gaps()
+
+
+@pytest.mark.parametrize(
+    "stage",
+    [
+        PLAIN,
+        f"{PLAIN}, weight_decay: 0.05",
+        f"{PLAIN}, weight_decay: 0.05, freeze: b",
+        "optimizer: {lbfgs: {iterations: 8, lr: 0.3}}",
+        "optimizer: {lbfgs: {iterations: 8, lr: 30}}",
+        "optimizer: {lbfgs: {iterations: 8, history: 2}}",
+        # where slopes of loss, decay and priors add to 0 each is longer than that
+        f"{PLAIN}, weight_decay: 0.05, clip: 0.05",
+        f"{PLAIN}, clip: 0.3",
+        f"{PLAIN}, losses: {{z: 0.01}}",
+        f"{PLAIN}, losses: {{z: 1000}}",
+    ],
+)
+def test_steps_with_all_that_a_stage_can_ask_for_are_those_of_torch(stage: str) -> None:
+    require_tool("gcc", install="apt install gcc")
+    native, torch = (
+        run(MEMORY, f"epochs: 1, rollout: 15, engine: {name}, {stage}", *LOG)
+        for name in ("native", "torch")
+    )
+    for name, value in native.weights.items():
+        # a line search decides on differences of losses, so that rounding grows over iterations
+        assert value == pytest.approx(torch.weights[name], rel=1e-6), name
+    assert native.stages[0].best_value == pytest.approx(torch.stages[0].best_value, rel=1e-6)
