@@ -96,6 +96,7 @@ def learned_functions(
 ) -> tuple[LearnedFunction, ...]:
     """Taps of every filter; of a model without sub-models also curves over the data's range."""
     found = list(_taps(model.program, weights))
+    # a part of a linked model cannot be cut out: what connects its inputs stands in other files
     if data is not None and not model.read.used:
         candidates = [*_layers(model.spec), *_equations(model.spec, model.program)]
         found += _curves(model, weights, data, candidates)
@@ -104,6 +105,7 @@ def learned_functions(
 
 def _taps(program: Program, weights: Weights) -> Iterator[LearnedFunction]:
     for parameter in program.parameters:
+        # the window is the last axis of whatever has one (R3)
         if not parameter.axes or parameter.axes[-1].name != WINDOW or not parameter.learn:
             continue
         count = parameter.axes[-1].size
@@ -114,6 +116,7 @@ def _taps(program: Program, weights: Weights) -> Iterator[LearnedFunction]:
         names = [element_name("", index) or "taps" for index in np.ndindex(*shapes)]
         yield LearnedFunction(
             title=f"{parameter.name}: {count} taps",
+            # weights are kept oldest sample first; the last one is of t
             x=np.arange(1 - count, 1, dtype=np.float64),
             x_label="sample, counted from t",
             y_label="weight",
@@ -131,10 +134,12 @@ def _layers(spec: Spec) -> Iterator[_Candidate]:
     calls: dict[str, Call] = {}
     for call in calls_in((spec.equations, spec.outputs, spec.states, spec.layers)):
         if isinstance(call.function, Name):
+            # a layer that is called twice has one curve, over what it is called with first
             calls.setdefault(call.function.name, call)
     for name, layer in spec.layers.items():
         if name not in calls or not any(getattr(layer, kind) for kind in _DRAWN_LAYERS):
             continue
+        # it has grids of other layers as arguments, not numbers
         if layer.fuzzify is not None and layer.fuzzify.over:
             continue
         call = calls[name]
@@ -155,6 +160,7 @@ def _equations(spec: Spec, program: Program) -> Iterator[_Candidate]:
     learned = {p.name.partition(".")[0] for p in program.parameters if p.learn}
     for name, equation in spec.equations.items():
         needs = _needed(spec, names_in(equation.expr))
+        # in the order of the spec, not of the set
         leaves = tuple(n for n in (*spec.inputs, *spec.states, *spec.targets) if n in needs)
         if len(leaves) in (1, 2) and needs & learned and not _is_layer_call(equation.expr, spec):
             yield _Candidate(
@@ -211,9 +217,15 @@ def _ranges(
     if probe is None or not texts:
         return {}
     found: dict[str, _Argument] = {}
+    # vectors have no axis to be drawn over
     kept = tuple(o for o in probe.outputs if not probe.step[o.node].type.axes)
     runs = simulate(
-        replace(probe, outputs=kept), data, _own(probe, weights), _STEPS, engine="interpreter"
+        # the interpreter: a kernel would be compiled for a probe that runs once
+        replace(probe, outputs=kept),
+        data,
+        _own(probe, weights),
+        _STEPS,
+        engine="interpreter",
     )
     for output in kept:
         values = np.concatenate([run.outputs[output.name] for run in runs])
@@ -237,14 +249,17 @@ def _evaluated(
     }
     changes = {"inputs": inputs, "outputs": {"drawn": {"expr": candidate.expression}}}
     program = _compiled(model, changes, (*_WORKFLOW, *_DYNAMICS), candidate.needs)
+    # a function of what went before, too, has no curve
     if program is None or program.states:
         return None
     read = extents(program.step, log=False).values()
     type = program.step[program.outputs[0].node].type
+    # of several samples or of a matrix: nothing that a line shows
     if len(type.axes) > 1 or any((extent.first, extent.last) != (0, 0) for extent in read):
         return None
     first = arguments[0]
     x = np.linspace(first.low, first.high, _POINTS)
+    # the second argument at five values from least to most: a curve each
     levels = [None] if len(arguments) == 1 else np.linspace(arguments[1].low, arguments[1].high, 5)
     interpreter = Interpreter(program, _own(program, weights))
     curves: list[Curve] = []
@@ -254,6 +269,7 @@ def _evaluated(
             log[candidate.renamed[1]] = np.full(_POINTS, level)
         # every point is a row of its own, evaluated beside all others
         values = interpreter.step(log, np.arange(_POINTS), {}, losses=False).outputs["drawn"]
+        # an expression that does not use its argument is one row
         y = np.broadcast_to(values, (_POINTS, *values.shape[1:])).reshape(_POINTS, -1)
         for number in range(y.shape[1]):
             element = element_name("", (number,)) if type.axes else ""
@@ -283,11 +299,14 @@ def _compiled(
 ) -> Program | None:
     """The model's spec with other sections; None where that is no model."""
     data = {key: value for key, value in spec_data(model.spec).items() if key not in without}
+    # only what the function needs: other entries read inputs that the small model has not
     if needs is not None:
         for section in ("layers", "equations", "functions"):
             data[section] = {n: each for n, each in data.get(section, {}).items() if n in needs}
         data = {key: value for key, value in data.items() if value != {}}
     try:
+        # through text and the reader: the small model is checked as every spec is, and compiled by
+        # its rules
         return load_model(model.path, text=yaml_text({**data, **changes})).program
     except SpecError:  # an argument that is a window, a name that only the whole model has
         return None

@@ -35,10 +35,12 @@ def error_charts(
 
 def _correlations(found: Measurement) -> Plain | None:
     """Each correlation in the band of noise, a panel for the errors and one for each input."""
+    # of a vector the first number; how many more there are stands in the note
     first = found.judged.residuals[0]
     if first.itself is None:
         return None
     each = [("themselves", first.itself), *list(first.inputs.items())[:_MOST_INPUTS]]
+    # `each` has the errors themselves as well
     hidden = len(first.inputs) + 1 - len(each)
     elements = len(found.judged.residuals) - 1
     note = "Shaded: where 99 % of the correlations of noise lie."
@@ -63,6 +65,7 @@ def _correlations(found: Measurement) -> Plain | None:
 
 
 def _in_band(name: str, found: Correlation, number: int) -> list[Plain]:
+    # half a lag beyond the outermost stems: the band is seen to hold for them too
     ends = np.array([found.lags[0] - 0.5, found.lags[-1] + 0.5])
     color = f"c{number % _COLORS + 1}"
     band = np.full(2, found.band)
@@ -93,6 +96,7 @@ def _growth(found: Measurement, rows: Sequence[MetricRow]) -> Plain:
     limits = [
         {"y": row.maximum, "label": "limit of the mean", "far": True}
         for row in own
+        # the limit is one of the rmse over all steps, drawn beside those of single steps
         if row.metric == "rmse" and row.maximum is not None
     ]
     return {
@@ -139,6 +143,7 @@ def _losses(stage: TrainedStage) -> Plain:
             {
                 "label": "loss",
                 "height": 200,
+                # log-likelihoods and fits of less than nothing have signs
                 "log": _positive(total) and _positive(monitor),
                 "lines": [{"x": best, "label": "best", "color": "muted"}],
                 "series": [
