@@ -118,3 +118,8 @@ def _indices(axes: Sequence[Axis]) -> list[tuple[int, ...]]:
 def unit_of(unit: Unit | None) -> str:
     """As axes have it: nothing where there is none, or where a number has none."""
     return "" if unit is None or unit.text == "1" else unit.text
+
+
+def with_unit(name: str, unit: str) -> str:
+    """What an axis is called."""
+    return f"{name} / {unit}" if unit else name

@@ -19,7 +19,7 @@ from compiler.ir.types import WINDOW
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.model.load import load_model
 from msnn.model.model import Model
-from msnn.reports.drawn import MOST_ELEMENTS, element_name, unit_of
+from msnn.reports.drawn import MOST_ELEMENTS, element_name, unit_of, with_unit
 from msnn.simulation.simulate import simulate
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
@@ -116,7 +116,6 @@ def _taps(program: Program, weights: Weights) -> Iterator[LearnedFunction]:
         names = [element_name("", index) or "taps" for index in np.ndindex(*shapes)]
         yield LearnedFunction(
             title=f"{parameter.name}: {count} taps",
-            # weights are kept oldest sample first; the last one is of t
             x=np.arange(1 - count, 1, dtype=np.float64),
             x_label="sample, counted from t",
             y_label="weight",
@@ -139,7 +138,6 @@ def _layers(spec: Spec) -> Iterator[_Candidate]:
     for name, layer in spec.layers.items():
         if name not in calls or not any(getattr(layer, kind) for kind in _DRAWN_LAYERS):
             continue
-        # it has grids of other layers as arguments, not numbers
         if layer.fuzzify is not None and layer.fuzzify.over:
             continue
         call = calls[name]
@@ -160,7 +158,6 @@ def _equations(spec: Spec, program: Program) -> Iterator[_Candidate]:
     learned = {p.name.partition(".")[0] for p in program.parameters if p.learn}
     for name, equation in spec.equations.items():
         needs = _needed(spec, names_in(equation.expr))
-        # in the order of the spec, not of the set
         leaves = tuple(n for n in (*spec.inputs, *spec.states, *spec.targets) if n in needs)
         if len(leaves) in (1, 2) and needs & learned and not _is_layer_call(equation.expr, spec):
             yield _Candidate(
@@ -203,8 +200,7 @@ def _curves(
     for candidate in candidates:
         if all(text in ranges for text in candidate.arguments):
             arguments = [ranges[text] for text in candidate.arguments]
-            found = _evaluated(model, weights, candidate, arguments)
-            if found is not None:
+            if (found := _evaluated(model, weights, candidate, arguments)) is not None:
                 yield found
 
 
@@ -217,7 +213,6 @@ def _ranges(
     if probe is None or not texts:
         return {}
     found: dict[str, _Argument] = {}
-    # vectors have no axis to be drawn over
     kept = tuple(o for o in probe.outputs if not probe.step[o.node].type.axes)
     runs = simulate(
         # the interpreter: a kernel would be compiled for a probe that runs once
@@ -230,12 +225,10 @@ def _ranges(
     for output in kept:
         values = np.concatenate([run.outputs[output.name] for run in runs])
         values = values[np.isfinite(values)]
-        unit = probe.step[output.node].type.unit
-        # over a value that never changes there is no curve
         if len(values) and values.min() < values.max():
             text = texts[int(output.name.removeprefix("argument"))]
             low, high = float(values.min()), float(values.max())
-            found[text] = _Argument(low, high, unit_of(unit))
+            found[text] = _Argument(low, high, unit_of(probe.step[output.node].type.unit))
     return found
 
 
@@ -249,17 +242,14 @@ def _evaluated(
     }
     changes = {"inputs": inputs, "outputs": {"drawn": {"expr": candidate.expression}}}
     program = _compiled(model, changes, (*_WORKFLOW, *_DYNAMICS), candidate.needs)
-    # a function of what went before, too, has no curve
     if program is None or program.states:
         return None
     read = extents(program.step, log=False).values()
     type = program.step[program.outputs[0].node].type
-    # of several samples or of a matrix: nothing that a line shows
     if len(type.axes) > 1 or any((extent.first, extent.last) != (0, 0) for extent in read):
         return None
     first = arguments[0]
     x = np.linspace(first.low, first.high, _POINTS)
-    # the second argument at five values from least to most: a curve each
     levels = [None] if len(arguments) == 1 else np.linspace(arguments[1].low, arguments[1].high, 5)
     interpreter = Interpreter(program, _own(program, weights))
     curves: list[Curve] = []
@@ -269,26 +259,20 @@ def _evaluated(
             log[candidate.renamed[1]] = np.full(_POINTS, level)
         # every point is a row of its own, evaluated beside all others
         values = interpreter.step(log, np.arange(_POINTS), {}, losses=False).outputs["drawn"]
-        # an expression that does not use its argument is one row
         y = np.broadcast_to(values, (_POINTS, *values.shape[1:])).reshape(_POINTS, -1)
         for number in range(y.shape[1]):
             element = element_name("", (number,)) if type.axes else ""
             at = "" if level is None else f"{candidate.arguments[1]} = {level:.4g}"
             label = " ".join(filter(None, (element, at, arguments[-1].unit if at else "")))
             curves.append(Curve(label=label or candidate.title, y=y[:, number]))
-    name = candidate.title.partition("(")[0]
     return LearnedFunction(
         title=candidate.title,
         x=x,
-        x_label=_with_unit(candidate.arguments[0], first.unit),
-        y_label=_with_unit(name, unit_of(type.unit)),
+        x_label=with_unit(candidate.arguments[0], first.unit),
+        y_label=with_unit(candidate.title.partition("(")[0], unit_of(type.unit)),
         curves=tuple(curves[:_MOST_CURVES]),
         left_out=max(len(curves) - _MOST_CURVES, 0),
     )
-
-
-def _with_unit(name: str, unit: str) -> str:
-    return f"{name} / {unit}" if unit else name
 
 
 def _compiled(
@@ -305,8 +289,7 @@ def _compiled(
             data[section] = {n: each for n, each in data.get(section, {}).items() if n in needs}
         data = {key: value for key, value in data.items() if value != {}}
     try:
-        # through text and the reader: the small model is checked as every spec is, and compiled by
-        # its rules
+        # through text and the reader: the small model is checked as every spec is
         return load_model(model.path, text=yaml_text({**data, **changes})).program
     except SpecError:  # an argument that is a window, a name that only the whole model has
         return None

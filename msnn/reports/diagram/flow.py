@@ -12,7 +12,7 @@ from spec_schema.expressions.tree import Call, Name
 from spec_schema.sections.references import calls_in, names_in
 from spec_schema.sections.spec import Spec
 
-_SHOWN: tuple[Kind, ...] = ("inputs", "states", "layers", "equations", "outputs")
+SHOWN: tuple[Kind, ...] = ("inputs", "states", "layers", "equations", "outputs")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,24 +55,24 @@ def flow_of(spec: Spec) -> Flow:
     wires: dict[Wire, None] = {}
     uses: dict[str, list[str]] = {}
     for part in found.parts:
-        if part.kind not in _SHOWN:
+        if part.kind not in SHOWN:
             continue
         for wire in _wires(spec, formulas_of(spec, part.kind, part.name), part.name):
             kind = kinds.get(wire.source)
             if kind == "parameters" and wire.source not in uses.setdefault(wire.target, []):
                 uses[wire.target].append(wire.source)
             # a layer that names itself is its own array (`h.weight`); a state that does is a loop
-            elif kind in _SHOWN and (wire.source != wire.target or kind == "states"):
+            elif kind in SHOWN and (wire.source != wire.target or kind == "states"):
                 wires[wire] = None
         if part.kind == "layers" and (sets := spec.layers[part.name].fuzzify) is not None:
             wires |= {Wire(each.value, part.name): None for each in sets.over}
     wires |= {Wire(a.source, a.target): None for a in found.arrows if a.predicts}
     # a prediction of a target leads out of the picture
-    wires = {wire: None for wire in wires if kinds.get(wire.target) in _SHOWN}
+    wires = {wire: None for wire in wires if kinds.get(wire.target) in SHOWN}
     boxes = tuple(
         Box(name=p.name, kind=p.kind, about=p.about, uses=tuple(uses.get(p.name, ())))
         for p in found.parts
-        if p.kind in _SHOWN
+        if p.kind in SHOWN
     )
     back = [wire for wire in wires if _feeds_back(wire, kinds)]
     forward, circular = _without_circles(boxes, [wire for wire in wires if wire not in back])

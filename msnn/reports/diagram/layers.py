@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from graphlib import TopologicalSorter
 from itertools import pairwise
 from statistics import fmean
 
@@ -90,13 +91,10 @@ def _layers(flow: Flow) -> dict[str, int]:
         sources[wire.target].append(wire.source)
         targets[wire.source].append(wire.target)
     found: dict[str, int] = {}
-
-    def layer(name: str) -> int:
-        if name not in found:
-            found[name] = max((layer(source) + 1 for source in sources[name]), default=0)
-        return found[name]
-
-    last = max((layer(box.name) for box in flow.boxes), default=0)
+    # no recursion: a chain of equations may be longer than the stack of Python is deep
+    for name in TopologicalSorter(sources).static_order():
+        found[name] = max((found[source] + 1 for source in sources[name]), default=0)
+    last = max(found.values(), default=0)
     # from the end of the spec: what a box feeds has moved before the box asks for it
     for box in reversed(flow.boxes):
         if box.kind == "outputs" and not targets[box.name]:

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 
 import templates
-from msnn.reports.diagram.flow import Box, Flow, Wire, flow_of
+from msnn.reports.diagram.flow import SHOWN, Box, Flow, Wire, flow_of
 from msnn.reports.diagram.layers import BoxPlace, DiagramLayout, Size, laid_out
 from spec_schema.sections.spec import Spec
 
@@ -52,19 +52,8 @@ def architecture_svg(spec: Spec, *, styled: bool = True) -> str:
 
 
 def _summary(flow: Flow) -> str:
-    counts = {kind: [box.name for box in flow.boxes if box.kind == kind] for kind in _CALLED}
-    return "; ".join(
-        f"{_CALLED[kind]} {', '.join(names)}" for kind, names in counts.items() if names
-    )
-
-
-_CALLED = {
-    "inputs": "inputs",
-    "states": "states",
-    "layers": "layers",
-    "equations": "equations",
-    "outputs": "outputs",
-}
+    named = {kind: [box.name for box in flow.boxes if box.kind == kind] for kind in SHOWN}
+    return "; ".join(f"{kind} {', '.join(names)}" for kind, names in named.items() if names)
 
 
 def _texts(box: Box) -> tuple[str, str, str]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.reports.drawn import unit_of
+from msnn.reports.drawn import unit_of, with_unit
 from msnn.reports.page.packing import Plain, listed, packed
 from msnn.reports.run_summary import Run, TrainedStage
 from msnn.validation.measurement import Measurement
@@ -16,8 +16,14 @@ from msnn.validation.statistics.correlations import Correlation
 from msnn.validation.validate import MetricRow
 
 _COLORS = 7
+"""That the style of the page has."""
 _MOST_INPUTS = 4
 MOST_MEASUREMENTS = 8
+
+
+def color_of(number: int) -> str:
+    """Of the curve with that number."""
+    return f"c{number % _COLORS + 1}"
 
 
 def error_charts(
@@ -67,7 +73,7 @@ def _correlations(found: Measurement) -> Plain | None:
 def _in_band(name: str, found: Correlation, number: int) -> list[Plain]:
     # half a lag beyond the outermost stems: the band is seen to hold for them too
     ends = np.array([found.lags[0] - 0.5, found.lags[-1] + 0.5])
-    color = f"c{number % _COLORS + 1}"
+    color = color_of(number)
     band = np.full(2, found.band)
     return [
         {
@@ -91,7 +97,6 @@ def _in_band(name: str, found: Correlation, number: int) -> list[Plain]:
 def _growth(found: Measurement, rows: Sequence[MetricRow]) -> Plain:
     curve = found.curve
     assert curve is not None
-    unit = unit_of(found.unit)
     own = [row for row in rows if measured_as(row) == measured_as(found)]
     limits = [
         {"y": row.maximum, "label": "limit of the mean", "far": True}
@@ -105,7 +110,7 @@ def _growth(found: Measurement, rows: Sequence[MetricRow]) -> Plain:
         "padded": True,
         "panels": [
             {
-                "label": f"rmse / {unit}" if unit else "rmse",
+                "label": with_unit("rmse", unit_of(found.unit)),
                 "height": 190,
                 "zero": True,
                 "lines": limits,
