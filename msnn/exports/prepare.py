@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+from backends.c_lowering.options import COptions
 from backends.ports.identifiers import c_identifier
 from compiler.ir.liveness import extents
 from compiler.ir.program import Program
@@ -45,6 +47,11 @@ def float_plan(
 def name_prefix(request: Request, given: Located[str] | None) -> str:
     """What public names of an export begin with: what is given, or the name of the model."""
     return c_identifier(request.model.name if given is None else given.value, set())
+
+
+def c_options(plan: ExportPlan[COptions]) -> COptions:
+    """The options of a plan in C, with what it says of names and numbers."""
+    return replace(plan.options, dtype=plan.float_type, prefix=plan.prefix)
 
 
 def step_program(

@@ -37,9 +37,10 @@ def check_row_factors(
         bad = np.flatnonzero(~(np.isfinite(factors) & (factors >= 0)))
         if len(bad):
             row = int(t[bad[0]])
-            record = next(one for one in data.records if one.start <= row < one.stop)
             value = float(factors[bad[0]])
-            found = unfit_factor(loss.entry, value, record.place(row), len(bad), loss.span)
+            found = unfit_factor(
+                loss.entry, value, data.record_of(row).place(row), len(bad), loss.span
+            )
             findings.report(found)
 
 

@@ -231,7 +231,7 @@ def _simulation(
 ) -> Simulation:
     """One run; measured values are taken from the rows before `unbroken`."""
     t0, steps = rows.start, len(rows)
-    record = next(record for record in data.records if record.start <= t0 < record.stop)
+    record = data.record_of(t0)
     logged: dict[str, FloatArray] = {}
     for out in program.outputs:
         if out.predicts is not None and out.predicts.signal in data.series:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import shutil
-import tempfile
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn, get_args
@@ -173,42 +170,19 @@ def _load(plan: ExportPlan[Online], written: Written) -> NoReturn:
     raise AssertionError("a controller is judged by its plans, not by its steps")
 
 
-@contextmanager
-def built_controller(written: Written) -> Generator[Path]:
-    """The folder of the files that were written, with the built `controller.so`.
-
-    Raises MissingExtraError without a C compiler.
-    """
-    from backends.c.host.build import CompilerFailedError, build_library
-    from backends.files.c_compiler import CompilerMissingError
-
-    with tempfile.TemporaryDirectory() as place:
-        alone = Path(place)
-        for file in written.files:
-            copy = alone / file.relative_to(written.folder)
-            copy.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, copy)
-        try:
-            build_library(alone, alone / "controller.so")
-        except CompilerMissingError:
-            raise MissingExtraError("a C compiler", "apt install gcc, or set CC") from None
-        except CompilerFailedError as error:
-            raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
-        yield alone
-
-
 def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Agreement:
     from msnn.exports.judged_controller import compare_controller
     from msnn.exports.judged_filter import compare_filter, joined
     from msnn.exports.judged_horizon import compare_horizon
     from msnn.exports.judged_units import compare_controller_units, compare_estimator_units
+    from msnn.exports.running.built_c import built_folder
 
     units = "fmu" in plan.options.extras
     if units:
         FMPY.require("runs the units of a controller")
     found: list[Agreement] = []
     control, estimation = plan.options.control, plan.options.estimation
-    with built_controller(written) as folder:
+    with built_folder(written, "controller.so") as folder:
         if control is not None:
             own = _own(control.program, weights)
             judges = [compare_controller, *([compare_controller_units] if units else [])]

@@ -13,12 +13,11 @@ from msnn.data.formats.text.csv_header import (
     Dialect,
     content_lines,
     header_cells,
-    is_number,
     split_cells,
 )
 from msnn.data.formats.text.text_encoding import not_utf8
 from msnn.data.formats.text.xlsx_file import WORKBOOK, sheet_lines
-from msnn.data.formats.written_units import MISSING, is_unit
+from msnn.data.formats.written_units import MISSING, is_number, is_unit
 from msnn.errors.data import files as errors
 from msnn.errors.data.new_specs import no_table
 from spec_schema.diagnostics.diagnostic import SpecError
