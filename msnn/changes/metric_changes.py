@@ -38,7 +38,9 @@ def metric_changes(old: ValidationReport, new: ValidationReport) -> tuple[Metric
     """Every metric that either spec asks for, in the order of the new one."""
     before, after = _by_meaning(old), _by_meaning(new)
     return tuple(
-        _change(before.get(meaning), after.get(meaning)) for meaning in {**after, **before}
+        # the new one's order, then what only the old one measures
+        _change(before.get(meaning), after.get(meaning))
+        for meaning in {**after, **before}
     )
 
 
@@ -54,6 +56,8 @@ def error_growth(metric: str, old: float, new: float) -> float | None:
     before, after = (old, new) if best is None else (best - old, best - new)
     if math.isnan(after) or math.isnan(before):
         return 0.0 if math.isnan(before) else math.inf
+    if math.isinf(before):  # no share of it is a number
+        return 0.0 if before == after else -1.0
     if before == 0.0:
         return math.inf if after > 0.0 else 0.0
     return (after - before) / abs(before)
@@ -69,6 +73,7 @@ def _change(old: MetricRow | None, new: MetricRow | None) -> MetricChange:
     growth, note = None, ""
     if old is None or new is None:
         note = "only in the new spec" if old is None else "only in the old spec"
+    # not converted: a unit of a target that changed may be a mistake
     elif old.unit != new.unit:
         note = f"in {unit_text(old.unit) or '1'} before"
     else:

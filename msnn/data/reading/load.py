@@ -22,7 +22,6 @@ from msnn.errors.disk_data import not_on_disk
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.sections.data.data import Data
-from spec_schema.sections.data.splits import SETS
 
 _LARGEST_SHOWN = 1_000_000
 
@@ -93,7 +92,7 @@ def joined_files(
     if disk is not None:
         parts, whole = disk.returned(parts)
     parts = _with_files_joined(parts, data, program.sample_time)
-    sets = _set_names(data)
+    sets = data.sets
     rows = _sets(data, parts, sets, program.sample_time, findings)
     signals = (*program.signals, *beside)
     _report_ranges(signals, parts, findings)
@@ -162,13 +161,6 @@ def _follows(before: FilePart, after: FilePart, sample_time: float | None) -> bo
     # NaN where clocks cannot be compared, which follows nothing
     step = float(after.time[0] - before.time[-1]) + before.seconds_to(after)
     return abs(step - sample_time) <= GAP_TOLERANCE * sample_time
-
-
-def _set_names(data: Data) -> tuple[str, ...]:
-    names = list(data.source)
-    if data.split is not None:
-        names += [name for name in SETS if name not in names]
-    return tuple(names)
 
 
 def _sets(

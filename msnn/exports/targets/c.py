@@ -33,6 +33,7 @@ def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:
     if entry is not None and entry.is_fixed_point:
         from msnn.exports.targets.fixed_point import TARGET as FIXED_POINT  # few ask for integers
 
+        # its plan names its own target, so that all that follows is that of integers
         return FIXED_POINT.prepare(request, entry)
     options = _options(request, entry)
     delay = () if entry is None else entry.delay
@@ -73,6 +74,7 @@ def _options(request: Request, entry: CExport | None) -> COptions:
 
 def _refuse_vast(step: Program, request: Request, entry: CExport | None) -> None:
     remembered = sum(Type(state.axes).size for state in step.states)
+    # ∂x'/∂x is the largest of the matrices
     numbers = remembered * max(remembered, 1)
     if numbers > MOST_ENTRIES:
         place = None if entry is None else entry.place.key

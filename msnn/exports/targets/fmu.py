@@ -21,6 +21,7 @@ from spec_schema.sections.exports import FmuExport
 
 def _prepare(request: Request, entry: FmuExport | None) -> ExportPlan[COptions] | None:
     delay = () if entry is None else entry.delay
+    # arrays stay whole: a tool may set any of their numbers
     step = step_program(request, entry, delay, keeps_arrays=True)
     if step is None:
         return None
@@ -53,6 +54,8 @@ def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[
     try:
         return write_fmu(plan.program, weights, folder, c_options(plan), platforms)
     except CompilerFailedError as error:
+        # one that is there and fails is told as what it is: its flags or headers are not ours to
+        # mend
         raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
 
 

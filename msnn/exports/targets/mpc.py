@@ -45,6 +45,7 @@ def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | 
             report(predictive_control.no_control(entry.place.key))
         return None
     place = None if request.model.spec.mpc is None else request.model.spec.mpc.place.key
+    # the C decides anew at every sample; blocks are for solvers in Python
     if control is not None and any(block > 1 for block in control.blocks):
         report(predictive_control.unsupported_blocks(place))
         return None
@@ -110,6 +111,7 @@ def _write_units(
     from compiler.optimal_control.trained import trained
 
     def sources(prefix: str) -> dict[str, str]:
+        # a unit has the sources of its own part alone, without self-tests
         own = [path for path in files if path.name.startswith(prefix)]
         code = [path for path in own if path.suffix in (".c", ".h") and "selftest" not in path.name]
         return {path.name: path.read_text(encoding="utf-8") for path in code}
@@ -186,6 +188,7 @@ def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Ag
         if control is not None:
             own = _own(control.program, weights)
             judges = [compare_controller, *([compare_controller_units] if units else [])]
+            # plans by their conditions, units by the bits of the C
             found += [judge(control, own, folder, plan.float_type, TARGET.name) for judge in judges]
         if estimation is not None:
             own = _own(estimation.program, weights)
