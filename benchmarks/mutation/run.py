@@ -31,7 +31,7 @@ from msnn.exports.export import plan_exports, write_export
 from msnn.model.load import load_model
 from msnn.verification.exported_c import read_exported_c
 from msnn.verification.host.host_checks import writable_objects
-from msnn.verification.proof_step import ToolFailedError
+from msnn.verification.proof_step import ToolFailedError, ToolTimedOutError
 from spec_schema.diagnostics.diagnostic import Findings
 
 GALLERY = Path(__file__).parents[2] / "examples" / "gallery"
@@ -228,7 +228,7 @@ def _seen(mutant: Mutant, export: Path, objects: dict[str, Path], folder: Path) 
     try:
         if writable_objects([changed], ["-w", *includes], folder):
             return True
-    except ToolFailedError:
+    except (ToolFailedError, ToolTimedOutError):
         return None
     others = [path for name, path in objects.items() if name != mutant.file]
     subprocess.run(["gcc", compiled, *others, "-o", program, "-lm"], check=True)

@@ -26,6 +26,7 @@ def changes(
     Where both are of runs, each is measured by the `validate` entries of its own spec on its data,
     below `data_root`. Data that cannot be read are a warning; with `must_measure` SpecError.
     """
+    # a spec alone has no weights that could be measured, and one side alone compares with nothing
     if old.run is None or new.run is None:
         return model_changes(old, new)
     warnings: list[Diagnostic] = []
@@ -44,16 +45,19 @@ def _trained(
     progress: RolloutProgress | None,
     warnings: list[Diagnostic],
 ) -> Trained:
+    # opened for runs alone: most comparisons are of texts
     from msnn.api.measurements import validate
     from msnn.errors.results.changes import not_measured
     from msnn.model.kept_run import WEIGHTS
     from msnn.model.model_weights import choose_weights
 
     assert model.run is not None
+    # not through `latest`: of two runs of one model each has its own
     chosen = choose_weights(model, model.run / WEIGHTS, model.run.parent).weights
     try:
         found = validate(model, chosen, data_root=data_root, progress=progress)
     except SpecError as error:
+        # the caller fails on metrics: without any, nothing would have been judged
         if must_measure:
             raise
         warnings.append(not_measured(which, error.diagnostics[0].message))

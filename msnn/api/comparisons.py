@@ -61,6 +61,7 @@ def compare(
         by=by,
         cost=cost,
     )
+    # a path alone, which is a sequence of letters too
     return _ranked([specs] if isinstance(specs, str | Path) else specs, grid, options, listener)
 
 
@@ -122,6 +123,7 @@ def sweep(
         common,
         draws=_draws(draw, draws, draw_seed),
         ray=ray,
+        # text: it may be the address of a database, which no path is
         optuna=None if optuna is None else str(optuna),
     )
     return _ranked([spec], grid, options, listener)
@@ -180,6 +182,8 @@ def _draws(draw: Sequence[str] | Mapping[str, str], count: int | None, seed: int
     from spec_schema.diagnostics.diagnostic import SpecError
 
     axes = draw_axes(draw)
+    # a number without laws is a `draw` that was forgotten
     if count is not None and not axes:
         raise SpecError((nothing_drawn(count),))
+    # without laws the grid alone is trained
     return Draws(axes, (_USUAL_DRAWS if count is None else count) if axes else 0, seed)

@@ -70,6 +70,7 @@ def validate(
     weights are then a result or the path of a run. Raises SpecError.
     """
     dataset = None
+    # intervals are counted on the data of the spec, whatever the entries read
     if intervals or needs_data(model):
         dataset = measured(model, data, data_root, "validation")
     return validate_on(
@@ -86,6 +87,7 @@ def validate(
 def needs_data(model: Model) -> bool:
     """Whether anything is measured on the data of the spec: not where all entries have files."""
     checks = model.spec.checks
+    # a spec without entries is measured by one of its own, on these data
     return not checks or any(check.files is None for check in checks)
 
 

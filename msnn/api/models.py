@@ -49,6 +49,7 @@ def load(spec: str | Path | Mapping[str, object], settings: Settings = ()) -> Mo
     texts = setting_texts(settings)
     if isinstance(spec, Mapping):
         return load_model(OF_MAPPING, texts, text=spec_text(spec))
+    # no path has a line end, and no spec of one line says anything
     if isinstance(spec, str) and "\n" in spec:
         return load_model(OF_TEXT, texts, text=spec)
     return load_model(spec, texts)
@@ -153,10 +154,12 @@ def torch_module(
     plans = plan_exports(model, ["torch"], findings)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
+    # one target was asked for
     (plan,) = plans
     dtype = {"float32": torch.float32, "float64": torch.float64}[plan.float_type]
     module = StepModule(plan.program, dtype, find_device(device).torch)
     names = {parameter.name for parameter in plan.program.parameters}
+    # what the outputs of the export do not need is no parameter of it
     module.model.load_physical({name: known[name] for name in names})
     return module
 
@@ -221,6 +224,7 @@ def export(
 
     findings = Findings()
     known = known_in(model, weights)
+    # `all` is a name, too
     names, _ = writable_targets([target], model.spec.export, is_online=model.is_online)
     plans = plan_exports(model, names, findings, weights=known)
     if findings.failed:

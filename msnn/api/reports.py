@@ -150,6 +150,7 @@ def _measured(
     runs: tuple[Simulation, ...] = ()
     validation: ValidationReport | None = None
     data = _read(model, frames, data_root, warnings)
+    # entries with files of their own are measured all the same
     if data is None and needs_data(model):
         return data, runs, validation
     try:
@@ -204,9 +205,11 @@ def _line(folder: Path) -> RunLine | None:
     """The line of the run in the log of trainings beside it."""
     from msnn.training.records import run_log
 
+    # a run lies in the folder of its model below the log, a fold in its run
     for above in folder.absolute().parents[:3]:
         lines = run_log.read(above / run_log.LOG)
         for line in reversed(lines):
+            # resolved: `latest` is a link to the folder that the log names
             if line.folder is not None and (above / line.folder).resolve() == folder.resolve():
                 return line
     return None
@@ -220,6 +223,7 @@ def _verification(file: Path) -> dict[str, Any]:
     try:
         refuse_endless(file)
         found = json.loads(file.read_text(encoding="utf-8"))
+        # all that the page reads, so that it need not look again
         _ = found["model"]
         for result in found["results"]:
             _ = result["check"], result["target"], result["detail"], result["verdict"]

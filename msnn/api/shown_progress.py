@@ -34,11 +34,14 @@ _AGAIN = 0.2
 def heard_by(hearer: Hearer) -> Progress:
     """The progress that a caller of `train` asks for."""
     if hearer is None or isinstance(hearer, bool):
+        # a notebook's stderr is no terminal, and carriage returns pile up there
         if hearer is not False and in_notebook():
             return NotebookLines()
+        # stdout is for what a program prints
         live = is_live(sys.stderr)
         shown = live if hearer is None else hearer
         return Lines(sys.stderr, terminal=live) if shown else Silent()
+    # said before data are read, which may take minutes
     if not callable(hearer) and not hasattr(hearer, "epoch_ended"):
         wanted = "None, True, False, a function, or an object that hears of epochs"
         raise TypeError(f"progress is {type(hearer).__name__}; it may be {wanted}")
@@ -47,6 +50,7 @@ def heard_by(hearer: Hearer) -> Progress:
 
 def in_notebook() -> bool:
     """Whether a Jupyter kernel runs this; IPython in a terminal is a terminal."""
+    # looked for, not imported: a script need not wait for it
     shell: Any = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return shell is not None and hasattr(shell, "kernel")
 
@@ -85,8 +89,10 @@ class NotebookLines:
 
     def epoch_ended(self, event: EpochEnd) -> None:
         now = time.monotonic()
+        # each drawing is a message to the browser, and short epochs are thousands a second
         if now >= self._next:
             self._next = now + _AGAIN
+            # all attempts of a stage fill one bar
             done = (event.attempt - 1) * event.epochs + event.epoch
             self._show(epoch_text(event), done / (event.attempts * event.epochs))
 
@@ -100,9 +106,12 @@ class NotebookLines:
 
     def _show(self, now: str = "", share: float | None = None) -> None:
         bar = "" if share is None else f'<progress value="{share:.4f}"></progress>'
+        # names of stages are the spec's, and may hold anything
         html = f"<pre>{escape(chr(10).join(self._said))}\n{bar} {escape(now)}</pre>"
         text = "\n".join([*self._said, *([f"  {now}"] if now else [])])
         shown = {"text/html": html, "text/plain": text}
+        # only now: a display without content would leave an empty line where training fails at
+        # once
         if self._handle is None:
             self._handle = self._display.display(shown, raw=True, display_id=True)
         else:

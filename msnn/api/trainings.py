@@ -60,6 +60,7 @@ def train(
     from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
 
     require_what_trains(model.spec.train)
+    # all ranks have the same weights: the files of one are enough
     if ranks is not None and not ranks.is_first:
         runs, tensorboard = None, False
     options = replace(_options(model, runs, tensorboard, device), resume=resume, ranks=ranks)
@@ -71,12 +72,14 @@ def train(
         try:
             found = engine.train(model.program, dataset, model.spec.train, options, heard, first)
         except TrainingDivergedError as error:
+            # before it is raised: a comparison counts what diverged, too
             log(options.runs, diverged(line, error))
             raise TrainingDivergedError(
                 error.diagnostic,
                 shown_training(error.result, model, heard),
                 is_latest=error.is_latest,
                 sources=model.sources,
+                # one error, not two: the engine's own says the same without tables
             ) from None
         except TrainingInterruptedError as error:
             shown = shown_training(error.result, model, heard)
@@ -112,6 +115,7 @@ def train_folds(
     from msnn.training import folds
     from msnn.training.engines.what_trains import require_what_trains
 
+    # frames for each set leave nothing for folds to divide
     refuse_sets(data)
     require_what_trains(model.spec.train)
     options = replace(_options(model, runs, tensorboard, device), resume=resume)
@@ -150,6 +154,7 @@ def stage_loss(
     schedule and limits of gradients are yours. `data` and `device` as in `train`. Raises SpecError
     and MissingExtraError.
     """
+    # before the data are read: the message needs none
     TORCH.require("gives the loss of a stage as a module")
     from msnn.training.engines.devices import find_device
     from msnn.training.stage_loss_module import stage_loss as opened

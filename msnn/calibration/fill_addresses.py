@@ -52,6 +52,7 @@ def fill_addresses(elf: Path, export: Path, chosen: Mapping[str, str]) -> Filled
     text, description = _export(export)
     prefix: str = description["prefix"]
     links = linked(text)
+    # a struct that nothing is linked to needs no variable
     counts = {s: sum(link.startswith(f"{prefix}_{s}_t.") for link in links) for s in OPTIONS}
     types = {struct: f"{prefix}_{struct}_t" for struct in OPTIONS if counts[struct]}
     found = elf_variables(elf, types.values())
@@ -68,6 +69,7 @@ def fill_addresses(elf: Path, export: Path, chosen: Mapping[str, str]) -> Filled
             instances[struct] = instance
         elif not there:
             warnings.append(faults.without_address(type, counts[struct]))
+    # after all structs: one look at the options mends them together
     findings.raise_errors()
     symbols = _symbols(instances)
     return Filled(

@@ -98,10 +98,12 @@ def _of_kind(
     spans: Mapping[str, Span | None],
 ) -> Iterator[InterfaceChange]:
     before, after = _by_name(old[kind.section]), _by_name(new[kind.section])
+    # both, without doubles: what went stands where it was
     for name in dict.fromkeys((*before, *after)):
         part, span = f"{kind.part} {name}", spans.get(name)
         left, right = before.get(name), after.get(name)
         if left is not None and right is not None:
+            # of one kind the same properties in the same order
             pairs = zip(properties(kind.part, left), properties(kind.part, right), strict=True)
             for one, other in pairs:
                 if one.text != other.text:
@@ -139,6 +141,7 @@ def _of_dimensions(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[I
     # in the order of the spec: a set of names has another one in each process
     for name in (name for name in before if name in after):
         left, right = before[name]["labels"], after[name]["labels"]
+        # another length is told of every array that has the dimension
         if left != right and len(left) == len(right):
             yield InterfaceChange(
                 part=f"dimension {name}",
@@ -159,6 +162,7 @@ def _is_shown(item: Mapping[str, Any]) -> bool:
 
 
 def _described(part: Part, item: Mapping[str, Any]) -> str:
+    # it follows from the name, which stands beside
     facts = (each for each in properties(part, item) if each.name != NAME_IN_EXPORTS)
     return ", ".join(each.text for each in facts if each.text) or "there"
 

@@ -38,7 +38,9 @@ def metric_changes(old: ValidationReport, new: ValidationReport) -> tuple[Metric
     """Every metric that either spec asks for, in the order of the new one."""
     before, after = _by_meaning(old), _by_meaning(new)
     return tuple(
-        _change(before.get(meaning), after.get(meaning)) for meaning in {**after, **before}
+        # the new one's order, then what only the old one measures
+        _change(before.get(meaning), after.get(meaning))
+        for meaning in {**after, **before}
     )
 
 
@@ -70,6 +72,7 @@ def _change(old: MetricRow | None, new: MetricRow | None) -> MetricChange:
     growth, note = None, ""
     if old is None or new is None:
         note = "only in the new spec" if old is None else "only in the old spec"
+    # not converted: a unit of a target that changed may be a mistake
     elif old.unit != new.unit:
         note = f"in {unit_text(old.unit) or '1'} before"
     else:

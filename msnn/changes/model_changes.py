@@ -70,6 +70,7 @@ def model_changes(
     if runs is not None:
         before, after = runs
         learned = _learned(new.program, before.weights, after.weights)
+        # one of them alone would call every metric new
         if before.validation is not None and after.validation is not None:
             metrics = metric_changes(before.validation, after.validation)
     return ModelChanges(
@@ -93,6 +94,8 @@ def _learned(
             new=float(new[parameter.name].item()),
         )
         for parameter in program.parameters
+        # arrays have pictures and reports; a table of thousands of numbers says nothing
         if parameter.learn and not parameter.axes
+        # the old model may have had an array of this name
         if parameter.name in old and old[parameter.name].size == 1
     )

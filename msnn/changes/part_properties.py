@@ -59,6 +59,7 @@ def properties(part: Part, item: Mapping[str, Any]) -> tuple[Property, ...]:
 
 def _range(bounds: _Bounds, breaks: str, *, is_promise: bool) -> Property:
     low, high = bounds or (None, None)
+    # an open side covers everything, so that no case of its own is needed
     ends = (-math.inf if low is None else low, math.inf if high is None else high)
     text = "" if ends == (-math.inf, math.inf) else f"{ends[0]:g} … {ends[1]:g}"
     if is_promise:

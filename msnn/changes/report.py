@@ -27,6 +27,7 @@ def changes_markdown(found: ModelChanges, margin: float) -> str:
     head = f"## {found.name}: {verdict(found, margin)}"
     parts = [head, *(table.markdown for table in _tables(found, margin))]
     if specs := _specs_text(found.specs):
+        # docs of a spec may hold fences of their own
         fence = "`" * (3 + specs.count("```"))
         shown = f"{fence}text\n{specs}\n{fence}"
         parts.append(f"<details><summary>Changes of the spec</summary>\n\n{shown}\n\n</details>")

@@ -19,9 +19,13 @@ def answer(error: Exception) -> ExitCode:
             report([error.diagnostic], ())
             return ExitCode.MISSING_EXTRA
         case OSError():
+            # no path where the failing call knew none: a socket, a pipe, or a library that keeps
+            # only strerror
             path = "" if error.filename is None else str(error.filename)
             report([refused_by_system(path, (error.strerror or str(error)).lower())], ())
             return ExitCode.DIAGNOSTICS
+        # told as the user's to cure, not as a bug: what does not fit is decided by the spec and the
+        # data
         case MemoryError():
             note("out of memory: a smaller `batch` or fewer rows at once may fit")
             return ExitCode.DIAGNOSTICS

@@ -64,6 +64,7 @@ def application(verbs: Sequence[str] = VERBS) -> typer.Typer:
     )
     app.callback()(_options)
     for name in verbs:
+        # verbs import what they work with inside their functions, so that this loads options alone
         module = import_module(f"msnn.cli.verbs.{_MODULES.get(name, name)}")
         verb = getattr(module, _FUNCTIONS.get(name, name))
         app.command(name, cls=VerbCommand)(with_manners(verb))
@@ -92,9 +93,13 @@ def run(arguments: Sequence[str]) -> int:
     forget_manners()
     LINE_WIDTH.set(terminal_width())
     code = _ended(arguments)
+    # after a wrong command line or a bug there is no log: an empty one would read as "nothing
+    # found"
     if NOW.messages == "sarif" and code not in (ExitCode.USAGE, ExitCode.BUG):
         _tell_kept_messages()
     if NOW.output is not None and code not in (ExitCode.USAGE, ExitCode.BUG):
+        # a file that cannot be written fails a command that went well, and hides no worse end of
+        # another
         code = max(code, _ended_writing(NOW.output, NOW.results))
     if NOW.is_verbose:
         print(f"took {time.monotonic() - began:.2f} s", file=sys.stderr)
@@ -116,18 +121,23 @@ def _ended_writing(path: Path, results: Sequence[str]) -> int:
 
 def _ended(arguments: Sequence[str]) -> int:
     try:
+        # only the verb that was asked for; with none that is known all, for `--help` and for "did
+        # you mean"
         verbs = arguments[:1] if arguments[:1] and arguments[0] in VERBS else VERBS
         application(verbs)(list(arguments), prog_name="msnn")
+    # typer ends every command so, with its code; an interrupt inside of a callback comes as one too
     except SystemExit as end:
         if is_interrupt(end):
             return _tell_of_interrupt()
         return end.code if isinstance(end.code, int) else ExitCode.OK
     except KeyboardInterrupt:
         return _tell_of_interrupt()
+    # `msnn show … | head` has got what it wanted: no failure, as for other tools of a shell
     except ReaderGoneError:
         _write_no_more()
         return ExitCode.OK
     except Exception as error:  # noqa: BLE001  (the one place that answers for every failure)
+        # a library that was interrupted may raise an error of its own, which then is no bug
         if is_interrupt(error):
             return _tell_of_interrupt()
         from msnn.cli.answer import answer
@@ -151,6 +161,7 @@ def _tell_kept_messages() -> None:
 
 def _write_no_more() -> None:
     """Nothing may be written when the process ends either."""
+    # the interpreter flushes stdout as it ends, which would fail once more and print a traceback
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -19,6 +19,7 @@ SpecFile: TypeAlias = Annotated[
 ]
 
 
+# refused while words are read, as a mistake of the command line (exit 2), before any file is opened
 def _wants_value(settings: list[str] | None) -> list[str] | None:
     for setting in settings or ():
         path, equals, _ = setting.partition("=")
@@ -104,6 +105,7 @@ def refuse_undrawable(plot: Path | None) -> None:
     require_plotting()
 
 
+# of trainings alone: simulations also run on exports, whose names `known_engine` checks with a hint
 class EngineName(StrEnum):
     """What computes a training stage."""
 
@@ -148,6 +150,7 @@ class ResultFormat(StrEnum):
 def tell_messages(format: StrEnum) -> StrEnum:
     """Tells messages of the whole command as its `--format` says; the others are the result's."""
     match format.value:
+        # `text` and `json` say how the result looks; messages stay in full on stderr beside both
         case "concise" | "github" | "sarif" as chosen:
             NOW.messages = chosen
         case _:

@@ -35,6 +35,8 @@ def show_comparison(
         from msnn.comparison.plot import plot_comparison
 
         note(f"drawn: {plot_comparison(plot, found)}")
+    # a refused spec comes before divergence: it is to be mended, where another seed may do for the
+    # other
     if any(line.state == "refused" for entry in found.entries for line in entry.failed):
         raise typer.Exit(ExitCode.DIAGNOSTICS)
     if found.best is None:
@@ -43,5 +45,6 @@ def show_comparison(
 
 def end_interrupted() -> typer.Exit:
     """Says how an interrupted comparison goes on."""
+    # what `runs.jsonl` has is not trained again: the same command line is how it goes on
     note(f"interrupted; this goes on: {shlex.join(['msnn', *sys.argv[1:]])}")
     return typer.Exit(ExitCode.INTERRUPTED)

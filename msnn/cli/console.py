@@ -17,6 +17,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.render import render
 from spec_schema.diagnostics.source import SourceText
 
+# `msnn.model` loads the compiler, which `fmt`, `explain` and `schema` do without
 if TYPE_CHECKING:
     from msnn.model.model import Model
 
@@ -65,6 +66,7 @@ def note(text: str) -> None:
 
 def progress_stream() -> TextIO:
     """Where a command says how far it is; nowhere with `--quiet`."""
+    # no stream that a test for a terminal takes for one: nothing is then rewritten in place
     return _Nowhere() if NOW.is_quiet or NOW.is_silent else sys.stderr
 
 
@@ -79,7 +81,10 @@ def _say(text: str, stream: TextIO) -> None:
     if NOW.is_silent:
         return
     try:
+        # flushed at once: messages on stderr and results on stdout then interleave as they were
+        # said
         print(text, file=stream, flush=True)
+    # before OSError, of which it is one: a reader that has gone is no failure of the command
     except BrokenPipeError as error:
         raise ReaderGoneError from error
     except OSError as error:  # which names no file, as a stream has none
@@ -90,6 +95,8 @@ def _say(text: str, stream: TextIO) -> None:
 
 def report(diagnostics: Sequence[Diagnostic], sources: Iterable[SourceText]) -> None:
     """Diagnostics on stderr, as `--format` says; those in full stand apart from what comes next."""
+    # kept even with `--quiet`: the log is the result, and readers of it filter by severity
+    # themselves
     if NOW.messages == "sarif":
         NOW.kept.extend(diagnostics)
         return
@@ -97,6 +104,7 @@ def report(diagnostics: Sequence[Diagnostic], sources: Iterable[SourceText]) -> 
         diagnostics = [found for found in diagnostics if found.severity == "error"]
     if not diagnostics:
         return
+    # what ends a command is its last line; a warning in full has a result after it and stands apart
     failed = any(diagnostic.severity == "error" for diagnostic in diagnostics)
     end = "\n" if NOW.messages == "full" and not failed else ""
     text = render(diagnostics, NOW.messages, sources, color=wants_color(sys.stderr))
@@ -111,6 +119,7 @@ def report_model(model: Model) -> None:
 
 def wants_color(stream: TextIO) -> bool:
     """Whether a stream shows colours: no-color.org, FORCE_COLOR, then whether it is a terminal."""
+    # no-color.org: present and not empty, whatever its value
     if os.environ.get("NO_COLOR"):
         return False
     forced = os.environ.get("FORCE_COLOR")

@@ -8,6 +8,8 @@ import signal
 def interrupt_on_signals() -> None:
     """Lets Ctrl-C and SIGTERM raise KeyboardInterrupt; one that the process ignores stays so."""
     for number in (signal.SIGINT, signal.SIGTERM):
+        # `nohup` and shells that start a job in the background set SIG_IGN, which is a wish to be
+        # left alone
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)
 
@@ -18,5 +20,6 @@ def is_interrupt(error: BaseException) -> bool:
     while found is not None:
         if isinstance(found, KeyboardInterrupt):
             return True
+        # `raise … from error` sets the cause, an error while another is handled only the context
         found = found.__cause__ or found.__context__
     return False

@@ -30,6 +30,7 @@ def main() -> NoReturn:
         # pydantic would look for plugins in every distribution of the environment
         os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
+        # before the import below, which takes most of the time of a short command
         interrupt_on_signals()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, TextIOWrapper):
@@ -38,6 +39,7 @@ def main() -> NoReturn:
         from msnn.cli.application import run
 
         code = int(run(sys.argv[1:]))
+    # KeyboardInterrupt is no Exception, and an import may wrap it in an ImportError
     except BaseException as error:
         if not is_interrupt(error):
             raise

@@ -37,10 +37,13 @@ class Manners:
     """Messages of the log of SARIF, which is the only result then."""
 
 
+# global, as what prints is called from everywhere; `forget_manners` keeps commands of one process
+# apart
 NOW = Manners()
 """Of the one command that this process runs."""
 
 
+# in place, as others have imported NOW: a new object would leave them with the old one
 def forget_manners() -> None:
     """Before a command: as if no option had been given."""
     NOW.is_quiet, NOW.is_verbose, NOW.output = False, False, None
@@ -51,6 +54,8 @@ def forget_manners() -> None:
 
 def terminal_width() -> int | None:
     """Columns that tables may take; None where no terminal shows them."""
+    # asked for only of a terminal: without one it answers COLUMNS or 80, and files would be cut to
+    # that
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
@@ -79,6 +84,7 @@ _OWN_PLACES = {"out", "output"}
 
 def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
     """The verb with `-q`, `-v`, and `-o` where its own options name no place to write to."""
+    # typer reads the types of options, which `from __future__ import annotations` leaves as texts
     own = signature(verb, eval_str=True)
     options: dict[str, tuple[Any, bool | None]] = {
         "be_quiet": (_Quiet, False),
@@ -87,6 +93,7 @@ def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
     if not _OWN_PLACES & own.parameters.keys():
         options["write_to"] = (_Output, None)
 
+    # typer takes help and name from what wraps copies
     @wraps(verb)
     def mannered(**arguments: Any) -> None:
         asked = [arguments.pop(option) for option in options]
@@ -97,7 +104,10 @@ def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
         Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
         for name, (annotation, default) in options.items()
     ]
+    # keywords alone: parameters without a default could else not stand behind those with one
     parameters = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in own.parameters.values()]
+    # inspect follows __wrapped__ to the verb's own signature unless there is this one; typer reads
+    # types from __annotations__
     mannered.__signature__ = Signature([*parameters, *added])  # pyright: ignore[reportAttributeAccessIssue]
     mannered.__annotations__ = {p.name: p.annotation for p in (*parameters, *added)}
     return mannered
@@ -107,6 +117,7 @@ def _behave(is_quiet: bool, is_verbose: bool, output: Path | None = None) -> Non
     if is_quiet and is_verbose:
         raise typer.BadParameter("excludes `--verbose`", param_hint="'--quiet'")
     NOW.is_quiet, NOW.is_verbose = is_quiet, is_verbose
+    # a file gets whole tables, however wide the terminal is
     if output not in (None, STANDARD_OUTPUT):
         NOW.output = output
         LINE_WIDTH.set(None)

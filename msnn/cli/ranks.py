@@ -24,6 +24,8 @@ def joined_ranks() -> Generator[GlooRanks | None]:
     The first one says how it goes. What ends the command is said by the process that meets it
     first.
     """
+    # found in the environment that torchrun sets, so that a command on its own never loads torch
+    # here
     if not is_one_of_several():
         yield None
         return
@@ -37,6 +39,7 @@ def joined_ranks() -> Generator[GlooRanks | None]:
     except BaseException as error:
         # torchrun ends the others soon: what there is to say is said before
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        # one process alone tells it: several messages of one mistake would be mixed line by line
         speaks = ranks.is_speaker() or (ranks.is_first and _is_of_lost_rank(error))
         NOW.is_silent = not speaks
         raise
@@ -52,4 +55,6 @@ def speak_once() -> None:
     if is_one_of_several():
         # torchrun ends the others soon: what there is to say is said before
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        # by the environment, as the processes have not joined: what fails before that fails in all
+        # alike
         NOW.is_silent = os.environ.get("RANK") != "0"

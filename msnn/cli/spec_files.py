@@ -22,6 +22,7 @@ def spec_files(paths: Sequence[Path]) -> Iterator[Path]:
     The folder of a run stands for itself. A folder without specs is a usage error.
     """
     for path in paths:
+        # the folder of a run is loaded as one model, with the settings that it was trained with
         if path.is_dir() and not (path / DESCRIPTION).is_file():
             found = sorted(_below(path))
             if not found:
@@ -35,6 +36,7 @@ def spec_files(paths: Sequence[Path]) -> Iterator[Path]:
 def _below(folder: Path) -> Iterator[Path]:
     for path in folder.iterdir():
         if path.is_dir():
+            # links to folders may lead in a circle, hidden ones are those of tools
             if not path.name.startswith(".") and path.name not in _MADE and not path.is_symlink():
                 yield from _below(path)
         elif path.name.endswith(_ENDINGS):

@@ -12,8 +12,10 @@ class VerbCommand(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """As typer does it; what is left over ends the command with a repair."""
+        # so that click hands the words back instead of refusing them without a repair
         ctx.allow_extra_args = True
         left = super().parse_args(ctx, args)
+        # completion in a shell parses half a command line, which is no mistake
         if left and not ctx.resilient_parsing:
             options = {option for parameter in self.params for option in parameter.opts}
             words = " ".join(left)

@@ -131,12 +131,15 @@ def compare(
         else:
             stages = read_spec(variant.spec, settings=variant.settings).spec.train
         require_what_trains(stages)
+        # what workers import before they are forked: torch once, not in each of them
         modules |= slow_modules(stages)
     if options.criterion is not None:
         first = {variant.spec: variant for variant in reversed(compared)}
         for variant in first.values():
             model = load_model(variant.spec, variant.settings)
+            # planned, as nothing is measured yet: a typing error is told before hours of training
             named_criterion(planned(model), options.criterion)
+    # looked for once, or each of hundreds of trainings would miss the same tool
     missing = missing_tools() if options.counts_cost else ()
     setup = Setup(
         data=options.data,
@@ -150,10 +153,12 @@ def compare(
     waiting, count = Waiting(trials), len(trials)
     if options.optuna is not None:
         asked = (options.optuna, options.draws, options.criterion, setup, lists)
+        # what is proposed next depends on what came out: the list is never whole
         proposals, trials = Proposals(search_of(compared[0], *asked), lists), []
         waiting = Waiting((), proposals.more)
         count = options.draws.count * len(lists.of(compared[:1]))
     log = None if options.runs is None else options.runs / LOG
+    # later lines win: one that was completed by its cost stands behind the first
     known = {} if log is None else {line.key: line for line in read(log)}
     lines: dict[Variant, list[RunLine]] = {trial.variant: [] for trial in trials}
     ran: dict[str, Trial] = {}
@@ -163,7 +168,9 @@ def compare(
 
         running = ray_outcomes(waiting, setup, known, options.ray)
     else:
+        # no more processes than there is work
         running = outcomes(waiting, setup, known, min(options.jobs, count), sorted(modules))
+    # an exception here ends the generator at its yield, and with it the processes
     with closing(running) as ended:
         for trial, outcome in ended:
             line = outcome.line
@@ -180,6 +187,7 @@ def compare(
             ran[line.key] = trial
     for found in lines.values():  # as they ended: the table says the same of the same log
         found.sort(key=lambda line: (line.seed, line.fold or 0))
+    # only the first seed is costed while trainings run: all of a variant have the same operations
     for found in lines.values() if setup.counts_cost else ():
         _cost_another(found, ran, setup, log)
     return _judged(lines, options, tuple(tool.package for tool in missing))
@@ -238,6 +246,7 @@ def _refuse_twice(grid: Sequence[GridAxis], options: ComparisonOptions) -> None:
         by = next((axis for axis in swept if _replaces(axis, path)), None)
         if by is not None:
             raise SpecError((set_and_swept(path, by),))
+    # Optuna proposes each value: a grid beside it would be trained once for every proposal
     if options.optuna is not None and grid:
         raise SpecError((grid_of_a_search(grid[0].path),))
     if options.optuna is not None and not options.draws.axes:
@@ -245,6 +254,7 @@ def _refuse_twice(grid: Sequence[GridAxis], options: ComparisonOptions) -> None:
 
 
 def _replaces(later: str, path: str) -> bool:
+    # a setting of a table replaces all that is below it
     return path == later or path.startswith(f"{later}.")
 
 

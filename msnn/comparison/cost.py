@@ -15,6 +15,7 @@ from msnn.verification.exported_c import read_exported_c
 from msnn.verification.tools import ARM_GCC, ARM_QEMU, GCC, Tool
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 
+# the commonest core with single precision in hardware
 _BOARD = frozenset({"m4"})
 _NEEDS = (ARM_GCC, ARM_QEMU, GCC)
 
@@ -33,7 +34,7 @@ def c_cost(model: Model, weights: Mapping[str, FloatArray]) -> Cost | None:
     if missing_tools():
         return None
     findings = Findings()
-    plans = plan_exports(model, ("c",), findings)
+    plans = plan_exports(model, ("c",), findings, weights=weights)
     if findings.failed or not plans:
         return None
     with tempfile.TemporaryDirectory() as place:

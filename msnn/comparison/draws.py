@@ -38,6 +38,7 @@ class Bounds:
             case "uniform":
                 number = self.low + share * (self.high - self.low)
             case "log":
+                # low^(1−s) high^s
                 number = self.low * (self.high / self.low) ** share
             case "integer":
                 # both bounds are drawn, as often as the numbers between
@@ -128,6 +129,7 @@ def draw_axes(given: Sequence[str] | Mapping[str, str]) -> tuple[DrawAxis, ...]:
     """
     if isinstance(given, Mapping):
         return tuple(_axis(path, law, f"{path}={law}") for path, law in given.items())
+    # the first `=`: laws have none, texts of a choice may
     split = ((text, *text.partition("=")) for text in given)
     return tuple(_axis(path, law, text) for text, path, _, law in split)
 
@@ -171,6 +173,7 @@ def _require_bounds(found: Bounds, text: str) -> None:
 
 def _share(seed: int, draw: int, path: str) -> float:
     # not `hash`, which differs from process to process
+    # numpy mixes the words of a seed (SeedSequence), so that neighbouring draws are independent
     key = (seed, draw, zlib.crc32(path.encode()))
     return float(np.random.default_rng(key).random())
 

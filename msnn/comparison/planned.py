@@ -37,5 +37,6 @@ def _planned(plan: CheckPlan) -> Measured:
         rollout=rollout_text(how),
         scored=0,
         asked="loss" if plan.metric is None else plan.metric,
+        # what will be known is which numbers there are: criteria are looked up by name
         metrics=dict.fromkeys(names, math.nan),
     )

@@ -39,6 +39,7 @@ def plot_comparison(path: Path, found: Comparison) -> Path:
                 textcoords="offset points",
                 fontsize="small",
             )
+    # from cheap to dear: the order of the table would fold the line back
     front = sorted((e.expense, e.score) for e in shown if e.is_on_front)
     axis.plot([x for x, _ in front], [y for _, y in front], color=COLORS[1], label="Pareto front")
     counted = any(not math.isnan(entry.instructions) for entry in shown)

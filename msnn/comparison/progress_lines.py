@@ -16,6 +16,7 @@ class TrialLines:
 
     def __init__(self, stream: TextIO, pause: float = 0.0) -> None:
         self._stream = stream
+        # so that the first line is printed at once
         self._pause, self._printed = pause, -pause
         self._began = time.monotonic()
         self._all = self._ended = self._trained = 0
@@ -46,6 +47,8 @@ class TrialLines:
         left = self._all - self._ended
         if not left or not self._trained:
             return ""
+        # of those that were trained here: what the log has costs no time, and others may still be
+        # in it
         each = (time.monotonic() - self._began) / self._trained
         return f"; at most {left * each:.0f} s left"
 

@@ -65,8 +65,8 @@ def search_of(
     return Search(
         storage=storage,
         spec=one.spec,
-        settings=one.settings[: -len(draws.axes)],
         # the drawn values are the last settings of a variant
+        settings=one.settings[: -len(draws.axes)],
         draws=draws,
         wanted=wanted,
         is_higher_better=Criterion(None, metric).is_higher_better,
@@ -93,6 +93,7 @@ class Proposals:
 
     def __post_init__(self) -> None:
         OPTUNA.require("proposes values for `--optuna`")
+        # an optional package, which brings SQLAlchemy: loaded where it is asked for
         self._optuna = import_module("optuna")
         self._optuna.logging.set_verbosity(self._optuna.logging.ERROR)
         self._study = self._opened()
@@ -126,9 +127,11 @@ class Proposals:
             self._asked += 1
             laws = {axis.path: self._law(axis) for axis in self._axes}
             with self._kept():
+                # laws of this command: a study of other laws has another name
                 asked = self._study.ask(laws)
             texts = [_text(axis, asked.params[axis.path]) for axis in self._axes]
             with self._kept():
+                # as rounded and written, not as asked for: what was trained is what is found again
                 asked.set_user_attr(_TEXTS, texts)
             variant = self._variant(texts)
             is_new = variant not in self._open and variant not in self._ended
@@ -149,6 +152,7 @@ class Proposals:
 
     def _tell(self, variant: Variant) -> None:
         lines = self._ended.get(variant, [])
+        # a mean of some seeds would be compared with one of all
         if len(lines) < len(self.lists.of([variant])):
             return
         score = _score(lines, self.search.wanted)
@@ -158,6 +162,7 @@ class Proposals:
     def _say(self, number: int, score: float | None) -> None:
         """Gives the study the value of a proposal, or none; one that another command gave stays."""
         state = self._optuna.trial.TrialState
+        # a diverged training says where not to look, but has no number that a sampler could use
         over = state.FAIL if score is None else state.COMPLETE
         with self._kept():
             self._study.tell(number, score, state=over, skip_if_finished=True)
@@ -175,6 +180,7 @@ class Proposals:
 
     def _variant(self, texts: Sequence[str]) -> Variant:
         search = self.search
+        # the same form of a variant as in a sweep without Optuna, so that its log serves both
         paths = tuple(axis.path for axis in self._axes)
         drawn = Drawn(paths, (tuple(texts),), search.draws.seed)
         (found,) = variants([search.spec], (), search.settings, drawn)
@@ -196,13 +202,17 @@ class Proposals:
         given = [(axis.path, str(axis.law)) for axis in self._axes]
         better = "maximize" if search.is_higher_better else "minimize"
         decides = (given, search.wanted, *search.decided_by)
+        # in the name: values of another model or data would mislead the sampler
         digest = hashlib.sha256(repr(decides).encode()).hexdigest()[:16]
         storage = search.storage
+        # it would be lost at the end, though `--optuna` promises that the study goes on
         if _IN_MEMORY.fullmatch(storage.strip()):
             raise SpecError((study_in_memory(storage),))
         try:
             if "://" not in storage:
                 Path(storage).parent.mkdir(parents=True, exist_ok=True)
+                # three slashes: a path relative to the working folder; an absolute one brings its
+                # own fourth
                 storage = f"sqlite:///{storage}"
             return self._optuna.create_study(
                 storage=storage,

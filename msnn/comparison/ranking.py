@@ -32,7 +32,10 @@ class Criterion:
     def of(self, measured: Sequence[Measured]) -> float:
         """The metric among those that were measured; NaN where it is not there."""
         found = (
-            each.metrics.get(self.metric, math.nan) for each in measured if each.way == self.way
+            # by way: two specs may measure one output over different rollouts
+            each.metrics.get(self.metric, math.nan)
+            for each in measured
+            if each.way == self.way
         )
         return next(found, math.nan)
 
@@ -77,10 +80,12 @@ class Ranked:
     @property
     def is_whole(self) -> bool:
         """Whether every training came to its end: the mean of some folds flatters."""
+        # folds that diverge are the hard ones
         return not self.failed and not math.isnan(self.score)
 
     @property
     def parameters(self) -> int:
+        # folds may leave out more or fewer by penalties
         return max((line.parameters for line in self.lines), default=0)
 
     @property
@@ -115,6 +120,7 @@ class Ranked:
                 continue
             n, p = each.scored, line.parameters
             aic = each.metrics["aic"]
+            # for each scored value, as variants with longer windows score fewer of them
             found.append((aic / n, (aic - 2 * p + p * math.log(n)) / n))
         if not found:
             return math.nan, math.nan
@@ -132,6 +138,7 @@ def common_ways(lines: Sequence[RunLine]) -> tuple[Way, ...]:
     shared = [each.way for each in lines[0].held_out]
     for line in lines[1:]:
         ways = {each.way for each in line.held_out}
+        # in the order of the first spec, whose first entry decides what is ranked by
         left = [way for way in shared if way in ways]
         if not left and (shared or ways):
             told = (lines[0].model, _told(lines[0]), line.model, _told(line))
@@ -169,6 +176,7 @@ def named_criterion(shared: Sequence[Measured], wanted: str) -> Criterion:
     measured, _, rollout = wanted.partition(":")
     of, _, metric = measured.rpartition(".")
     for each in shared:
+        # an output may have dots itself: the metric is what stands behind the last one
         alike = of in ("", each.of) and each.rollout.startswith(rollout)
         if alike and metric in each.metrics:
             return Criterion(each.way, metric)
@@ -188,6 +196,7 @@ def ranked(lines: Mapping[Variant, Sequence[RunLine]], criterion: Criterion) -> 
 
 
 def _order(entry: Ranked, sign: float) -> tuple[bool, bool, float, float]:
+    # False first: with a score before without, whole before not; of equals the cheaper
     return math.isnan(entry.score), not entry.is_whole, sign * entry.score, entry.expense
 
 
@@ -234,6 +243,7 @@ def cheapest_as_good(entries: Sequence[Ranked], criterion: Criterion) -> Ranked 
     best = next((entry for entry in entries if entry.is_best), None)
     if best is None or len(best.scores) < 2:
         return None
+    # the standard error of the mean over seeds and folds
     margin = best.deviation / math.sqrt(len(best.scores))
     near = [
         entry

@@ -18,6 +18,7 @@ from msnn.model.model import Model
 from msnn.model.model_data import measured
 from msnn.training.folds import of_fold
 
+# trials come variant by variant: more would only hold memory
 _MODELS, _TABLES = 4, 2
 _SAYS_NOTHING_OF_DATA = frozenset({"parameters", "train", "validate", "export"})
 """Sections that decide nothing of what is read from files."""
@@ -55,6 +56,8 @@ class Readings:
             model = self.model(variant, fold)
             found = measured(model, self.frames, self.root, "a comparison")
             alike = next((each for each in folds.values() if _are_equal(each, found)), None)
+            # folds differ in the set of each row; the series would otherwise be in memory once a
+            # fold
             folds[fold] = found if alike is None else replace(found, series=alike.series)
         return folds[fold]
 
@@ -81,6 +84,7 @@ class Latest(Generic[Value]):
 
     def get(self, key: Hashable, made: Callable[[], Value]) -> Value:
         """The value of the key, `made` where it is not kept."""
+        # taken out and put behind: the first one is that which was not asked for the longest
         value = self._kept.pop(key) if key in self._kept else made()
         self._kept[key] = value
         if len(self._kept) > self.most:

@@ -24,6 +24,7 @@ def comparison_cells(found: Comparison, most: int | None = None) -> Table:
     shown = (
         entry
         for place, entry in enumerate(found.entries)
+        # what failed is listed whatever its place: it is what has to be acted on
         if most is None or place < most or entry.is_on_front or entry.failed
     )
     rows = [_row(entry, found, others) for entry in shown]
@@ -55,6 +56,7 @@ def comparison_notes(found: Comparison) -> list[str]:
     if cheaper is not None:
         notes.append(f"within one standard error of it, and the cheapest: {cheaper.variant.label}")
     scored = {
+        # the same fold and way with another count: start rows that a window needs are not scored
         (line.fold, *m.way, m.scored)
         for e in found.entries
         for line in e.lines

@@ -95,10 +95,12 @@ def ready_trial(
     trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
 ) -> ReadyTrial | TrialOutcome:
     """What is to be trained; the outcome of what is known, or cannot be trained."""
+    # a spec that cannot be read has no hash; its line says at least which one was tried
     line = _unknown(trial)
     try:
         model = with_seed(readings.model(trial.variant, trial.fold), trial.seed)
         data = readings.data(trial.variant, trial.fold)
+        # before training: what cannot be compared need not be trained
         _require_rows(data, setup.held_out)
         line = begun(model, data, seed=trial.seed, fold=trial.fold, held_out=setup.held_out)
         line = replace(line, drawn_by=trial.variant.drawn_by)
@@ -117,12 +119,14 @@ def train_ready(ready: ReadyTrial, setup: Setup) -> TrialOutcome:
             return TrialOutcome(_trained(ready, setup), is_new=True)
     except (SpecError, MissingExtraError) as error:
         return refused(ready.line, error)
+    # an outcome and no end: in a sweep some learning rates always are too high
     except TrainingDivergedError as error:
         return TrialOutcome(diverged(ready.line, error), is_new=True)
 
 
 def trial_folder(model: Model, line: RunLine) -> Path:
     """Where a trial is kept, seen from the log."""
+    # by its key, no time: a training that was killed finds its checkpoint there
     return Path(model.name) / _FOLDER / line.key[:_KEY_SHOWN]
 
 
@@ -161,7 +165,7 @@ def _is_kept(line: RunLine, model: Model, setup: Setup) -> bool:
 
 
 def _require_rows(data: Dataset, held_out: str) -> None:
-    if held_out not in data.sets or not data.in_set(held_out).any():
+    if not data.has(held_out):
         raise SpecError((nothing_held_out(held_out, data.sets),))
 
 
@@ -192,6 +196,7 @@ def _completed(line: RunLine, ready: ReadyTrial, setup: Setup) -> RunLine:
         return line
     weights = read_weights(setup.runs / line.folder / WEIGHTS, model.program)
     if not line.training:
+        # what the spec asks for, on the training rows: information criteria are of these
         found = validate(model.program, data, model.spec.checks, weights, on=TRAIN)
         line = replace(line, training=measured_in(found))
     return replace(line, cost=c_cost(model, weights)) if lacks_cost else line
@@ -201,6 +206,7 @@ def _trained(ready: ReadyTrial, setup: Setup) -> RunLine:
     trial, line, model, data = ready.trial, ready.line, ready.model, ready.data
     first = redrawn_weights(model, trial.seed) if trial.seed else None
     heard = _Heard()
+    # standard errors take as long as some epochs, and no table shows them
     options = options_for(model, runs=setup.runs, has_errors=False)
     if setup.runs is not None:
         options = in_folder(options, setup.runs / trial_folder(model, line))

@@ -25,6 +25,7 @@ class TrialLists:
         """Every variant from the same seed before any from the next. Raises SpecError."""
         return [
             Trial(variant, seed, fold, is_costed=seed == 0 and fold in (None, 1))
+            # a comparison that is interrupted has every variant by one seed, not one variant by all
             for seed in range(self.seeds)
             for variant in compared
             for fold in self._folds(variant)
@@ -33,6 +34,7 @@ class TrialLists:
     def _folds(self, variant: Variant) -> Sequence[int | None]:
         if not self.folds:
             return (None,)
+        # folds are counted by reading files: once for all variants that read the same
         of_data = (setting for setting in variant.settings if setting.startswith("data"))
         key = (variant.spec, *of_data)
         if key not in self._counts:

@@ -59,6 +59,7 @@ def grid_axis(text: str) -> GridAxis:
     Raises SpecError for what is no path, `=` and values.
     """
     path, equals, values = text.partition("=")
+    # a line break would make two settings of one
     found = listed_values(values) if path.strip() and equals and "\n" not in path else None
     if found is None:
         raise SpecError((errors.malformed_grid(text),))
@@ -78,10 +79,12 @@ def grid_axes(grid: Grid) -> list[GridAxis]:
 def listed_values(text: str) -> tuple[str, ...] | None:
     """The values of YAML between commas on one line, as they stand there; None where none are."""
     findings = Findings()
+    # as a flow list of YAML, so that commas within brackets and quotes do not separate
     listed = SourceText(_GRID, f"[{text}]")
     tree = None if "\n" in text else read_tree(listed, findings)
     if findings.failed or not isinstance(tree, Listing) or not tree.items:
         return None
+    # the text of each value: read and written again, 1e-3 would be 0.001 in labels and log
     columns = ((item.span.column - 1, item.span.end_column - 1) for item in tree.items)
     return tuple(listed.text[begin:end] for begin, end in columns)
 
@@ -115,6 +118,7 @@ def variants(
 
 def _names(specs: Sequence[Path]) -> list[str]:
     stems = [spec.name.split(".")[0] for spec in specs]
+    # two files of one name in two folders
     alike = len(set(stems)) < len(set(specs))
     return [str(spec) for spec in specs] if alike else stems
 
@@ -124,6 +128,7 @@ def _short(paths: Sequence[str]) -> list[str]:
     steps = [path.split(".") for path in paths]
     for depth in range(1, max(map(len, steps), default=1)):
         ends = [".".join(each[-depth:]) for each in steps]
+        # `0.epochs` says nothing without `train` before it
         if len(set(ends)) == len(ends) and not any(end[0].isdecimal() for end in ends):
             return ends
     return list(paths)

@@ -108,9 +108,13 @@ class Dataset:
     def rows(self) -> int:
         return len(self.continues)
 
+    def record_of(self, row: int) -> Record:
+        """The record that a row belongs to."""
+        return next(record for record in self.records if record.start <= row < record.stop)
+
     def has(self, name: str) -> bool:
         """Whether any row belongs to the set."""
-        return name in self.sets and bool(np.any(self.set_of_row == self.sets.index(name)))
+        return bool(self.in_set(name).any())
 
     def in_set(self, name: str) -> BoolArray:
         """Which rows belong to the set."""
@@ -138,6 +142,7 @@ class Dataset:
         starts: list[IntArray] = []
         stops: list[IntArray] = []
         none = np.zeros(1, np.bool_)
+        # in parts: series on disk may have more rows than memory takes flags for
         for begin in range(0, self.rows, AT_ONCE):
             end = min(begin + AT_ONCE, self.rows)
             # one row more on each side, which no run leaves the data by
@@ -148,7 +153,9 @@ class Dataset:
             after = around[left + 1 :] if right else np.concatenate((inside[1:], none))
             follows = self.continues[begin + 1 : end + right]
             follows = follows if right else np.concatenate((follows, none))
+            # begins where the row before is no part of the run, or is more than one sample away
             starts.append(begin + np.flatnonzero(inside & ~(before & self.continues[begin:end])))
+            # exclusive
             stops.append(begin + np.flatnonzero(inside & ~(after & follows)) + 1)
         empty = [np.zeros(0, np.int64)]
         return np.stack((np.concatenate(starts or empty), np.concatenate(stops or empty)), axis=1)

@@ -17,6 +17,7 @@ def reads(graph: Graph, wanted: Iterable[NodeId]) -> dict[str, Extent]:
         if not marked[index]:
             continue
         match node.op:
+            # in window form both are samples of the log; closing loops takes ReadSignal away
             case ReadLog(signal, first, last) | ReadSignal(signal, first, last):
                 extent = Extent(first, last)
                 found[signal] = found[signal].union(extent) if signal in found else extent

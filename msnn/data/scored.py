@@ -23,6 +23,7 @@ def rows_that_count(
     for record in dataset.records if skip_rows else ():
         member[record.start : min(record.start + skip_rows, record.stop)] = False
     found = np.ones(len(member), dtype=np.bool_)
+    # shifted and joined: windows of targets are short, rows are many
     for offset in range(extent.first, extent.last + 1):
         shifted = np.zeros(len(member), dtype=np.bool_)
         source = member[max(offset, 0) : len(member) + min(offset, 0)]

@@ -27,6 +27,7 @@ class Reach:
 
     def rows(self, steps: int) -> int:
         """Rows that a rollout of `steps` steps needs."""
+        # R2: rows t0 − A … max(t0 + N − 1 + B, t0 + B0)
         return self.back + max(steps + self.ahead, self.start_ahead + 1)
 
 
@@ -68,11 +69,13 @@ def reach(program: Program, also: Extent | None = None) -> Reach:
     around = span(reads(program.step, wanted).values()) or Extent(0, 0)
     for output in program.outputs:
         if output.predicts is not None:
+            # a prediction is scored against the log, so that its row has to be there
             around = around.union(Extent(0, output.predicts.ahead))
     if also is not None:
         around = around.union(also)
     starts = reads(program.start, [state.start for state in program.states])
     start = span(starts.values()) or Extent(0, 0)
+    # R2: A := max(A, A0)
     back = max(-around.first, -start.first, 0)
     return Reach(back, max(around.last, 0), max(start.last, 0))
 
@@ -87,6 +90,7 @@ def rollouts(
     """
     lengths = episodes[:, 1] - episodes[:, 0]
     longest = int(lengths.max(initial=0))
+    # R2: T − A − B one-step samples of an episode of T rows
     samples = np.maximum(lengths - reach.back - reach.ahead, 0)
     # the start may look farther ahead than the steps do
     starts = np.clip(lengths - reach.back - reach.start_ahead, 0, samples)
@@ -95,13 +99,16 @@ def rollouts(
         fits = starts > 0
         return Runs(first[fits], samples[fits], int(np.sum(~fits)), longest)
     full = np.where(samples >= horizon, (samples - horizon) // stride + 1, 0)
+    # ⌈starts / stride⌉: so many of t0 = 0, stride, … are among the rows that the start can read
     full = np.minimum(full, -(-starts // stride))
     count = full
     if rest:
         left = samples - full * stride
         count = full + ((left > 0) & (full * stride < starts))
     which = np.repeat(np.arange(len(episodes)), count)
+    # 0, 1, … within each episode, without a loop over episodes
     number = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
     t0 = first[which] + number * stride
+    # the last one with `rest` is shorter
     steps = np.minimum(horizon, first[which] + samples[which] - t0)
     return Runs(t0, steps, int(np.sum(count == 0)), longest)

@@ -9,13 +9,13 @@ import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.data_check.found import CheckedChannel, CheckedSystem, DataCheck, DatasetCheck
+from msnn.reports.drawn import unit_of, with_unit
 from msnn.reports.plotting import (
     COLORS,
     ERROR,
     LIMIT,
     MEASURED,
     new_figure,
-    quantity,
     saved_figure,
 )
 
@@ -74,7 +74,7 @@ def _values(axis: Any, one: CheckedChannel, dataset: DatasetCheck) -> None:
         axis.plot(lacks, np.full(len(lacks), low), "|", color=COLORS[4], label="missing")
     for record in dataset.rows.records[1:100]:
         axis.axvline(record.start, color="black", linewidth=0.4, alpha=0.5)
-    axis.set_ylabel(quantity(one.channel.name, one.channel.signal.unit))
+    axis.set_ylabel(with_unit(one.channel.name, unit_of(one.channel.signal.unit)))
     axis.set_xlabel("row of all records")
     axis.grid(alpha=0.3)
     if axis.get_legend_handles_labels()[0]:

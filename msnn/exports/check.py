@@ -37,6 +37,7 @@ def check_exports(
         try:
             record = None
             if plan.target.compare is None:
+                # of each target by itself: they may close other loops, and read other signals then
                 record = agreement_record(model, plan.program, data_folder)
             origins[_DRAWN if record is None else record.origin] = None
             rows.append(check_export(plan, weights, written, record))

@@ -69,6 +69,7 @@ def _predicted(program: Program, name: str) -> str:
     prediction = program.output(name).predicts
     facts = [f"{count(program.late, 'step')} late"] if program.late else []
     if prediction is not None:
+        # a step that is late answers for an earlier sample (decision 0209)
         ahead = prediction.ahead - program.late
         facts.append(f"predicts {prediction.signal}[t{f'{ahead:+d}' if ahead else ''}]")
     return ", ".join(facts)

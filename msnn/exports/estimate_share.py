@@ -32,7 +32,9 @@ class EstimateShare:
         if parts.size == 0 or np.isnan(self._share):
             return
         most = int(np.argmax(parts))
+        # written so that NaN counts as larger: argmax finds it first as well
         if not parts[most] <= self._share:
+            # an estimate that is 0 all along has no magnitude to compare with
             size = max(float(largest[most]), float(np.finfo(float).tiny))
             self._share = float(parts[most])
             self._worst, self._allowed = float(off[most]) / size, float(near[most]) / size

@@ -21,6 +21,7 @@ from spec_schema.sections.exports import Export, TargetEntry
 def target_named(name: str) -> AnyTarget:
     """The target of the table that has this name, loaded from its file."""
     assert name in NAMES, name
+    # by name: a target loads its backend, and most commands need none
     found: AnyTarget = import_module(f"msnn.exports.targets.{name}").TARGET
     return found
 
@@ -80,6 +81,7 @@ def plan_exports(
     """
     plans: list[AnyPlan] = []
     for target in map(target_named, targets):
+        # `--with` names extras of any target; each takes its own
         own = [extra for extra in extras if extra in listed(target.name).extras]
         request = Request(model, findings, own, weights)
         plan = target.prepare(request, _entry(model.spec.export, target))
@@ -101,6 +103,7 @@ def write_export(plan: AnyPlan, weights: Weights, folder: Path) -> Written:
 
     with replacing_files(folder) as temporary:
         files = plan.target.write(plan, plan.of(weights), temporary)
+    # files were written elsewhere and have moved: told by where they are now
     return Written(folder, tuple(folder / path.relative_to(temporary) for path in files))
 
 

@@ -44,6 +44,7 @@ def compare_controller(
     `one_step` is the largest residual of a plan that was called solved, `free_run` of those that
     were solved from the plan of the sample before.
     """
+    # with learned values as numbers, as the C has them
     problem = trained(problem, weights)
     library = ControllerLibrary.of_folder(folder, folder / "controller.so")
     judge, rows = Judge(problem), rows_of(problem)
@@ -54,6 +55,8 @@ def compare_controller(
             library.init()
         decision = library.solve({"x": x} | fields)
         count += 1
+        # a plan that is not called solved promises nothing; how many there are is told by
+        # self-tests
         if decision.status == 0:
             plan, multipliers = plan_of(problem, library), multipliers_of(problem, rows, library)
             residual = judge.residuals(given, plan, multipliers).largest
@@ -90,6 +93,7 @@ def drawn_samples(
     members = (*problem.disturbances.members, *problem.references.members)
     for start in drawn_starts(problem, _STARTS):
         for number in range(_SAMPLES):
+            # the next sample begins near the last one, as that of a plant does
             x = np.array(start) * (1 - 0.1 * number)
             series = {m.name: _series(m, fields[m.name], problem, random) for m in members}
             given = Given(
@@ -106,6 +110,7 @@ def _series(
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Samples along the horizon, the last one held, and those that the controller is given."""
     shape = Type(member.axes).shape
+    # the window's samples come along the horizon: the last axis of the struct is time
     one = shape[:-1] if Type(member.axes).window is not None else shape
     known = random.uniform(-0.3, 0.3, (field.samples, *one))
     rows = np.minimum(np.arange(problem.horizon + 1 + field.window), field.samples - 1)

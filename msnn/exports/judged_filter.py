@@ -32,9 +32,11 @@ def compare_filter(
     share, wrong_status = EstimateShare(), False
     for seed in _SEEDS:
         golden = golden_steps(problem, weights, dtype, seed)
+        # both begin anew: steps of one run follow each other, runs do not
         library.reset(golden.start)
         for step in golden.steps:
             found = library.correct_numbers(step.measured, step.given)
+            # a refused correction has to be refused by both
             wrong_status |= found.status != step.corrected
             wrong_status |= library.predict_numbers(step.given) != step.predicted
             share.count()

@@ -42,6 +42,7 @@ def compare_horizon(
     """
     library = FilterLibrary.of_folder(folder, folder / "controller.so")
     judge = MovingHorizon(problem, weights, ReferenceMethod)
+    # what float32 can reach, where the spec asks for less
     tolerance = reachable(judge.control.tolerance, dtype)
     scales = np.concatenate(
         [np.full(m.size, judge.control.state_scales[m.name]) for m in judge.numbers.members]
@@ -75,6 +76,8 @@ def compare_horizon(
                 pairs.append((found.x, judge.vector, near))
             for values, expected_values, bound in pairs:
                 share.compare(values, expected_values, bound, largest)
+            # both go on from their own estimates: differences may grow along the run, and are
+            # bounded anew
             judge.predict(given)
             library.predict_numbers(step.given)
     return share.agreement(

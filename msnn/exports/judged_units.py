@@ -46,6 +46,7 @@ def compare_controller_units(
         for is_cold, x, _, fields in drawn_samples(problem):
             given: dict[str, Array] = {}
             for variable in unit.variables.of(VariableKind.INPUT):
+                # where the unit keeps it in C: `u.x[3]`
                 place = variable.place.removeprefix("u.").partition("[")[0]
                 if place == "x":
                     member = states[variable.name]
@@ -144,6 +145,7 @@ class _UnitRun:
         variables = self._unit.variables
         references = (variables.status_reference, variables.iterations_reference)
         # filters have no iterations to count
+        # not counted in filters of one step
         for reference, value in zip(references, counts, strict=False):
             self.differing += self._instance.count(reference) != value
 
@@ -194,6 +196,7 @@ def _other(found: Array, expected: Array) -> int:
     # FMI 2.0 knows float64 alone, in which every float32 is exact
     given = found.astype(expected.dtype)
     same = (
+        # by bytes: −0 and 0 compare equal as numbers
         given.view(np.uint8).reshape(given.size, -1)
         == np.ascontiguousarray(expected).view(np.uint8).reshape(given.size, -1)
     ).all(axis=1)

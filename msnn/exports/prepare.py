@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+from backends.c_lowering.options import COptions
 from backends.ports.identifiers import c_identifier
 from compiler.ir.liveness import extents
 from compiler.ir.program import Program
@@ -47,6 +49,11 @@ def name_prefix(request: Request, given: Located[str] | None) -> str:
     return c_identifier(request.model.name if given is None else given.value, set())
 
 
+def c_options(plan: ExportPlan[COptions]) -> COptions:
+    """The options of a plan in C, with what it says of names and numbers."""
+    return replace(plan.options, dtype=plan.float_type, prefix=plan.prefix)
+
+
 def step_program(
     request: Request,
     entry: TargetEntry | None,
@@ -63,6 +70,7 @@ def step_program(
     program = _closed(request, entry)
     if program is None:
         return None
+    # before losses are pruned; only penalties make exact zeros that mean "not needed"
     penalised = {loss.penalty.parameter for loss in program.losses if loss.penalty is not None}
     program = prune_outputs(program, _outputs(request, entry))
     if request.weights is not None and penalised and not keeps_arrays:
@@ -80,6 +88,7 @@ def _late(request: Request, program: Program, delay: Sequence[Located[str]]) -> 
     """The most samples after t that the step reads of an input that it is to wait for."""
     if not delay:
         return 0
+    # `delay:` of an input that is not read ahead would make the step late for nothing
     ahead = {n: e.last for n, e in extents(program.step, log=False).items() if e.last > 0}
     for name in delay:
         if name.value not in ahead:
@@ -109,6 +118,7 @@ def _outputs(request: Request, entry: TargetEntry | None) -> list[str]:
     model = request.model
     known = [output.name for output in model.program.outputs]
     if entry is None or entry.outputs is None:
+        # equations that other targets name are outputs of the program, too (decision 0105)
         return [name for name in known if name in model.spec.outputs]
     unknown = [name for name in entry.outputs if name.value not in known]
     request.findings.report(*(workflow.unknown_output(n.value, n.span, known) for n in unknown))

@@ -75,6 +75,11 @@ def within_rounding(dtype: NumberType) -> Promise:
     return Promise.ROUNDING
 
 
+def bits_in_single(dtype: NumberType) -> Promise:
+    """Of targets whose C computes in single precision as the interpreter does."""
+    return Promise.BITS if dtype == "float32" else Promise.ROUNDING
+
+
 @dataclass(frozen=True, kw_only=True)
 class Target(Generic[OwnEntry, Options]):
     """One target. Libraries that take long to load are imported inside its functions."""

@@ -60,10 +60,12 @@ class Equations:
 
     def _shared(self, node: Term) -> tuple[str, int]:
         text = self._text_of(node)
+        # a comparison is no value in the language: it may stand in a `where` alone
         is_condition = isinstance(node.head, Infix) and node.head.sign[0] in "<>"
         used_often = self._uses.get(id(node), 1) > 1 and len(text[0]) > 12
         if not node.args or is_condition or not (used_often or len(text[0]) > _LONGEST):
             return text
+        # a concatenation has no dimension of its own, which an equation would need
         if isinstance(node.head, Call) and node.head.name == "concat":
             return text
         return self._named(node, text[0])

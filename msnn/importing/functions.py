@@ -68,7 +68,6 @@ class Functions:
     _formulas: dict[tuple[Any, ...], str | None] = field(
         default_factory=dict[tuple[Any, ...], "str | None"]
     )
-
     _separate: set[tuple[Any, ...]] = field(default_factory=set[tuple[Any, ...]])
     """Functions whose rows do not mix, by the shapes of their arguments."""
     _shapes: dict[tuple[Any, ...], tuple[int, ...]] = field(
@@ -82,6 +81,7 @@ class Functions:
             raise ShapeError(f"`{key}` is no function of the file")
         place = (key, "code")
         function = self._parsed(place, given.code, given.name)
+        # with a list torch.vmap calls the function: its arguments come without the batch
         batched = not isinstance(given.map_over_dim, list)
         streams = [one for one in operands if isinstance(one, Value)]
         matrices = [one for one in operands if isinstance(one, str)]
@@ -137,6 +137,7 @@ class Functions:
         given = self.file.Functions[key]
         codes, names = given.functions, given.names
         if isinstance(codes, list) and isinstance(names, list) and len(codes) == len(names) > 0:
+            # nnodely goes round a list of functions that is shorter than its sets
             which = index % len(codes)
             return codes[which], names[which], (key, "functions", which)
         if isinstance(codes, str) and isinstance(names, str):
@@ -201,6 +202,7 @@ class Functions:
         for name in own:
             found = self.parameters.numbers(name)
             shape = found.values.shape
+            # an array goes with whole windows where its axis is theirs, or where it is one row
             runs = found.timed and shape[0] in windows
             is_row = all(n == 1 for n in shape[:-1]) and (not shape or shape[-1] not in windows)
             if not (runs or (is_row and not found.timed) or found.values.size == 1):
@@ -217,6 +219,7 @@ class Functions:
             terms = [whole.term for whole in wholes]
             term = joined(Call(name), *terms, dim=shape[-1] if shape else 1)
         shape = shape if batched else (1, *shape)
+        # what is no batch × samples × elements is looked at element by element
         if len(shape) != 3 or shape[0] != 1 or (term.window or 1) != shape[1]:
             return None
         return one_piece(Term(term.head, term.args, term.window, shape[2]))
@@ -282,6 +285,7 @@ class Functions:
         # place
         if not 0 < line <= len(pieces) or "\\\\" in raw:
             return self.text.place(*path)
+        # two letters for each `\n` before it; the first line begins behind the quote
         begin = start + sum(len(piece) + 2 for piece in pieces[: line - 1]) + (line == 1)
         text = pieces[line - 1]
         indent = len(text) - len(text.lstrip())

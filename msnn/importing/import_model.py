@@ -57,6 +57,7 @@ def import_text(text: str, file_name: str, name: str) -> ImportedModel:
     read = read_json(text, file_name)
     file = read_file(read)
     known = Loops()
+    # each input can change twice: its width becomes known, and that its future is read
     for _ in range(_MOST_PASSES + 2 * len(file.Inputs)):
         try:
             return _Import(file, read, name, known).model()
@@ -68,6 +69,7 @@ def import_text(text: str, file_name: str, name: str) -> ImportedModel:
 def read_text(path: Path) -> str:
     """The text of a file. Raises SpecError where it is none."""
     try:
+        # a device or a pipe has no end
         refuse_endless(path)
         return path.read_bytes().decode("utf-8")
     except UnicodeDecodeError:
@@ -84,6 +86,7 @@ class _Import:
         self._names = TakenNames()
         for kind, olds in (("input", file.Inputs), ("output", file.Outputs)):
             for old in olds:
+                # inputs and outputs first: what users call by name keeps its own where two want it
                 self._names.of(kind, old)
         dims = Dims(self._names.free)
         self._parameters = Parameters(
@@ -126,6 +129,7 @@ class _Import:
             value_of=self._relations.of,
             known=known,
         )
+        # each asks the other: signals for what is connected, relations for windows
         self._relations.signals = self._signals
         self._values = values
 
@@ -135,9 +139,12 @@ class _Import:
             old: self._whole(source, ("Outputs", old)) for old, source in self._file.Outputs.items()
         }
         followed = 0
+        # what closes one loop may read another input that is closed: the list grows while it is
+        # followed
         while followed < len(self._signals.loops):
             self._close(self._signals.loops[followed])
             followed += 1
+        # losses compare with what was logged, also of an input that is fed back (R9)
         self._signals.scoring = True
         losses = dict(self._losses())
         for kind, section, olds in (
@@ -147,6 +154,7 @@ class _Import:
             for old in olds:
                 new = self._names.of(kind, old)
                 used = (
+                    # an input that nothing reads is not in the spec, and its name of no interest
                     kind == "output" or old in self._signals.inputs or old in self._signals.targets
                 )
                 if new != old and used:
@@ -183,10 +191,9 @@ class _Import:
             kind: {old: self._names.of(kind, old) for old in olds}
             for kind, olds in (("input", self._file.Inputs), ("output", self._file.Outputs))
         }
-        weights = self._parameters.weights
         return ImportedModel(
             spec=spec,
-            weights=weights,
+            weights=self._parameters.weights,
             names=names,
             warnings=self._findings.in_order,
             text=self._text,
@@ -228,5 +235,6 @@ class _Import:
 
 
 def _held(file: File) -> dict[str, Term | None]:
+    # `grad` of the language is by an entry: what it is taken by becomes an equation of its own
     operands = [names_in(one[1]) for one in file.Relations.values() if one[0] == "Differentiate"]
     return {names[1]: None for names in operands if len(names) == 2}

@@ -21,6 +21,7 @@ from msnn.importing.terms.terms import Call as CallHead
 from msnn.importing.terms.values import Value
 from spec_schema.diagnostics.diagnostic import SpecError
 
+# names that nnodely gives to numbers in formulas: these are written as numbers again
 _AUTOMATIC = re.compile(r"Constant\d+|FParamFun\d+.*")
 _SHOWN = 16
 """Numbers of a parameter that stand in the spec."""
@@ -41,6 +42,7 @@ class Numbers:
     def turned(self) -> NDArray[np.float64]:
         """With the window last, and without axes of one element."""
         values = np.moveaxis(self.values, 0, -1) if self.timed else self.values
+        # the language has no axes of one element (R3)
         return values.reshape([n for n in values.shape if n > 1])
 
 
@@ -72,6 +74,7 @@ class Parameters:
         section = "Parameters" if name in self.parameters else "Constants"
         array = self.parameters.get(name) or self.constants[name]
         place = self.text.place(section, name)
+        # trained values, else those that training would begin with
         given = array.values if array.values is not None else array.init_values
         if given == "SampleTime":
             given = self.sample_time
@@ -83,6 +86,7 @@ class Parameters:
             samples = array.sw if array.sw is not None else self._rounded(array.tw or 0)
             # nnodely has time first, the language last
             sizes = (samples, *sizes)
+        # not reshaped: an array of another shape would be read in another order
         values = number_array(given)
         if values is None or values.shape not in {sizes, ()} or (values.shape == () and timed):
             wanted = " × ".join(map(str, sizes))
@@ -121,6 +125,7 @@ class Parameters:
         out = np.empty(found.values.shape, dtype=object)
         whole = self.term(name)
         for index in np.ndindex(*found.values.shape):
+            # the window moves from the first axis to the last
             turned = (*index[1:], index[0]) if found.timed else index
             sizes = found.values.shape[1:] + found.values.shape[:1] if found.timed else out.shape
             if name in self.across:
@@ -174,6 +179,7 @@ class Parameters:
         for kind, length in zip(kinds, turned.shape, strict=True):
             # two axes of one length need two dimensions: an axis is known by its name
             while (axis := self.dims.of(length, kind)) in axes:
+                # another kind makes another dimension of the same size
                 kind = f"{kind}_"
             axes.append(axis)
         if name in self.constants:
@@ -186,6 +192,7 @@ class Parameters:
     def joined(self, names: list[str], dim: str) -> Term:
         """Parameters of one number each as one parameter along a dimension."""
         new = self.names.free(names[0])
+        # of shape () or (1,), which both are one number
         values = np.concatenate([self.numbers(name).values.reshape(-1)[:1] for name in names])
         self._learned(new, [dim], values)
         return Term(Named(new, (dim,)), (), None, len(names))
@@ -223,6 +230,7 @@ def number_array(given: Any) -> NDArray[np.float64] | None:
     except (TypeError, ValueError, OverflowError):
         return None
     # beyond single precision nnodely has an infinite number
+    # false for NaN as well
     fits = bool(np.all(np.abs(values) <= LARGEST))
     return values if fits and not _has_words(given) else None
 

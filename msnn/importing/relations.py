@@ -78,6 +78,7 @@ class Relations:
                     del self.recognised[current]
                     stack.append((current, False))
                 continue
+            # a circle without an input between: no sample would come first
             if current in open_names:
                 members = [*open_names]
                 ring = [*members[members.index(current) :], current]
@@ -109,6 +110,7 @@ class Relations:
                     path = f"Inputs.{operand}.connect"
                     place = self.text.place("Inputs", operand, "connect")
                     raise self.refused(unknown_name(path, source, "relation", place))
+                # an input that is closed needs nothing: its past is a state
                 needed.extend([source] if source is not None else [])
             elif not self.parameters.has(operand):
                 path = path_text(("Relations", name, 1, position))
@@ -135,6 +137,7 @@ class Relations:
             whole = self.values.whole(value)
             self.held[name] = whole
             head = Held(self.values_name(name))
+            # from here on by its name, or `grad` would find another formula to differentiate by
             value = Value(value.window, value.dim, (Term(head, (), whole.window, whole.dim),))
         return value
 
@@ -158,6 +161,7 @@ class Relations:
         if kind in {"SamplePart", "TimePart"}:
             return self._windowed(kind, operands, rest)
         if kind == "ParamFun":
+            # a matrix is no value along time; functions take it as an array
             streams = [o if self.parameters.is_matrix(o) else self.operand(o) for o in operands]
             return self.functions.called(one_name(rest), streams, name)
         values = [self.operand(operand) for operand in operands]
@@ -179,6 +183,7 @@ class Relations:
         match kind, rest:
             case "Sum", []:
                 over = f", over={self.values.dims.of(value.dim)}"
+                # a scalar has no dimension to sum over
                 if value.dim == 1:
                     return value
                 return self.values.along(lambda x: call("sum", x, rest=over, dim=1), value, 1)
@@ -231,6 +236,7 @@ class Relations:
         [source] = operands if len(operands) == 1 else [""]
         bounds = [first, end, *([] if offset is None else [offset])]
         if kind == "TimePart":
+            # seconds
             bounds = [self.signals.samples(source, bound) for bound in bounds]
         if not all(isinstance(bound, int) for bound in bounds):
             raise ShapeError("the bounds of samples are whole numbers")
@@ -242,6 +248,7 @@ class Relations:
             whole = self.operand(source)
             value = self.values.samples(whole, low, high)
             taken = [self.values.samples(whole, at, at + 1) for at in start]
+        # `offset`: the window relative to one of its own samples
         for sample in taken:
             value = self.values.elementwise(OF_TWO["Sub"], value, sample)
         return value

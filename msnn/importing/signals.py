@@ -14,6 +14,7 @@ from msnn.importing.terms.terms import Signal, Term
 from msnn.importing.terms.values import ShapeError, Value, ValueOperations, refuse_many
 from spec_schema.diagnostics.diagnostic import Findings
 
+# buffers of windows (`_sw`), integrals and derivatives, by nnodely's names for them
 _HIDDEN = re.compile(r".*_(sw|tw|int|der)\d+")
 
 
@@ -102,9 +103,11 @@ class Signals:
         kept = self.window(name)
         if not (-kept.back <= first < end <= kept.ahead):
             raise ShapeError(f"[{first}, {end}] is no part of the window of `{name}`")
+        # counted from the oldest sample that nnodely keeps of the input
         slots = (kept.back + first, kept.back + end)
         if given.connect is not None:
             return self._spread(name, self._connected(name, given.connect, kept.length, slots))
+        # losses are of the log, whatever a rollout feeds back
         if given.closed_loop is None or self.scoring:
             return self._logged(name, first, end)
         if name not in self.loops:
@@ -114,10 +117,14 @@ class Signals:
         if is_one and self._is_logged(name, given) and kept.ahead >= 0:
             if end > 0:
                 self.known.ahead.add(name)
+                # the future of a fed-back signal is not in the log: the input has to become states
+                # after all
                 raise OtherLoopError
             if kept.ahead > 0 and name not in self.predicted:
                 place = self.text.place("Inputs", name)
                 self.findings.report(fed_back_late(self._new(name), kept.ahead, place))
+            # nnodely puts the new value behind the newest sample that it keeps, future ones
+            # included
             self.predicted[name] = 1 + kept.ahead
             return self._logged(name, first, end)
         if self._is_logged(name, given):
@@ -127,6 +134,7 @@ class Signals:
         if width == 1:
             return self._state(name, kept.length, slots)
         pieces = [self._slot(name, kept.length, width, k) for k in range(*slots)]
+        # several samples replaced at once: each of the newest is a state of its own
         return Value(len(pieces), given.dim, tuple(pieces))
 
     def close(self, name: str, value: Value) -> None:
@@ -141,6 +149,7 @@ class Signals:
             raise OtherLoopError
         if value.dim not in {1, given.dim}:
             raise ShapeError(f"what closes `{name}` has {value.dim} elements, not {given.dim}")
+        # closed by the output that predicts it: no state
         if name in self.predicted:
             return
         for k in range(width):
@@ -162,6 +171,7 @@ class Signals:
         first, end = slots
         size = self.file.Inputs[name].dim
         window = end - first if end - first > 1 else None
+        # the newest slot is the state's current value, t
         head = Signal(self._kept(name, 1, 0), first + 1 - length, end - length)
         return Value(end - first, size, (Term(head, (), window, size),))
 
@@ -176,6 +186,7 @@ class Signals:
 
     def _connected(self, name: str, source: str, length: int, slots: tuple[int, int]) -> Value:
         value = self.value_of(source)
+        # only the newest samples fit into a buffer that is shorter than what feeds it
         width = min(value.window, length)
         newest = self.values.samples(value, value.window - width, value.window)
         old = length - width
@@ -187,6 +198,8 @@ class Signals:
         if first >= old and late is not None:
             return late
         oldest = self.values.samples(newest, 0, 1)
+        # a buffer moves on by one sample a step: what lies `width` and more back is the oldest one,
+        # delayed
         past = self._past(name, oldest, first - old, min(end, old) - old - 1)
         return past if late is None else self.values.after(past, late)
 

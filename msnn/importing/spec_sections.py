@@ -45,6 +45,7 @@ def spec_values(found: Sections) -> dict[str, Any]:
     equations.count([*outputs.values(), *found.held.values(), *signals.equations.values()])
     degrees = [term for one in found.layers.declared.values() for term in _degrees(one)]
     equations.count([*closings.values(), *losses, *degrees])
+    # named before anything is written: who uses the same term then writes the name
     for name, term in [*found.held.items(), *signals.equations.items(), *outputs.items()]:
         equations.name(term, name)
     held = {name: equations.text(term, entry=name) for name, term in found.held.items()}
@@ -87,6 +88,7 @@ def spec_values(found: Sections) -> dict[str, Any]:
         "outputs": written,
         "losses": scored,
     }
+    # a spec has inputs, if only none
     return {key: value for key, value in sections.items() if value != {} or key == "inputs"}
 
 
@@ -107,6 +109,7 @@ def _entry_text(equations: Equations, outputs: Mapping[str, Term], name: str) ->
     """The formula of an output, or the name of the entry that is the same."""
     term = outputs[name]
     first = next((n for n, other in outputs.items() if other is term), name)
+    # of two outputs that are the same term the first has the formula
     own = first == name and equations.is_named(term, name)
     return equations.text(term, entry=name) if own or not term.args else equations.text(term)
 

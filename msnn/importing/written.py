@@ -40,6 +40,7 @@ class WrittenImport:
 def write_import(file: Path, out: Path | None) -> WrittenImport:
     """The spec and the weights of a saved model, as files."""
     read = read_text(file)
+    # a folder exists; the file of that name in it is not what was said
     if out is not None and out.is_dir():
         raise SpecError([file_exists(str(out))])
     spec_file = file.with_name(f"{_stem(file)}.msnn.yaml") if out is None else out
@@ -47,14 +48,15 @@ def write_import(file: Path, out: Path | None) -> WrittenImport:
     for written in (spec_file, weights_file):
         if written.exists():
             raise SpecError([file_exists(str(written))])
+    # the name of the spec becomes names of C and folders
     name = legal_name(_stem(spec_file))
     model = import_text(read, str(file), name)
     text, program = compiled(model, file.name, spec_file, weights_file.name)
-    weights = initial_weights(program) | {
-        name: np.asarray(model.weights[name], np.float64).reshape(value.shape)
+    weights = {
+        name: np.asarray(model.weights.get(name, value), np.float64).reshape(value.shape)
         for name, value in initial_weights(program).items()
-        if name in model.weights
     }
+    # weights first: a spec that is there is complete
     write_weights(weights_file, weights, program)
     try:
         write_text(spec_file, text)
@@ -68,6 +70,7 @@ def write_import(file: Path, out: Path | None) -> WrittenImport:
 def compiled(model: ImportedModel, file: str, path: Path, weights: str) -> tuple[str, Program]:
     """The text of the spec and its program. Raises SpecError where it does not compile."""
     try:
+        # compiled as it will be read, from its text
         text = spec_text(model, file, weights)
         read = read_spec(path, text)
         return text, compile_spec(read.spec, used=read.used).program
@@ -80,6 +83,7 @@ def spec_text(model: ImportedModel, file: str, weights: str) -> str:
     """The text of the spec."""
     sections = [yaml_text({key: value}) for key, value in model.spec.items()]
     head, rest = "".join(sections[:3]), "\n".join(sections[3:])
+    # a line break in the name of a file would end the comment
     shown = "".join(c if c.isprintable() else " " for c in file)
     remark = _HEAD.format(name=model.spec["name"], file=shown, weights=weights)
     return format_spec("imported.msnn.yaml", f"{remark}{head}\n{rest}")

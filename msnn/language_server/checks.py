@@ -60,6 +60,7 @@ class Checks:
         self.texts: dict[str, OpenText] = {}
         self._publish, self._complain = publish, complain
         self._process = CheckProcess()
+        # one: texts are checked in turn by one process, and its pipe knows one question at a time
         self._thread = ThreadPoolExecutor(max_workers=1)
         self._is_over = False
         self._changed = asyncio.Event()
@@ -77,6 +78,7 @@ class Checks:
 
     def close(self, address: str) -> None:
         """Forgets a text: what is in its file holds again."""
+        # before asking: those that use it read its file then, not what was typed
         closed = self.texts.pop(address, None)
         if closed is not None:
             self._ask(closed, time.monotonic())
@@ -96,13 +98,17 @@ class Checks:
     async def run(self) -> None:
         """Checks what is due until the server ends."""
         loop = asyncio.get_running_loop()
+        # while the editor still shows the file: the first check then finds a process ready
         loop.run_in_executor(self._thread, self._process.start)
         while not self._is_over:
             waiting = [(t.due, address) for address, t in self.texts.items() if t.due is not None]
             if not waiting:
+                # cleared before waiting, by the only task that waits: a change in between is not
+                # lost
                 self._changed.clear()
                 await self._changed.wait()
                 continue
+            # the one that waits longest; a change puts its own text off again
             due, address = min(waiting)
             if due > time.monotonic():
                 await asyncio.sleep(due - time.monotonic())
@@ -131,7 +137,9 @@ class Checks:
 
     def _take(self, opened: OpenText, source: SourceText, examined: Examined) -> None:
         opened.checked = source
+        # kept also for a text that has changed since: repairs compare `checked` with `source`
         opened.problems = problems_of(examined, opened.path)
+        # a text that cannot even be read leaves what was known of it: names are still proposed
         if examined.sources:
             opened.files = frozenset(map(_real, examined.sources))
         if examined.knowledge is not None:
@@ -153,4 +161,5 @@ class Checks:
 
 
 def _real(path: str) -> str:
+    # realpath raises for a null byte, which an address may have
     return os.path.realpath(path) if "\0" not in path else path

@@ -43,6 +43,7 @@ _CALL = re.compile(r"([\w.]+)\s*\Z")
 _KEYWORD_OF_DIMS = re.compile(r"\b(?:over|dim)\s*=\s*\Z")
 _LONGEST_NAME = 200
 """Characters before a bracket in which the name of what is called is looked for."""
+# the note behind the type of an Annotated: what tells one leaf from another
 _EXPRESSIONS = tuple(get_args(field)[1] for field in (ExpressionField, ConditionField, ArrayField))
 _REFERENCES = tuple(get_args(field)[1] for field in (Reference, SwitchOrReference))
 _UNIT_LEAF, _QUANTITY, _PREDICTION = (
@@ -83,6 +84,7 @@ def complete(view: View, position: Position) -> Completion | None:
     if view.is_comment(position):
         return None
     cursor = view.cursor(position)
+    # by the schema, not by the model: it works in a text that does not compile
     place = place_of(cursor.path)
     if place is None:
         return None
@@ -95,9 +97,11 @@ def complete(view: View, position: Position) -> Completion | None:
 def _values(
     place: SchemaPlace, cursor: Cursor, view: View, position: Position
 ) -> Completion | None:
+    # `0.1 m`: after a number and a blank only a unit can stand
     quantity = _AFTER_NUMBER.match(cursor.before)
     if place.leaf == _UNIT_LEAF or (quantity is not None and _takes_unit(place)):
         return _chosen(_units(), _IN_UNIT, cursor, view, position)
+    # formulas before words: a key that takes both, as `init`, is a formula more often
     if place.leaf in _EXPRESSIONS:
         return _chosen(_in_expression(place, cursor, view), _IN_NAME, cursor, view, position)
     if place.leaf == _PREDICTION:
@@ -130,10 +134,12 @@ def _chosen(
     typed = cursor.before[_start_of_word(cursor.before, character) :]
     folded = typed.casefold()
     kept = [item for item in items if item.label.casefold().startswith(folded)]
+    # stable: otherwise in the order of the spec
     kept.sort(key=lambda item: not item.label.startswith(typed))
     line, column = offset_of(position, view.source)
     start = position_of(line, column - len(typed), view.source)
     range = TextRange(start, position_of(line, column, view.source))
+    # only the part that was typed is replaced; the end of the word stays, as editors expect
     return Completion(tuple(kept[:MOST]), range, len(kept) <= MOST)
 
 
@@ -147,6 +153,7 @@ def _start_of_word(text: str, character: re.Pattern[str]) -> int:
 
 def _keys(place: SchemaPlace, view: View, position: Position) -> Iterator[Item]:
     line, column = offset_of(position, view.source)
+    # a key that is changed has its colon already
     has_colon = view.source.line(line + 1)[column:].lstrip().startswith(":")
     if place.entry is None:
         for known in _named_keys(place.gathering, view):
@@ -191,12 +198,14 @@ def _units() -> Iterator[Item]:
         yield Item(label=symbol, kind="unit", insert=symbol)
         if row.prefixes:
             for prefix in PREFIXES:
+                # rare ones, and `u`, another way to write µ
                 if prefix not in ("da", "d", "h", "f", "p", "u"):
                     yield Item(label=f"{prefix}{symbol}", kind="unit", insert=f"{prefix}{symbol}")
 
 
 def _in_expression(place: SchemaPlace, cursor: Cursor, view: View) -> Iterator[Item]:
     start = _start_of_word(cursor.before, _IN_NAME)
+    # `plant.`: members of what stands before the last dot
     base, dot, _ = cursor.before[start:].rpartition(".")
     if dot:
         yield from _members(base, view)
@@ -259,6 +268,7 @@ def _members(base: str, view: View) -> Iterator[Item]:
 def _keywords(before: str) -> Iterator[Item]:
     """The keywords of the builtin whose call is open."""
     depth = 0
+    # backwards to the bracket that is open at the place
     for at in range(len(before) - 1, -1, -1):
         depth += (before[at] in ")]") - (before[at] in "([")
         if depth < 0:

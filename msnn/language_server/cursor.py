@@ -13,6 +13,7 @@ from spec_schema.diagnostics.source import SourceText
 ITEM = "0"
 """The step of a path into a list, whichever item."""
 
+# possessive (`++`, `*+`): a line that does not match fails in one pass, however long it is
 _BLOCK = re.compile(
     r"(?P<indent> *+)(?P<dashes>(?:-[ ]++)*+)"
     r"(?:(?P<key>[^\s#:{}\[\],\"'&*!|>%@`-][^:#{}\[\],]*+|\"[^\"]*+\"|'[^']*+'):(?=[ ]|$)"
@@ -61,11 +62,13 @@ def cursor_at(source: SourceText, line: int, column: int) -> Cursor:
     if key is not None and column > found.end("key"):
         value = text[found.end("key") + 1 : column].lstrip()
         return Cursor((*_parents(source, line, found), _plain(key)), False, _unquoted(value))
+    # on an empty line the place of the cursor says how deep one is about to write
     if key is None and not found["dashes"] and not text[start:].strip():
         start = column
     above = _parents(source, line, found, start)
     before = text[start:column] if column > start else ""
     if key is None:
+        # a formula over several lines
         scalar = _continued(source, line, start)
         if scalar:
             return Cursor(above, False, before)
@@ -75,6 +78,7 @@ def cursor_at(source: SourceText, line: int, column: int) -> Cursor:
 def _in_flow(source: SourceText, line: int, column: int) -> Cursor | None:
     """The place within `{ }` or `[ ]` that open on its line or above; None outside of them."""
     if source.text.startswith("{"):  # JSON, or a text in its manner
+        # JSON is all brackets: from its first line on
         lines = [source.line(number + 1) for number in range(line)]
         whole = "\n".join([*lines, source.line(line + 1)[:column]])
         brackets = _open(whole)
@@ -88,6 +92,7 @@ def _in_flow(source: SourceText, line: int, column: int) -> Cursor | None:
         if not value.startswith(("{", "[")) or (found["key"] is None and not found["dashes"]):
             continue
         begin = len(text) - len(value)
+        # the bracket begins behind the place
         if first == line and begin >= column:
             continue
         rest = [source.line(number + 1) for number in range(first, line + 1)]
@@ -95,6 +100,7 @@ def _in_flow(source: SourceText, line: int, column: int) -> Cursor | None:
         if first < line and not _open(rest[0][begin:]):
             return None  # what is above is closed, and what is further above too
         brackets = _open("\n".join(rest)[begin:])
+        # closed before the place
         if not brackets:
             return None
         key = found["key"]
@@ -116,6 +122,7 @@ def _open(text: str) -> list[_Bracket]:
                     brackets.pop()
                 if not brackets:
                     return []
+            # the next item or pair of the innermost bracket
             case "," if brackets:
                 brackets[-1].key, brackets[-1].start = None, found.end()
             case ":" if brackets and brackets[-1].is_map and brackets[-1].key is None:
@@ -137,6 +144,8 @@ def _parents(
     source: SourceText, line: int, found: re.Match[str], column: int | None = None
 ) -> tuple[str, ...]:
     """The path to what contains the key, or the text at a column, of a line."""
+    # what contains a line is indented less: upwards, each key left of the last one is the next
+    # parent
     limit = found.end("dashes") if column is None else column
     steps: list[str] = []
     is_item = False
@@ -148,6 +157,7 @@ def _parents(
         text = source.line(number)
         written = text.lstrip(" ")
         indent = len(text) - len(written)
+        # deeper lines, empty ones and comments say nothing of what contains this one
         if indent > limit or not written or written[0] == "#" or (indent == limit and not is_item):
             continue
         above = _BLOCK.match(text)
@@ -177,6 +187,7 @@ def _continued(source: SourceText, line: int, column: int) -> bool:
         assert above is not None
         is_parent = above["key"] is not None and above.end("dashes") < column
         value = above["rest"].strip() if is_parent else ""
+        # what begins with a bracket is a flow value, found by its brackets
         return bool(value) and value[0] not in "#&{["
     return False
 

@@ -27,6 +27,7 @@ def definition(view: View, position: Position) -> Definition | None:
     word = view.word(position)
     if word is None:
         return None
+    # `x.past`: of the name before the dot
     known = view.names.get(word.text) or view.names.get(word.text.rpartition(".")[0])
     if known is None:
         return None
@@ -39,10 +40,12 @@ def definition(view: View, position: Position) -> Definition | None:
 
 def _used_file(view: View, path: tuple[str, ...], position: Position) -> str | None:
     """The spec of a sub-model: `use: {plant: plant.msnn.yaml}`, or its key `spec` or `urdf`."""
+    # `use: {plant: FILE}` and `use: {plant: {spec: FILE}}`
     if path[:1] != ("use",) or (len(path) > 2 and path[-1] not in ("spec", "urdf", "robot")):
         return None
     line = view.source.line(position.line + 1) if position.line < view.source.line_count else ""
     folder = Path(view.source.path).parent
+    # by the line, not by YAML: a line that is being typed need not parse
     for word in line.replace("'", " ").replace('"', " ").replace(",", " ").split():
         name = os.path.normpath(folder / word.strip("{}[]"))
         if "." in word and _is_file(name):

@@ -30,6 +30,7 @@ def examine(path: str, text: str, unsaved: Mapping[str, str]) -> Examined:
     try:
         model = checked_model(Path(path), text=text, unsaved=unsaved)
     except SpecError as error:
+        # without knowledge: that of the last text that compiled stays in use
         return Examined(error.diagnostics, {source.path: source for source in error.sources})
     sources = {source.path: source for source in model.sources}
     return Examined(model.warnings, sources, knowledge_of(model))

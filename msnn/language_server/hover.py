@@ -65,6 +65,7 @@ def _of_key(path: tuple[str, ...], word: Word, view: View) -> str | None:
 
 def _of_value(path: tuple[str, ...], word: Word, view: View) -> str | None:
     place = place_of(path)
+    # a place that the schema does not know has no names
     if place is None or (place.leaf is None and place.entry is None):
         return None
     if place.key == "unit":
@@ -77,6 +78,7 @@ def _of_value(path: tuple[str, ...], word: Word, view: View) -> str | None:
 def _of_name(name: str, view: View) -> str | None:
     known = view.names.get(name)
     if known is not None:
+        # what never compiled has no type to show; its text is all that is known
         declared = view.declaration(known) if known.is_new else ""
         return name_text(known) + (f"\n\n```yaml\n{declared}\n```" if declared else "")
     base, _, member = name.rpartition(".")

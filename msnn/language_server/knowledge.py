@@ -53,6 +53,7 @@ class Knowledge:
 def knowledge_of(model: Model) -> Knowledge:
     """What is known of a model that compiles."""
     reads = _samples_read(model)
+    # findings are thrown away: the model has compiled, and its check has told them
     scope = Scope(model.spec, Findings())
     names = {
         name: _known(declaration, model, reads.get(name)) for name, declaration in scope.items()
@@ -118,6 +119,7 @@ def _samples_read(model: Model) -> dict[str, str]:
     program = model.program
     parts = (
         ("the step", extents(program.step, log=False), "t"),
+        # the log is read in the step by losses and `predicts` alone
         ("losses", extents(program.step, log=True), "t"),
         ("the start", extents(program.start, log=True), "t0"),
     )

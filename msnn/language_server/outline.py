@@ -80,6 +80,7 @@ def _entries(section: re.Match[str], end: int, source: SourceText) -> Iterator[H
     if first is None:
         yield from _in_flow(section, source.position(section.start())[0] - 1)
         return
+    # deeper keys are options of entries, not names
     alike = re.compile(f"^{first[1]}{_KEY}", re.M)
     found = list(alike.finditer(source.text, first.start(), end))
     ends = [*(entry.start() for entry in found), end][1:]
@@ -90,6 +91,7 @@ def _entries(section: re.Match[str], end: int, source: SourceText) -> Iterator[H
 def _in_flow(section: re.Match[str], line: int) -> Iterator[Heading]:
     depth = 0
     for found in _IN_FLOW.finditer(section[2]):
+        # depth 1 is in the section's own bracket
         depth += bool(found[3]) - bool(found[4])
         if found[2] and depth == 1:
             column = section.start(2) - section.start() + found.start(1)
@@ -99,5 +101,6 @@ def _in_flow(section: re.Match[str], line: int) -> Iterator[Heading]:
 def _heading(key: str, start: int, end: int, source: SourceText) -> Heading:
     """A key that starts at an offset and whose value ends before another."""
     line, column = source.position(start)
+    # `end` begins the next key: its line, counted from one, less that line and the count
     last = source.position(end)[0] - (2 if end < len(source.text) else 1)
     return Heading(key.rstrip(), line - 1, column - 1, max(line - 1, last))

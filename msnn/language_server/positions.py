@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from spec_schema.diagnostics.source import SourceText, Span
 
+# what lies beyond is a surrogate pair in UTF-16, as the protocol counts by default
 _LAST_OF_ONE_UNIT = 0xFFFF
 
 
@@ -42,6 +43,7 @@ def range_of(span: Span, source: SourceText | None) -> TextRange:
 
 def offset_of(position: Position, source: SourceText) -> tuple[int, int]:
     """Line and column, both from zero and in characters; what is outside moves to the end."""
+    # an editor may ask about a text that it has changed meanwhile
     if position.line >= source.line_count:
         line = source.line_count - 1
         return line, len(source.line(line + 1))

@@ -65,8 +65,11 @@ def _title(text: str) -> str:
 def _problem(diagnostic: Diagnostic, examined: Examined, path: str) -> Problem:
     places = [(span, label) for span, label in diagnostic.secondary]
     here = diagnostic.span
+    # an editor shows diagnostics by file: what is wrong elsewhere is shown at a place that leads
+    # there
     if here is not None and here.file != path:
         places = [(here, diagnostic.message), *places]
+        # the `use:` that brings the file in, where the message names it
         here = next((span for span, _ in places if span.file == path), None)
     others = ((span, label) for span, label in places if span != here)
     related = tuple(Related(s.file, _range(s, examined), label) for s, label in others)

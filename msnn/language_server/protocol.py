@@ -55,6 +55,7 @@ def action_of(repair: Repair, address: str) -> types.CodeAction:
         title=repair.title,
         kind=types.CodeActionKind.QuickFix,
         diagnostics=[diagnostic_of(repair.problem)],
+        # editors have one key for the preferred repair
         is_preferred=True,
         edit=types.WorkspaceEdit(changes={address: [edit]}),
     )

@@ -39,8 +39,10 @@ class SchemaPlace:
         leaf = next((note for note in self.notes if isinstance(note, LeafField)), None)
         if leaf is not None:
             return leaf
+        # `y: expr` for `y: {expr: …}`: the value may be that of the shorthand's key
         if self.entry is not None and self.entry.shorthand is not None:
             return self.below(self.entry.shorthand).leaf
+        # one item may stand for a list of one
         items = _items(self.kind)
         return None if items is None else SchemaPlace(items, tuple(_notes(items))).leaf
 
@@ -62,6 +64,7 @@ class SchemaPlace:
 
     def below(self, step: str) -> SchemaPlace:
         """The value of a key, a name or an item in it."""
+        # the same walk as that of `--set`, so that editors and command line agree on what is a key
         kind = inside(self.kind, step)
         entry = self.entry
         if entry is not None:

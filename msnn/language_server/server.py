@@ -37,6 +37,8 @@ class SpecServer(LanguageServer):
     """A server of specs; every text is sent whole with each change."""
 
     def __init__(self) -> None:
+        # whole texts: a spec is small, and edits in UTF-16 units applied in order are a source of
+        # faults
         full = types.TextDocumentSyncKind.Full
         super().__init__(  # pyright: ignore[reportUnknownMemberType]
             "msnn", __version__, text_document_sync_kind=full
@@ -67,6 +69,8 @@ class SpecServer(LanguageServer):
 
 def serve() -> None:
     """Answers an editor until it says that it ends, or is gone."""
+    # a copy of the descriptor for the protocol; descriptor 1 then leads to stderr, for C libraries
+    # too
     stdout = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what prints must not break the protocol
     server = spec_server()
@@ -95,6 +99,7 @@ def _follow_texts(server: SpecServer) -> None:
     @server.feature(types.INITIALIZED)
     async def initialized(params: types.InitializedParams) -> None:
         del params
+        # kept: the loop holds tasks weakly only
         server.task = asyncio.create_task(server.checks.run())
 
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
@@ -105,18 +110,21 @@ def _follow_texts(server: SpecServer) -> None:
     @server.feature(types.TEXT_DOCUMENT_DID_CHANGE)
     def changed(params: types.DidChangeTextDocumentParams) -> None:
         document = params.text_document
+        # each is a whole text, of which the last holds
         for change in params.content_changes[-1:]:
             server.checks.put(document.uri, _path(document.uri), change.text, document.version)
 
     @server.feature(types.TEXT_DOCUMENT_DID_CLOSE)
     def closed(params: types.DidCloseTextDocumentParams) -> None:
         server.checks.close(params.text_document.uri)
+        # diagnostics stay in an editor until they are replaced
         empty = types.PublishDiagnosticsParams(params.text_document.uri, [])
         server.text_document_publish_diagnostics(empty)
 
     @server.feature(types.TEXT_DOCUMENT_DID_SAVE)
     def saved(params: types.DidSaveTextDocumentParams) -> None:
         del params
+        # another spec may use the file that was saved
         server.checks.look_again()
 
     @server.feature(types.WORKSPACE_DID_CHANGE_WATCHED_FILES)
@@ -134,8 +142,10 @@ def _follow_texts(server: SpecServer) -> None:
         del params
         server.checks.end()
         # the thread that reads the editor's messages waits for one that never comes
+        # the protocol's codes: 0 after `shutdown`, 1 without
         os._exit(0 if server.is_shut_down else 1)
 
+    # registered by their decorators; nobody calls them by name
     del initialized, opened, changed, closed, saved, watched, shut_down, ended
 
 

@@ -16,6 +16,7 @@ from msnn.language_server.positions import Position, offset_of
 from spec_schema.diagnostics.source import SourceText, Span
 from spec_schema.names import normalised
 
+# with dots: names of sub-models have them
 _WORD = re.compile(r"[\w.]++")
 _QUOTED = re.compile(r"\"[^\"]*+\"|'[^']*+'")
 _COMMENT = re.compile(r"(?:^|\s)#")
@@ -70,6 +71,7 @@ class View:
             for name, (kind, heading) in self.headings.items()
             if name not in self.knowledge.names
         }
+        # what the compiler knows goes before: a text in which one is typing loses no types
         return {**self.knowledge.names, **new}
 
     def place(self, known: Known) -> Span:
@@ -84,6 +86,7 @@ class View:
     def is_comment(self, position: Position) -> bool:
         """Whether a place is behind the `#` of a comment."""
         line, column = offset_of(position, self.source)
+        # a `#` in quotes is text
         before = _QUOTED.sub("", self.source.line(line + 1)[:column])
         return _COMMENT.search(before) is not None
 

@@ -22,6 +22,7 @@ class CheckProcess:
     """A process that checks one text after the other; it is replaced where it ends early."""
 
     def __init__(self) -> None:
+        # forked, it would share the editor's streams and locks of running threads
         self._context = get_context("spawn")
         self._process: Any = None
         self._pipe: Any = None
@@ -60,6 +61,7 @@ class CheckProcess:
     def stop(self) -> None:
         """Ends the process, whatever it does."""
         if self._process is not None:
+            # SIGKILL: a check that runs away in C code hears nothing else
             self._process.kill()
             self._process.join()
             self._pipe.close()
@@ -67,6 +69,7 @@ class CheckProcess:
 
     @staticmethod
     def _result(answer: Examined | str) -> Examined:
+        # a text says what went wrong: exceptions of libraries need not survive pickling
         if isinstance(answer, str):
             raise CheckEndedError(answer)
         return answer

@@ -49,6 +49,7 @@ def leads_to(path: Path) -> Path | None:
     if path.is_symlink():
         return path.readlink()
     if path.name == LATEST and path.is_file():
+        # a file of that name may be anybody's: what cannot be read leads nowhere
         with suppress(OSError, UnicodeDecodeError):
             return Path(path.read_text(encoding="utf-8").strip())
     return None
@@ -62,10 +63,12 @@ def followed(path: Path) -> Path:
 
 def run_of(path: Path) -> Path | None:
     """The run that a path means: its folder, or the spec in it. SpecError for other folders."""
+    # of other files nothing is followed: a spec may itself be a link
     path = followed(path) if path.is_dir() or path.name == LATEST else path
     if path.is_dir():
         if not (path / DESCRIPTION).is_file():
             inside = sorted(each.parent for each in path.glob(f"*/{DESCRIPTION}"))
+            # `latest` would name one of the others again
             named = [str(each) for each in inside if not each.is_symlink()]
             raise SpecError((no_run(str(path), named[-RUNS_SHOWN:]),))
         return path
@@ -80,18 +83,21 @@ def kept_spec(run: Path) -> KeptSpec:
         parts = cast("dict[str, dict[str, str]]", record.get("parts", {}))
         places = [str(place) for place in record.get("spec_places", [])]
         found = (run / place for place in places)
+        # the spec's own folder where it is known: data and sub-models are named from there
         path = next((place for place in found if place.is_file()), run / SPEC)
         texts: dict[str, str] = {}
         weights: dict[str, Path] = {}
         for name, part in parts.items():
             file = run / PARTS / kept_name(name, part)
             seen = os.path.relpath(part["path"], Path(record["spec"]).parent)
+            # by both: where the file stands as seen from here, and where it stood at the time
             texts[os.path.normpath(path.parent / seen)] = texts[part["path"]] = _text(file)
             weights[name] = file.with_name(f"{Path(name).name}.safetensors")
         settings = tuple(str(text) for text in record.get("settings", []))
         sha256 = str(record["spec_sha256"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise SpecError((nothing_kept(str(run)),)) from error
+    # runs of before places were kept do not say where they were trained
     is_gone = bool(places) and path == run / SPEC
     trained_in = str(Path(places[-1]).parent) if is_gone else None
     return KeptSpec(
@@ -117,6 +123,7 @@ def spec_places(spec: str, run: Path) -> list[str]:
 
 def newest(runs: Path, wanted: Callable[[Path], bool]) -> Path | None:
     """The newest of the runs in a folder that is wanted, None if there is none."""
+    # `latest` is not a run of its own
     folders = [path for path in runs.glob("*") if path.is_dir() and not path.is_symlink()]
     return max(filter(wanted, folders), key=age, default=None)
 
@@ -130,6 +137,7 @@ def age(run: Path) -> tuple[str, int]:
     """The time in a folder's name, and its number in that second: a later run has more."""
     day, _, time = run.name.partition("_")
     time, _, number = time.partition("_")
+    # as a number: the tenth run of a second is later than the second
     return f"{day}_{time}", int(number) if number.isdecimal() else 1
 
 

@@ -35,6 +35,7 @@ def load_model(
     `strict_units` makes warnings about units errors.
     """
     path = Path(path)
+    # the text of an editor is what is meant, even in the folder of a run
     run = run_of(path) if text is None else None
     if run is not None:
         return _of_run(run, settings, strict_units)
@@ -51,12 +52,14 @@ def with_engine(model: Model, engine: Literal["auto", "native", "torch"]) -> Mod
     """The model with every stage trained by this engine."""
     stages = tuple(stage.model_copy(update={"engine": engine}) for stage in model.spec.train)
     spec = model.spec.model_copy(update={"train": stages})
+    # as settings too: a run keeps these, and has to repeat what was trained
     same = (f"train.{number}.engine={engine}" for number in range(len(stages)))
     return replace(model, spec=spec, settings=(*model.settings, *same))
 
 
 def with_seed(model: Model, seed: int) -> Model:
     """The model with `seed` added to that of every stage."""
+    # nothing is set then: such a run has the hash and settings of a plain one
     if not seed:
         return model
     stages = tuple(
@@ -89,13 +92,16 @@ def _compiled(
 ) -> Model:
     sources = (*read.sources, settings_source(settings))
     text, findings = read.source.text, Findings()
+    # first, so that lines are told in the order of the file
     findings.report(*read.warnings)
     texts = None if kept is None else kept.texts
     weights = read_submodel_weights(read, findings, None if kept is None else kept.weights, texts)
     numbers = number_texts(read, texts)
+    # after the weights: their digests are part of the model's hash
     specs = with_files(parts_of(read, weights.digests), weights.files)
     parts = (*specs, *number_parts(numbers))
     try:
+        # weights that cannot be used would compile as if there were none
         findings.raise_errors()
         compiled = compile_spec(
             read.spec,
@@ -106,6 +112,7 @@ def _compiled(
             spec_hash=hash_of(text, parts, model_settings(settings)),
         )
     except SpecError as error:
+        # with the warnings before: they often are the reason
         findings.report(*error.diagnostics)
         raise SpecError(findings.in_order, sources) from None
     said = (*findings.in_order, *compiled.warnings)

@@ -37,6 +37,7 @@ def read_data(
     if model.spec.data is None:
         raise SpecError([no_data_section(purpose)])
     folder = data_folder(model, data_root)
+    # the inner one adds a note to what is wrong, the outer one the lines that are shown
     with sources_of(model), told_where_they_were(model, data_root):
         signals = program or model.program
         found = load_data(signals, model.spec.data, folder, row_filters(model.spec), beside)
@@ -62,6 +63,7 @@ def told_where_they_were(model: Model, data_root: str | Path | None) -> Generato
     try:
         yield
     except SpecError as error:
+        # who says where data are needs no hint
         if model.trained_in is None or data_root is not None:
             raise
         raise SpecError(_elsewhere(error.diagnostics, model.trained_in), error.sources) from None
@@ -98,6 +100,7 @@ def known_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray]:
     from msnn.model.weights.given_weights import known_weights
 
     with sources_of(model):
+        # arrays in memory do not say what they were trained for
         if isinstance(weights, str | Path):
             refuse_other_model(model, weights_path(weights))
         return known_weights(model.program, weights)

@@ -55,12 +55,15 @@ def choose_weights(
     """
     program = model.program
     needs_training = any(p.learn or p.statistic is not None for p in program.parameters)
+    # a file that is given wins even where nothing is learned: it may hold other constants
     if file is None and (initial or not needs_training):
         return ChosenWeights(known_weights(program, None), _of_the_spec(model))
     warnings: tuple[Diagnostic, ...] = ()
     if file is None:
+        # by the model's name: several share the folder of runs
         link = runs / program.name / LATEST
         latest = link if link.is_dir() else followed(link)
+        # whoever names a run does not mean a later one
         unfinished = None if model.run is not None else newest(link.parent, has_checkpoint)
         file = (latest if model.run is None else model.run) / WEIGHTS
         if not file.is_file():
@@ -80,4 +83,5 @@ def _of_the_spec(model: Model) -> str:
 
 def _whole_run(folder: Path) -> Path:
     """The run that a fold is part of, or itself."""
+    # a fold has no time in its name
     return folder.parent if folder.name.startswith(FOLD) else folder

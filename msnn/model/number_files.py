@@ -62,6 +62,7 @@ def _named(read: ReadResult) -> Iterator[Located[str]]:
 
 def _in(value: Any) -> Iterator[Located[str]]:
     match value:
+        # before `Entry`, which it is too
         case Initializer(file=Located() as file):
             yield file
         case Entry():

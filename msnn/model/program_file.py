@@ -37,6 +37,7 @@ def write_program_file(model: Model, out: Path) -> Path:
     verb would take for a program's.
     """
     file = out / f"{model.name}{PROGRAM_SUFFIX}"
+    # any other name is a folder that may not be there yet
     if out.suffix == ".json" and not out.is_dir():
         if not out.name.endswith(PROGRAM_SUFFIX):
             meant = out.with_name(out.stem + PROGRAM_SUFFIX)
@@ -52,6 +53,7 @@ def write_program_file(model: Model, out: Path) -> Path:
         # a file of numbers may be named by its whole path, and then is so on any machine
         named = {p.path: p.text for p in model.parts if p.is_numbers and Path(p.path).is_absolute()}
         spec["texts"] |= named
+        # digests: the arrays are in the program
         spec["weights"] = {part.name: part.weights for part in model.parts if part.weights}
     return write_text(file, data_to_json(program_to_data(model.program) | {"spec": spec}))
 
@@ -70,6 +72,7 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     except UnicodeDecodeError as error:
         raise SpecError([unreadable_file(shown, "it is not UTF-8 text")]) from error
     data = data_from_json(text, shown)
+    # what is compiled stays; how it is trained may still be set
     if refused := model_settings(settings):
         source = settings_source(refused)
         path = refused[0].partition("=")[0]
@@ -84,6 +87,7 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     numbers = number_texts(read, embedded.texts)
     parts, text = (*parts_of(read, embedded.weights), *number_parts(numbers)), read.source.text
     if (
+        # a program beside another spec would be trained and judged by wrong sections
         program.spec_hash != hash_of(text, parts, model_settings(own))
         or program.name != read.spec.name.value
     ):
@@ -134,6 +138,7 @@ def _embedded_spec(data: Any, folder: Path) -> _EmbeddedSpec | None:
     """Takes the spec out of the data of a program file; None if it is not there."""
     found = cast("dict[str, Any]", data).pop("spec", None) if isinstance(data, dict) else None
     match found:
+        # no system opens such a path: it would end as a fault of its own
         case {"path": str(path), "text": str(text)} if "\0" not in path:
             spec = Path(os.path.normpath(folder / path))
         case _:

@@ -74,7 +74,9 @@ def hash_of(text: str, parts: Sequence[SubmodelFile], settings: Sequence[str] = 
 
     `settings` are those that replace values of the model.
     """
+    # as JSON: text and settings run into one another otherwise
     own = _sha256(text) if not settings else _sha256(json.dumps([text, *settings]))
+    # so that a plain spec's hash is that of its file, which anybody can check
     if not parts:
         return own
     return _sha256(json.dumps([own, *([p.name, _sha256(p.text), p.weights] for p in parts)]))
@@ -90,6 +92,7 @@ def _parts(read: ReadResult, digests: Mapping[str, str], prefix: str) -> Iterato
             weights=digests.get(full, ""),
             is_robot=file.robot is not None,
         )
+        # full names: two parts may both use a sub-model of one name
         yield from _parts(file, digests, f"{full}.")
 
 

@@ -60,6 +60,7 @@ def _uses(read: ReadResult, prefix: str) -> Iterator[tuple[str, Use, ReadResult,
     """Sub-models by full name, with what they use and what uses them; inner ones first."""
     for name, use in read.spec.use.items():
         file = read.used[name]
+        # inner ones first: the hash that an outer file was written for counts their digests
         yield from _uses(file, f"{prefix}{name}.")
         yield prefix + name, use, file, read
 
@@ -89,6 +90,7 @@ def _read(name: str, use: Use, of: _File, found: SubmodelWeights, findings: Find
         problem = f"{path} is not a safetensors file"
         findings.report(errors.unusable_weights(name, problem, place, None))
         return
+    # of the very bytes that were read: the file may change meanwhile
     found.digests[name] = hashlib.sha256(content).hexdigest()
     found.files[name] = path
     found.arrays[name] = {
@@ -96,6 +98,7 @@ def _read(name: str, use: Use, of: _File, found: SubmodelWeights, findings: Find
         for array, values in arrays.items()
         if np.issubdtype(values.dtype, np.floating)
     }
+    # every array is told of, not the first alone
     for array, values in arrays.items():
         problem = None
         if array not in found.arrays[name]:
@@ -124,6 +127,7 @@ def _content(path: Path) -> bytes:
     if not path.exists():
         message = "no such file"
         raise ValueError(message)
+    # a pipe would wait for ever
     if not path.is_file() or path.stat().st_size > LARGEST_FILE:
         message = "it is not a file of weights"
         raise ValueError(message)

@@ -36,8 +36,10 @@ def refuse_other_model(model: Model, weights: Path) -> None:
             for path, then, now in differing
         ]
         path, then, _ = differing[0]
+        # what was not there cannot be set back by `--set`
         setting = None if then is None else f"{path}={then}"
         raise SpecError([weights_of_another_model(str(weights), said, setting)])
+    # last: names in the spec say more than joints in a URDF
     refuse_other_robot(model.parts, weights)
 
 
@@ -84,6 +86,7 @@ def _differing(then: ReadResult, now: ReadResult) -> list[tuple[str, str | None,
     before, after = dict(_values(then)), dict(_values(now))
     return [
         (path, before.get(path), after.get(path))
+        # a dictionary for its order: that of the spec which is read now
         for path in {**after, **before}
         if before.get(path) != after.get(path)
     ]
@@ -101,6 +104,7 @@ def _read(file: Path, settings: Sequence[str]) -> ReadResult | None:
     try:
         refuse_endless(file)
         text = file.read_text(encoding="utf-8")
+        # those of its training count for nothing, as the whole section does
         return read_one_spec(file, text, model_settings(settings))
     except (OSError, ValueError, SpecError):
         return None  # not there, or of a version of the language that is not read any more
@@ -118,4 +122,5 @@ def _flat(prefix: str, value: Any) -> Iterator[tuple[str, str]]:
             if key != "doc":
                 yield from _flat(f"{prefix}.{key}" if prefix else key, item)
     else:
+        # an empty mapping is a value too: `h: {}` is not the same as no `h`
         yield prefix, json.dumps(value, ensure_ascii=False).strip('"')

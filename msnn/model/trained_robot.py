@@ -42,6 +42,7 @@ def differing_robot(kept: Path, text: str) -> str | None:
         before = kept.read_text(encoding="utf-8")
     except (OSError, ValueError):
         return "nothing that could be read was kept"
+    # almost always, and cheaper than reading both
     if before == text:
         return None
     then, now = _read(kept.name, before), _read(kept.name, text)
@@ -51,6 +52,7 @@ def differing_robot(kept: Path, text: str) -> str | None:
         name = _first_differing(old, new)
         if name is not None:
             return f"the {kind} `{name}` is another one"
+    # their order is that of the elements of positions and torques
     if list(then.joints) != list(now.joints):
         return "the joints stand in another order"
     return None

@@ -45,6 +45,7 @@ def _compiler() -> InstalledPart:
 
 def _version(package: str) -> str | None:
     try:
+        # from the metadata: importing torch to ask it takes seconds
         return version(package)
     except PackageNotFoundError:
         return None

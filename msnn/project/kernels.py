@@ -61,6 +61,7 @@ def cleaned_cache(limits: CacheLimits) -> str:
     SpecError where others may write to it: nobody knows then whose files these are.
     """
     refused = kernel_folder().refused
+    # the wanted folder, though another is taken because it is full: that is when one cleans
     folder = cache_folder()
     if refused is not None and refused.is_foreign:
         raise SpecError((foreign_folder_is_not_cleaned(folder, refused.reason),))

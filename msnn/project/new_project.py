@@ -60,11 +60,14 @@ def _name_of(folder: Path) -> str:
 
 def _written(folder: Path, texts: Mapping[str, str]) -> Path:
     folder.parent.mkdir(parents=True, exist_ok=True)
+    # on the same disk, where a rename is one operation: the folder is there whole or not at all
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as place:
         made = Path(place) / folder.name
         for file, text in texts.items():
             path = made / file
             path.parent.mkdir(parents=True, exist_ok=True)
+            # an error of the system names the file that the user would have got, not the one in
+            # between
             with naming(folder / file):
                 path.write_text(text, encoding="utf-8", newline="\n")
         made.rename(folder)

@@ -17,6 +17,7 @@ def check_package_names() -> None:
 
     Only looks the names up; it imports none of them.
     """
+    # a wheel: the companions are below `msnn`
     if all((HOME / "msnn" / name).is_dir() for name in COMPANIONS):
         return
     for name in COMPANIONS:

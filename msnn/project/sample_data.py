@@ -18,6 +18,7 @@ _FINE = 20
 
 def sample_records() -> dict[str, str]:
     """CSV texts by file name, always the same ones: time, force, noisy position and velocity."""
+    # Philox by name: `default_rng` may become another generator, and the files would change
     random = np.random.Generator(np.random.Philox(2024))
     names = [f"train/run_{i + 1:02}.csv" for i in range(_TRAIN)]
     names += [f"test/run_{i + 1:02}.csv" for i in range(_TEST)]
@@ -58,8 +59,11 @@ def _motion(
         positions[row], velocities[row] = x, v
         for _ in range(_FINE):
             pull = force[row] - STIFFNESS * x
+            # v half a step later, by the force at its beginning
             half = v + 0.5 * h * (pull - DAMPING * v) / MASS
             x += h * half
             pull = force[row] - STIFFNESS * x
+            # the other half by the force at its end, where damping depends on v itself: solved for
+            # v
             v = (half + 0.5 * h * pull / MASS) / (1.0 + 0.5 * h * DAMPING / MASS)
     return positions, velocities

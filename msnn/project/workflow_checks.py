@@ -15,9 +15,9 @@ from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.sections.data.columns import Column
 from spec_schema.sections.data.data import Data
-from spec_schema.sections.data.splits import SETS
 from spec_schema.sections.spec import Spec
 
+# as where columns are read; that file is not opened here, for `check` is to start light
 _LOG_SUFFIX = ".meas"
 
 
@@ -37,6 +37,7 @@ def checked_model(
     """
     model = load_model(path, settings, strict_units=strict_units, text=text, unsaved=unsaved)
     diagnostics = (*model.warnings, *model.remarks, *check_workflow(model))
+    # all that is wrong at once, warnings too: they often are the reason
     if any(diagnostic.severity == "error" for diagnostic in diagnostics):
         raise SpecError(diagnostics, model.sources)
     return replace(model, warnings=diagnostics)
@@ -61,6 +62,7 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
     if spec.checks:
         from msnn.validation.plan import plan_checks
 
+        # planned for what it reports
         plan_checks(model.program, spec.checks, findings)
     sections = [*([] if spec.data is None else [spec.data]), *file_sections(spec).values()]
     _columns(model, sections, findings)
@@ -77,16 +79,11 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
     if spec.export is not None:
         from msnn.exports.export import plan_exports, target_names
 
+        # the targets of the spec: an entry that nobody exports yet is checked, too
         names = target_names((), spec.export, is_online=model.is_online)
         for plan in plan_exports(model, names, findings):
             findings.report(*plan.target.faults(plan))
     return findings.in_order
-
-
-def set_names(data: Data) -> tuple[str, ...]:
-    """The sets that a data section makes."""
-    split = SETS if data.split is not None else ()
-    return tuple(dict.fromkeys((*data.source, *split)))
 
 
 def _columns(model: Model, sections: Sequence[Data], findings: Findings) -> None:
@@ -124,7 +121,7 @@ def _filters(spec: Spec, data: Data, findings: Findings) -> None:
 
 
 def _sets(model: Model, data: Data, findings: Findings) -> None:
-    known = set_names(data)
+    known = data.sets
     for check in model.spec.checks:
         if check.data is not None and check.data.value not in known:
             findings.report(errors.unknown_set(check.data.value, check.data.span, known))

@@ -52,12 +52,17 @@ def compare_specs(old: Model, new: Model) -> SpecDifference:
     """What changed from one model to another; paths are those of the canonical spec."""
     before, after = spec_data(old.spec), spec_data(new.spec)
     changes = tuple(_changes("", before, after))
+    # programs too: text that the canonical spec does not hold (a sub-model, weights) may have
+    # changed
     if not changes and _meaning(old.program) == _meaning(new.program):
         return SpecDifference("same" if old.text == new.text else "text")
     renames = _renames(before, after)
+    # one rule: what is left after renaming is nothing. Two entries exchanged or moved are no
+    # renaming
     if renames and _renamed(before, renames) == after:
         return SpecDifference("renamed", changes, renames)
     if _meaning(old.program) == _meaning(new.program):
+        # a changed model section with the same program is another way to write it
         touched = {change.path.partition(".")[0] for change in changes if not _is_doc(change)}
         return SpecDifference("workflow" if touched & _WORKFLOW else "text", changes)
     return SpecDifference("model", changes)
@@ -88,6 +93,7 @@ def _changes(path: str, old: Any, new: Any) -> Iterator[ChangedValue]:
             inner = f"{path}.{key}" if path else key
             yield from _changes(inner, before.get(key), after.get(key))
     elif earlier and later:
+        # by position, as stages and limits have no names that would tell them apart
         for index in range(max(len(earlier), len(later))):
             pair = [items[index] if index < len(items) else None for items in (earlier, later)]
             yield from _changes(f"{path}.{index}", *pair)
@@ -111,12 +117,16 @@ def _renames(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
         renames[old["name"]] = new["name"]
     for section in _NAMED:
         before, after = list(old.get(section, {})), list(new.get(section, {}))
+        # without names in common only the place says what became of what, and one more entry moves
+        # them all
         if len(before) != len(after):
             return {}
         renames |= {a: b for a, b in zip(before, after, strict=True) if a != b}
     return renames
 
 
+# no word after a point: members such as `vehicle.W` keep their last part; Greek letters are names
+# too
 _WORD = re.compile(r"(?<![\w.])[A-Za-zͰ-Ͽ][A-Za-z0-9_Ͱ-Ͽ]*")
 
 

@@ -52,6 +52,7 @@ def shown_first(runs: Sequence[Simulation]) -> list[Simulation]:
         places = [place for place, name in enumerate(_FIRST) if name in sets]
         return min(places, default=len(_FIRST))
 
+    # stable: within a set records keep the order of their files
     return sorted(runs, key=rank)
 
 
@@ -79,6 +80,7 @@ def channels(signals: Sequence[Signal]) -> list[DrawnNumber]:
 def output_channels(program: Program) -> list[DrawnNumber]:
     """The numbers of outputs, those that predict something first."""
     found: list[DrawnNumber] = []
+    # False sorts first
     for output in sorted(program.outputs, key=lambda output: output.predicts is None):
         type = program.step[output.node].type
         low, high = program.expected_range(output.name) or (None, None)
@@ -86,6 +88,7 @@ def output_channels(program: Program) -> list[DrawnNumber]:
         if predicts is not None:
             # a simulation drops the signals that it does not read
             for signal in (s for s in program.signals if s.name == predicts.signal):
+                # a formula without units predicts a signal that has one
                 unit = unit or signal.unit
                 if low is None and high is None and signal.range is not None:
                     low, high = signal.range
@@ -108,9 +111,15 @@ def output_channels(program: Program) -> list[DrawnNumber]:
 
 
 def _indices(axes: Sequence[Axis]) -> list[tuple[int, ...]]:
+    # lazily: a field of a PDE has thousands of indices
     return list(islice(np.ndindex(*(axis.size for axis in axes)), MOST_ELEMENTS))
 
 
 def unit_of(unit: Unit | None) -> str:
     """As axes have it: nothing where there is none, or where a number has none."""
     return "" if unit is None or unit.text == "1" else unit.text
+
+
+def with_unit(name: str, unit: str) -> str:
+    """What an axis is called."""
+    return f"{name} / {unit}" if unit else name

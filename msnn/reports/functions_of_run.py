@@ -16,6 +16,7 @@ def functions_of_run(run: Run) -> tuple[LearnedFunction, ...]:
     weights = run.folder / WEIGHTS
     if not weights.is_file():
         return ()
+    # as the run has kept it: the file of the spec may have changed since
     model = load_model(run.folder)
     try:
         data = read_data(model, None, "picture")

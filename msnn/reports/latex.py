@@ -26,6 +26,7 @@ def formulas(spec: Spec) -> Iterator[tuple[str, str]]:
     for name, equation in spec.equations.items():
         yield name_latex(name), expression_latex(equation.expr)
     for name, state in spec.states.items():
+        # a state may have both: `der` for training, `next` in its place at commits (R4, step 3)
         if state.der is not None:
             yield rf"\dot{{{name_latex(name)}}}", expression_latex(state.der)
         if state.next is not None:
@@ -44,12 +45,14 @@ def formulas(spec: Spec) -> Iterator[tuple[str, str]]:
 def _predicted(prediction: Prediction) -> str:
     """The signal with a hat, at the sample that is predicted."""
     ahead: Samples | Duration = prediction.ahead
+    # `predicts: y` means y[t]
     is_now = isinstance(ahead, Samples) and ahead.count == 0
     index = "t" if is_now else rf"t+\mathrm{{{length_text(ahead).replace(' ', chr(92) + ',')}}}"
     return rf"\hat{{{name_latex(prediction.signal.value)}}}_{{{index}}}"
 
 
 def _indexed(name: str, index: str) -> str:
+    # a name with an index has a subscript already; TeX refuses a second one
     if "_" in name:
         return rf"\left({name_latex(name)}\right)_{{{index}}}"
     return f"{name_latex(name)}_{{{index}}}"

@@ -19,7 +19,7 @@ from compiler.ir.types import WINDOW
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.model.load import load_model
 from msnn.model.model import Model
-from msnn.reports.drawn import MOST_ELEMENTS, element_name, unit_of
+from msnn.reports.drawn import MOST_ELEMENTS, element_name, unit_of, with_unit
 from msnn.simulation.simulate import simulate
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
@@ -96,6 +96,7 @@ def learned_functions(
 ) -> tuple[LearnedFunction, ...]:
     """Taps of every filter; of a model without sub-models also curves over the data's range."""
     found = list(_taps(model.program, weights))
+    # a part of a linked model cannot be cut out: what connects its inputs stands in other files
     if data is not None and not model.read.used:
         candidates = [*_layers(model.spec), *_equations(model.spec, model.program)]
         found += _curves(model, weights, data, candidates)
@@ -104,6 +105,7 @@ def learned_functions(
 
 def _taps(program: Program, weights: Weights) -> Iterator[LearnedFunction]:
     for parameter in program.parameters:
+        # the window is the last axis of whatever has one (R3)
         if not parameter.axes or parameter.axes[-1].name != WINDOW or not parameter.learn:
             continue
         count = parameter.axes[-1].size
@@ -131,6 +133,7 @@ def _layers(spec: Spec) -> Iterator[_Candidate]:
     calls: dict[str, Call] = {}
     for call in calls_in((spec.equations, spec.outputs, spec.states, spec.layers)):
         if isinstance(call.function, Name):
+            # a layer that is called twice has one curve, over what it is called with first
             calls.setdefault(call.function.name, call)
     for name, layer in spec.layers.items():
         if name not in calls or not any(getattr(layer, kind) for kind in _DRAWN_LAYERS):
@@ -197,8 +200,7 @@ def _curves(
     for candidate in candidates:
         if all(text in ranges for text in candidate.arguments):
             arguments = [ranges[text] for text in candidate.arguments]
-            found = _evaluated(model, weights, candidate, arguments)
-            if found is not None:
+            if (found := _evaluated(model, weights, candidate, arguments)) is not None:
                 yield found
 
 
@@ -213,17 +215,20 @@ def _ranges(
     found: dict[str, _Argument] = {}
     kept = tuple(o for o in probe.outputs if not probe.step[o.node].type.axes)
     runs = simulate(
-        replace(probe, outputs=kept), data, _own(probe, weights), _STEPS, engine="interpreter"
+        # the interpreter: a kernel would be compiled for a probe that runs once
+        replace(probe, outputs=kept),
+        data,
+        _own(probe, weights),
+        _STEPS,
+        engine="interpreter",
     )
     for output in kept:
         values = np.concatenate([run.outputs[output.name] for run in runs])
         values = values[np.isfinite(values)]
-        unit = probe.step[output.node].type.unit
-        # over a value that never changes there is no curve
         if len(values) and values.min() < values.max():
             text = texts[int(output.name.removeprefix("argument"))]
             low, high = float(values.min()), float(values.max())
-            found[text] = _Argument(low, high, unit_of(unit))
+            found[text] = _Argument(low, high, unit_of(probe.step[output.node].type.unit))
     return found
 
 
@@ -260,19 +265,14 @@ def _evaluated(
             at = "" if level is None else f"{candidate.arguments[1]} = {level:.4g}"
             label = " ".join(filter(None, (element, at, arguments[-1].unit if at else "")))
             curves.append(Curve(label=label or candidate.title, y=y[:, number]))
-    name = candidate.title.partition("(")[0]
     return LearnedFunction(
         title=candidate.title,
         x=x,
-        x_label=_with_unit(candidate.arguments[0], first.unit),
-        y_label=_with_unit(name, unit_of(type.unit)),
+        x_label=with_unit(candidate.arguments[0], first.unit),
+        y_label=with_unit(candidate.title.partition("(")[0], unit_of(type.unit)),
         curves=tuple(curves[:_MOST_CURVES]),
         left_out=max(len(curves) - _MOST_CURVES, 0),
     )
-
-
-def _with_unit(name: str, unit: str) -> str:
-    return f"{name} / {unit}" if unit else name
 
 
 def _compiled(
@@ -283,11 +283,13 @@ def _compiled(
 ) -> Program | None:
     """The model's spec with other sections; None where that is no model."""
     data = {key: value for key, value in spec_data(model.spec).items() if key not in without}
+    # only what the function needs: other entries read inputs that the small model has not
     if needs is not None:
         for section in ("layers", "equations", "functions"):
             data[section] = {n: each for n, each in data.get(section, {}).items() if n in needs}
         data = {key: value for key, value in data.items() if value != {}}
     try:
+        # through text and the reader: the small model is checked as every spec is
         return load_model(model.path, text=yaml_text({**data, **changes})).program
     except SpecError:  # an argument that is a window, a name that only the whole model has
         return None

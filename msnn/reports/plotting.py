@@ -7,7 +7,6 @@ from typing import Any
 
 from backends.files.atomic_write import replacing
 from msnn.packages import MATPLOTLIB
-from spec_schema.units.unit import Unit
 
 FORMATS = ("png", "svg", "pdf")
 
@@ -37,11 +36,6 @@ def saved_figure(figure: Any, path: Path) -> Path:
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix.removeprefix("."), dpi=120)
     return path
-
-
-def quantity(name: str, unit: Unit | None) -> str:
-    """A name with its unit, as axes have them."""
-    return name if unit is None else f"{name} / {unit.text}"
 
 
 def plain_text(text: str) -> str:

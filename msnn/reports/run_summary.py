@@ -27,7 +27,7 @@ from msnn.reports.training_summary import (
     zeros_note,
 )
 from msnn.tables import count, table_text
-from msnn.training.records.progress import EpochEnd, StageEnd
+from msnn.training.records.progress import EpochEnd, StageEnd, leading_epochs
 from msnn.training.records.run_folder import METRICS, PARAMETERS
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.reading.settings import model_settings
@@ -113,7 +113,7 @@ def _number(value: float | None) -> float:
 
 
 def _stage(attempts: Mapping[int, list[EpochEnd]], reason: str) -> TrainedStage:
-    epochs = min(attempts.values(), key=lambda events: events[-1].best)
+    epochs = leading_epochs(attempts.values())
     last = epochs[-1]
     reached = StageEnd(
         stage=last.stage,

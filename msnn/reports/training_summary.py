@@ -10,7 +10,7 @@ from msnn.data.dataset import FloatArray
 from msnn.tables import Table
 from msnn.training.records.learned.parameters_record import has_unidentified, parameters_record
 from msnn.training.records.learned.standard_errors import StandardErrors
-from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
+from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart, leading_epochs
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _MOST_SHOWN = 8
@@ -49,10 +49,7 @@ class Recorded:
     @property
     def epochs(self) -> tuple[tuple[EpochEnd, ...], ...]:
         """Of every stage that has begun, those of the attempt that leads."""
-        return tuple(
-            tuple(min(attempts.values(), key=lambda events: events[-1].best))
-            for attempts in self._epochs.values()
-        )
+        return tuple(tuple(leading_epochs(attempts.values())) for attempts in self._epochs.values())
 
 
 def stages_table(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> str:

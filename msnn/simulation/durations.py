@@ -12,5 +12,6 @@ def samples(length: Length, sample_time: float | None, findings: Findings) -> in
     """The number of samples; None after a report, for nothing is rounded silently."""
     try:
         return Sampling(sample_time, findings).samples(length)
+    # the compiler's own count has told why: 0.25 s is no whole number of samples of 0.1 s
     except LoweringFailed:
         return None

@@ -78,6 +78,7 @@ def descended(
     everything = np.arange(len(begin))
     undecided = np.zeros(begin.shape, np.bool_)
     settled = np.zeros(len(begin), np.bool_)
+    # of those that have not ended; all arrays of a problem move along in this order
     now, members = products(everything, values), everything
     length = np.ones(len(begin))
     for taken in range(MOST_STEPS + 1):

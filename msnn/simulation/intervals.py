@@ -34,6 +34,7 @@ class Intervals:
 
     def half_width(self, output: str, variance: FloatArray) -> FloatArray:
         """Of intervals at samples where the learned numbers make this variance."""
+        # errors of numbers and of measurements taken as independent: variances add
         return quantile(self.level) * np.sqrt(variance + self.noise[output])
 
 
@@ -55,6 +56,7 @@ def uncertain_program(
 ) -> UncertainProgram:
     """The program, its loops closed, with the variances of the outputs that have an interval."""
     there = {parameter.name for parameter in program.parameters}
+    # a simulation drops what only losses use
     learned = [name for name in intervals.covariance.values if name in there]
     if not learned:
         return UncertainProgram(program, weights)

@@ -62,6 +62,7 @@ def linearize(
     # the first row around which the log has room for every port
     row = max([0, *(-port.first for port in ports)])
     log = {port.signal.name: _series(port, given[port.signal.name], row) for port in ports}
+    # the interpreters take a batch: one member here
     batch = {name: value[np.newaxis] for name, value in known.items()}
     found = JacobianInterpreter(slopes, step, weights).matrices(log, row, batch)
     vectors = (slopes.states, slopes.inputs, slopes.outputs, slopes.parameters)
@@ -100,6 +101,7 @@ def _blocks(hessian: FloatArray, states: int) -> dict[str, FloatArray]:
 def _arrays(
     kind: str, given: Mapping[str, ArrayLike], shapes: Mapping[str, tuple[int, ...]]
 ) -> dict[str, FloatArray]:
+    # all of them: a state that is left out would be 0 without anybody having said so
     if given.keys() != shapes.keys():
         message = f"values wanted for each {kind} of {sorted(shapes)}, given for {sorted(given)}"
         raise ValueError(message)

@@ -49,11 +49,13 @@ def entry_value(program: Program, name: str, values: Mapping[str, float]) -> flo
     """The value of a `losses:` entry, which is the sum of its terms, or of one term by its name."""
     if name in values:
         return values[name]
+    # an entry such as `mse(a, b) + 2 * mse(c, d)` is several losses, each with its share
     return sum(loss.share * values[loss.name] for loss in program.losses if loss.entry == name)
 
 
 def longest_first(runs: Runs) -> IntArray:
     """Members in the order in which `moments` and engines keep them: the shortest last."""
+    # stable: rollouts alike long keep their order, and with it the order of all sums
     return np.argsort(-runs.steps, kind="stable")
 
 
@@ -69,6 +71,7 @@ def moments(
     for number in range(int(steps[0])):
         # by falling length: members that have this step stand first
         running = int(np.searchsorted(-steps, -number, side="left"))
+        # views, no copies, and only when one has ended
         if running < len(next(iter(states.values()), t0)):
             states = {name: value[:running] for name, value in states.items()}
         t = t0[:running] + number
@@ -112,6 +115,7 @@ def summed(
                 # NaN is a missing target; an infinite one counts, and makes the loss infinite
                 np.ones(prediction.shape, dtype=np.bool_) if target is None else ~np.isnan(target)
             )
+            # a row counts or not, elements of it may be missing besides
             there &= _along(rows, prediction)
             each = _factors(named[name], moment.values, prediction)
             sums[name] += _sum(named[name].measure, prediction, target, there, each)

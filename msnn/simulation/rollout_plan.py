@@ -97,11 +97,13 @@ def plan_rollout(
     except LoopError as error:
         findings.report(errors.cannot_close(error.signal, str(error), rollout.place.value))
         return None
+    # after the loop is closed: both kinds of mistakes are told at once
     if horizon is None or given is None or skip is None or warm_up is None:
         return None
     if warm_up and not closed:
         findings.report(errors.warms_nothing(rollout.place.value))
     # a closed signal that is still read from the log shows nothing of the model
+    # they run side by side from the start: the longer one decides
     key, unscored_steps = max(("skip", skip), ("warm_up", warm_up), key=lambda one: one[1])
     plan = RolloutPlan(
         program=looped,
@@ -152,10 +154,12 @@ def _with_found_starts(
     if estimated:
         over = max(state.fit_over or 0 for state in estimated)
         starts = PlannedStarts(plan.program, over, plan.skip)
+        # starts become series: found beside the program, and read by it as any log
         program = with_read_starts(plan.program)
         plan = replace(plan, program=program, starts=starts)
         if over > plan.skip:
             plan = replace(plan, skip=over, skipped_by=f"the fit of `{estimated[0].name}` over")
+    # of whole records the length is known only with the data
     if isinstance(plan.horizon, int) and plan.skip >= plan.horizon:
         found = errors.skips_everything(plan.skipped_by, plan.skip, plan.horizon, span)
         findings.report(found)
@@ -253,6 +257,7 @@ def _with_known_starts(program: Program, data: Dataset, runs: Runs) -> Runs:
     """Without the rollouts whose first states would come from missing samples."""
     known = np.ones(len(runs), dtype=np.bool_)
     for name, extent in reads(program.start, [s.start for s in program.states]).items():
+        # targets may be missing in rows that are usable; a start that reads one would be NaN
         missing = np.asarray(np.isnan(data.series[name].reshape(data.rows, -1)).any(axis=1))
         if missing.any():
             for offset in range(extent.first, extent.last + 1):

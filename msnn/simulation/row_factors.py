@@ -37,9 +37,10 @@ def check_row_factors(
         bad = np.flatnonzero(~(np.isfinite(factors) & (factors >= 0)))
         if len(bad):
             row = int(t[bad[0]])
-            record = next(one for one in data.records if one.start <= row < one.stop)
             value = float(factors[bad[0]])
-            found = unfit_factor(loss.entry, value, record.place(row), len(bad), loss.span)
+            found = unfit_factor(
+                loss.entry, value, data.record_of(row).place(row), len(bad), loss.span
+            )
             findings.report(found)
 
 
@@ -47,6 +48,7 @@ def _evaluated(runs: Runs, rows: int) -> IntArray:
     """The rows t of all evaluations, each once."""
     # +1 where a rollout begins, −1 behind its end: the sum says how many evaluate a row
     changes = np.zeros(rows + 1, np.int64)
+    # add.at: rollouts may begin in one row, which `changes[t0] += 1` would count once
     np.add.at(changes, runs.t0, 1)
     np.add.at(changes, runs.t0 + runs.steps, -1)
     return np.flatnonzero(np.cumsum(changes[:-1]))
@@ -54,6 +56,7 @@ def _evaluated(runs: Runs, rows: int) -> IntArray:
 
 def _factors(program: Program, loss: Loss, node: int, data: Dataset, t: IntArray) -> FloatArray:
     output = Output(loss.name, node)
+    # factors read the log alone: nothing else of the step is computed
     alone = replace(program, outputs=(output,), losses=(), states=(), expected=(), fits=())
     judge = Interpreter(alone)
     parts = [

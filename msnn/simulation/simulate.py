@@ -100,6 +100,7 @@ def simulation_program(program: Program, close: Iterable[str] | None = None) -> 
         return _reading(replace(closed, fits=()), compared)
     following = {state.name: state.next for state in closed.states}
     outputs = [output.node for output in closed.outputs]
+    # states that no output feels would be simulated for nothing, and ask for columns
     beside = states_beside_the_log(closed.step, following, outputs)
     kept = tuple(state for state in closed.states if state.name not in beside)
     return _reading(replace(closed, losses=(), fits=(), states=kept), [])
@@ -152,6 +153,8 @@ def simulate(
         files = files_skipped(data, stretches, runs)
         skipped = (runs.skipped, len(stretches), far.rows(1))
         warnings += (data_rows.episodes_skipped(*skipped, "the simulation", files),)
+    # before `horizon` cuts runs: a start is fitted over its first evaluations, however few are
+    # asked for
     program, series, uncertain = _started(program, data, stretches, runs, weights)
     warnings += tuple(uncertain)
     if horizon is not None:
@@ -168,6 +171,7 @@ def simulate(
             for name in intervals.noise
         }
     # a row after a gap was measured at another time than the steps before it predict
+    # the first row behind each stretch without gap
     ends = np.append(np.flatnonzero(~data.continues), data.rows)
     unbroken = ends[np.searchsorted(ends, runs.t0, side="right")]
     places = (column.tolist() for column in (runs.t0, runs.steps, first_places(runs), unbroken))
@@ -207,6 +211,7 @@ def _started(
     found = fit.find(data.series, first, weights)
     series = {**data.series, **found.series(data.rows)}
     warnings = uncertain_starts(found, data, "the simulation")
+    # losses decided the starts; the run itself has none
     return with_read_starts(replace(program, losses=())), series, warnings
 
 
@@ -218,6 +223,7 @@ def _stretches(data: Dataset, data_set: str | None) -> IntArray:
     if not data.has(data_set):
         known = [known for known in data.sets if data.has(known)]
         raise SpecError([data_rows.no_rows_in_set(data_set, known, None)])
+    # of one set its episodes, which end where the set does; of all the stretches, whatever the sets
     return data.episodes(data_set)
 
 
@@ -231,7 +237,7 @@ def _simulation(
 ) -> Simulation:
     """One run; measured values are taken from the rows before `unbroken`."""
     t0, steps = rows.start, len(rows)
-    record = next(record for record in data.records if record.start <= t0 < record.stop)
+    record = data.record_of(t0)
     logged: dict[str, FloatArray] = {}
     for out in program.outputs:
         if out.predicts is not None and out.predicts.signal in data.series:
@@ -275,6 +281,7 @@ def _places(program: Program, data: Dataset, record: Record, rows: range) -> Ste
     return StepPlaces(
         files=tuple(piece.file for piece, begin, end in pieces for _ in range(begin, end)),
         rows=np.concatenate([piece.file_rows(begin, end) for piece, begin, end in pieces]),
+        # of a record with files without time there is no common one
         time=np.concatenate(known) if len(known) == len(times) else None,
         sets=tuple("" if code == UNASSIGNED else data.sets[code] for code in codes),
     )

@@ -36,6 +36,7 @@ def simulation_data(
     """
     beside = measured_beside(model.program, program)
     if data is None:
+        # the data of the spec, with its sets
         return read_data(model, data_root, "simulation", program, beside)
     files = given_files(data)
     with sources_of(model):
@@ -45,6 +46,7 @@ def simulation_data(
             return frame_data(
                 program, spec.data, frames, spec.place, filters, beside=beside, split=False
             )
+        # files of a command line are relative to where it is typed, not to the spec
         missing = [file for file in files if not matching(Path.cwd(), str(file))]
         if missing:
             raise SpecError([no_file(str(file), None, None) for file in missing])

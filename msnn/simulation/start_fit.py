@@ -52,6 +52,7 @@ class FoundStarts:
         """The values in the rows t0, as programs with read starts take them."""
         found: dict[str, FloatArray] = {}
         for name, values in self.values.items():
+            # only the rows t0 are ever read
             whole = np.zeros((rows, *values.shape[1:]))
             whole[self.t0] = values
             found[f"{name}.start"] = whole
@@ -105,6 +106,7 @@ class StartFit:
             if not loss.name.startswith(SIZE_OF)
         }
         judge = Interpreter(self._judged, weights)
+        # a copy of the mapping, not of the series: `products` writes into its own arrays
         log = {**series, **self.blank(len(next(iter(series.values()))))}
 
         def products(members: IntArray, values: FloatArray) -> RunProducts:
@@ -181,6 +183,7 @@ class _Sums:
         self.slope[members] += np.einsum("rne,re->rn", slopes, error)
         self.curvature[members] += slopes @ slopes.transpose(0, 2, 1)
         self.size[members] += values[f"{_SIZE}{loss}"]
+        # of evaluations whose target is there; missing ones have residual 0
         self.count[members] += values[f"{COUNT}{loss}"]
 
 
@@ -252,14 +255,12 @@ def uncertain_starts(found: FoundStarts, data: Dataset, wanted_by: str) -> list[
     lost = {name: one for name, one in found.undecided.items() if one.any()}
     if lost:
         some = np.any([*lost.values()], axis=0)
-        place = _place(data, int(found.t0[np.argmax(some)]))
+        row = int(found.t0[np.argmax(some)])
+        place = data.record_of(row).place(row)
         diagnostics.append(errors.undecided_start([*lost], wanted_by, place, int(some.sum())))
     if found.unsettled.any():
-        place = _place(data, int(found.t0[np.argmax(found.unsettled)]))
+        row = int(found.t0[np.argmax(found.unsettled)])
+        place = data.record_of(row).place(row)
         count = int(found.unsettled.sum())
         diagnostics.append(errors.unsettled_start([*found.values], wanted_by, place, count))
     return diagnostics
-
-
-def _place(data: Dataset, row: int) -> str:
-    return next(record.place(row) for record in data.records if record.start <= row < record.stop)

@@ -97,6 +97,8 @@ def _rows(
 
 def _cells(values: FloatArray) -> Sequence[object]:
     missing = np.isnan(values)
+    # Python's floats, which csv writes by repr: the shortest text that reads back as the same
+    # number
     cells: list[object] = values.tolist()
     for index in np.flatnonzero(missing).tolist():
         cells[index] = ""
@@ -109,5 +111,6 @@ def _labels(program: Program, output: Output) -> list[str]:
     axes = program.step[output.node].type.axes
     if not axes:
         return [output.name]
+    # by label where the spec has some
     names = [dimensions.get(axis.name) or tuple(map(str, range(axis.size))) for axis in axes]
     return [f"{output.name}[{','.join(index)}]" for index in product(*names)]

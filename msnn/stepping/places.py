@@ -39,13 +39,27 @@ class RealsPlace:
     def put(self, value: ArrayLike) -> None:
         """Writes an array. ValueError for another shape, or numbers that are not finite."""
         assert self.view is not None
-        array = np.asarray(value, np.float64)
-        if array.shape != self.view.shape:
-            raise ValueError(f"`{self.name}` has shape {array.shape}, not {self.view.shape}")
+        array = shaped(self.name, value, self.view.shape)
         if self.refuses and not np.isfinite(array).all():
             raise ValueError(not_finite(self.name, array[~np.isfinite(array)][0]))
         with np.errstate(over="ignore"):  # too large for float32: the step says so
             self.view[...] = array
+
+
+def numbers_of(name: str, value: ArrayLike) -> Array:
+    """What is given for a value, as an array. ValueError where it is not made of numbers."""
+    try:
+        return np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"`{name}` is not made of numbers: {value!r}") from None
+
+
+def shaped(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """The same where it has a shape. ValueError for another one."""
+    array = numbers_of(name, value)
+    if array.shape != shape:
+        raise ValueError(f"`{name}` has shape {array.shape}, not {shape}")
+    return array
 
 
 def not_finite(name: str, value: float) -> str:
@@ -63,6 +77,7 @@ def not_a_start(name: str, value: float) -> str:
 
 def refuses(signal: Signal) -> bool:
     """Whether the C would only report what is not finite, and go on with it."""
+    # `clamp` and `hold` replace such a value in C; `trust` promises that there is none
     return signal.on_invalid == "flag"
 
 
@@ -82,6 +97,7 @@ def output_places(interface: Interface, memory: Any) -> tuple[RealsPlace, ...]:
 
 
 def _places(fields: Iterable[Field], memory: Any, interface: Interface) -> Iterable[RealsPlace]:
+    # a view of the memory of ctypes: writing to it is writing the struct
     numbers = np.frombuffer(memory, interface.options.dtype)
     begin = 0
     for field in fields:

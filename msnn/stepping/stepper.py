@@ -17,8 +17,10 @@ from msnn.stepping.places import (
     input_places,
     not_a_start,
     not_finite,
+    numbers_of,
     output_places,
     refuses,
+    shaped,
 )
 from spec_schema.diagnostics.suggest import nearest
 
@@ -45,6 +47,7 @@ class Stepper:
         """`c` or `interpreter`: who steps."""
         self.sample_time = sample_time
         """Seconds between two steps; None where the spec does not say."""
+        # kept beside: a step is a few microseconds, of which looking up attributes is a part
         self._call = engine.step
         self._memory, self._answers = engine.inputs, engine.outputs
         self._inputs = input_places(interface, engine.inputs)
@@ -58,6 +61,7 @@ class Stepper:
         A name that no keyword can be, such as `car.u`, is given by `step(**{"car.u": 1.0})`.
         """
         places = self._inputs
+        # all before anything is written: a mistake leaves the inputs as they were
         if inputs.keys() != places.keys():
             raise ValueError(_misnamed("step", places, inputs))
         if self._unset:
@@ -71,6 +75,7 @@ class Stepper:
         self._status = self._call()
         answers = self._answers
         return {
+            # copied: the next step writes into the same memory
             place.name: answers[place.index] if place.view is None else place.view.copy()
             for place in self._outputs
         }
@@ -79,6 +84,7 @@ class Stepper:
     def status(self) -> tuple[str, ...]:
         """What the last step or reset found out of order, by the names of the C's status bits."""
         bits = StatusBit(self._status)
+        # members that are one bit each have names
         return tuple(bit.name or "" for bit in StatusBit if bit in bits)
 
     def reset(self, **initial: ArrayLike) -> None:
@@ -91,6 +97,7 @@ class Stepper:
         starts = {field.name: (field, port) for field, port in self._interface.windows}
         supplied = {field.name: field for field, _ in self._interface.supplied}
         shapes = self._shapes()
+        # dictionaries for their order: messages list names as the spec has them
         known = {**dict.fromkeys((*starts, *supplied)), **dict.fromkeys(shapes)}
         if unknown := initial.keys() - known.keys():
             raise ValueError(_misnamed("reset", known, dict.fromkeys((*known, *unknown))))
@@ -105,8 +112,10 @@ class Stepper:
             for name, value in initial.items()
             if name not in windows
         }
+        # first states are computed of all samples together
         if windows and windows.keys() != {*starts, *supplied}:
             raise ValueError(self._wanted())
+        # without samples the states that come of them have to be given themselves
         waiting = self._waiting_states()
         if not windows and not waiting <= given.keys():
             raise ValueError(self._wanted())
@@ -139,6 +148,7 @@ class Stepper:
             if self._interface.filled_by_first <= found.keys():
                 self._engine.no_longer_waits(BUFFERS_EMPTY)
         self._engine.set_states({**self._engine.states(), **found})
+        # all of them: a state half set is no beginning
         if self._waiting_states() <= found.keys():
             self._engine.no_longer_waits(STATES_UNSET)
             self._unset = False
@@ -172,11 +182,12 @@ class Stepper:
 
 def _window(value: ArrayLike, field: Field, port: Port) -> Array:
     """Samples around the first step; one stands for all."""
-    array = np.asarray(value, np.float64)
+    array = numbers_of(field.name, value)
     one = tuple(axis.size for axis in port.signal.axes)
+    # one sample without the window's axis, which is the last (R3)
     if array.shape == one and array.shape != field.shape:
         array = np.broadcast_to(array[..., np.newaxis], field.shape)
-    array = _shaped(field.name, array, field.shape)
+    array = shaped(field.name, array, field.shape)
     if refuses(port.signal) and not np.isfinite(array).all():
         raise ValueError(not_finite(field.name, _first_not_finite(array)))
     return array
@@ -184,7 +195,7 @@ def _window(value: ArrayLike, field: Field, port: Port) -> Array:
 
 def _start(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     """What a state begins with."""
-    array = _shaped(name, value, shape)
+    array = shaped(name, value, shape)
     if not np.isfinite(array).all():
         raise ValueError(not_a_start(name, _first_not_finite(array)))
     return array
@@ -192,16 +203,6 @@ def _start(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 def _first_not_finite(array: Array) -> float:
     return float(array[~np.isfinite(array)][0])
-
-
-def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    try:
-        array = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"`{name}` is not made of numbers: {value!r}") from None
-    if array.shape != shape:
-        raise ValueError(f"`{name}` has shape {array.shape}, not {shape}")
-    return array
 
 
 def _described(field: Field, port: Port) -> str:

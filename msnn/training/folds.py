@@ -17,6 +17,7 @@ from msnn.errors.learning.training import no_checkpoint
 from msnn.model.kept_run import CHECKPOINT, FOLD, LATEST, newest, read_json
 from msnn.model.model import Model
 from msnn.tables import Table
+from msnn.training.plans.stage_result import monitor_order
 from msnn.training.records.metrics_log import finite
 from msnn.training.records.progress import EpochEnd, Progress, Silent, StageEnd, StageStart
 from msnn.training.records.run_folder import RunFolder, new_run_folder
@@ -59,7 +60,7 @@ class FoldsResult:
     @property
     def best(self) -> Fold:
         """The fold with the lowest monitor of the last stage."""
-        return min(self.folds, key=lambda fold: fold.monitor)
+        return min(self.folds, key=lambda fold: monitor_order(fold.monitor))
 
     @property
     def weights(self) -> Mapping[str, FloatArray]:

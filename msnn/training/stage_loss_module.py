@@ -67,6 +67,7 @@ class StageLoss(nn.Module):
         self, plan: StagePlan, data: Dataset, runs: StageData, weights: Mapping[str, FloatArray]
     ) -> None:
         super().__init__()
+        # the loop outside takes steps by slopes, whatever the stage would do in corners
         self.plan = plan = with_slopes_alone(plan)
         self._spread: float | None = None
         self._data, self._runs = data, runs
@@ -75,10 +76,12 @@ class StageLoss(nn.Module):
         self.notes: tuple[Diagnostic, ...] = ()
         """What the user should know of how it is computed."""
         self._model = build_module(plan.program, getattr(torch, plan.dtype), plan.device)
+        # before gradients are asked for: what is loaded is no step
         self._model.load_physical(weights)
         for parameter in plan.program.parameters:
             self._model.raw(parameter.name).requires_grad_(parameter.name in plan.trained)
         self._objective = self._opened()
+        # its warnings are those of a training, which this is not
         self._starts = stage_starts(plan, data, lambda _: None)
         self._sums: LossSums = {}
 
@@ -114,6 +117,7 @@ class StageLoss(nn.Module):
         runs = self._runs.in_epoch(epoch)
         if self._starts is not None:
             self._objective.write(self._starts.for_training(runs, self.weights()))
+        # the stage's own order: a loop like that of `train` sees the same batches
         order = shuffled(len(runs), order_key(plan.seed, plan.index, epoch))
         yield from batches_of(runs.take(order), plan.batch or len(order))
 
@@ -126,6 +130,7 @@ class StageLoss(nn.Module):
     def _priors(self) -> Tensor | float:
         if not has_priors(self.plan):
             return 0.0
+        # a loop may ask for the loss before it asks for batches
         if self._spread is None:
             self._spread = self._measured(0)
         raws = {name: self._model.raw(name) for name in self.plan.trained}

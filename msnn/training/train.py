@@ -52,11 +52,13 @@ def train(
     TrainingDivergedError, TrainingInterruptedError and MissingExtraError.
     """
     options, progress = options or TrainingOptions(), progress or Silent()
+    # first of all: nothing is planned or compiled for a package that is missing
     if options.tensorboard:
         require_tensorboard()
     findings = Findings()
     plans = on_device(plan_stages(program, stages, findings), options.device, findings)
     datas = [stage_data(plan, data, findings) for plan in plans]
+    # after the data were looked through: stages and data are told of together
     findings.raise_errors()
     # before the run's folder is made: an optimiser that torch refuses leaves nothing behind
     try_optimizers(program, plans)
@@ -66,6 +68,7 @@ def train(
     plans = with_data_scales([replace(plan, ranks=ranks) for plan in plans], data, first)
     ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
     record = run_record(program, plans, data, options.parts)
+    # before a folder is made: of ranks that differ none leaves anything behind
     check_same_training(ranks, record)
     folder, checkpoint = open_run(program, options, record)
     checkpoint = checkpoint_of_first(ranks, folder and folder.checkpoint, checkpoint)
@@ -74,6 +77,7 @@ def train(
     for warning in (*data.warnings, *findings.in_order):
         noted.warned(warning)
     curves = Curves(folder.path) if folder is not None and options.tensorboard else None
+    # a fresh run is one that goes on from nothing
     begin = checkpoint or Checkpoint(ended=(), begin=first)
     run = TrainingRun(
         program=program,
@@ -102,6 +106,7 @@ def train(
         kept = str(folder.weights) if folder.weights.is_file() else None
         raise SpecError((run_ends.run_not_kept(file, reason, kept),)) from error
     finally:
+        # whatever ended it: a session in Python would hold the file open
         noted.close()
         if curves is not None:
             curves.close()

@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 
 from msnn.verification.builds.board_build import BoardBuild
-from msnn.verification.builds.boards import BOARDS, Board
+from msnn.verification.builds.boards import Board, board_levels
 from msnn.verification.builds.call_graph import stack_bound
 from msnn.verification.builds.golden_run import differences
 from msnn.verification.builds.harness import write_harness
@@ -16,7 +16,6 @@ from msnn.verification.exported_c import ExportedC
 from msnn.verification.proof_step import Figures, ProofStep, Result
 from msnn.verification.tools import GCC
 
-LEVELS = ("-O2", "-Os")
 _RETURN = 2
 """Instructions in which the empty step returns its status: they are the model's as well."""
 _SECONDS = 60.0
@@ -24,27 +23,29 @@ _SECONDS = 60.0
 
 def board_checks(model: ExportedC, targets: frozenset[str]) -> Iterator[ProofStep]:
     """One check for each board and optimisation level."""
-    for board in BOARDS:
-        if board.target in targets:
-            for level in LEVELS:
-                yield _on_board(board, level, model)
+    return (_on_board(board, level, model) for board, level in board_levels(targets))
 
 
 def _on_board(board: Board, level: str, model: ExportedC) -> ProofStep:
     def run(folder: Path) -> Result:
+        # the model at the level that is measured; harness and start-up code always at -O1
         build = BoardBuild(board, level, model, folder)
         write_harness("replay.h", model, folder)
         main = build.object(write_harness("board_main.c", model, folder), ["-O1"])
         answer = build.answer(build.link("golden", [main, *build.objects]), _SECONDS)
         found = differences(model, answer)
         stack = re.search(r"stack ([0-9a-f]{8})", answer)
+        # without an answer there is nothing to count
         if found or stack is None:
             return check.of(found or ["no word about the stack"], "golden steps differ")
         painted = int(stack[1], 16)
+        # of the step alone: init and reset run once, and are not what a task's stack is laid out
+        # for
         bound = stack_bound(sorted(folder.glob("*.ci")), f"{model.prefix}_step")
         # painted is what a run has used, the bound what any run can use
         if bound is not None and painted > bound:
             found.append(f"the stack was {painted} bytes deep, the call graph allows {bound}")
+        # another program: the harness of the golden steps would count as the model's
         flash, data, bss = build.added(write_harness("size_main.c", model, folder))
         counts = _instructions(build.counts(), model)
         figures = Figures(

@@ -77,10 +77,11 @@ class ProofStep:
                 detail=detail,
                 missing=missing,
             )
+        # a new folder each time: a file that a former run has left would be taken for this one's
         folder.mkdir(parents=True)
         try:
             return self.run(folder)
-        # before its base class: a tool that hangs says nothing about the code, one that fails does
+        # a tool that hangs says nothing about the code, one that fails does
         except ToolTimedOutError as error:
             return Result(
                 check=self.name, target=self.target, verdict="not done", detail=str(error)
@@ -123,13 +124,19 @@ class ToolFailedError(Exception):
         # a compiler that stumbles once goes on for thousands of lines; the first ones say it
         self.lines = [line for line in output.splitlines() if line.strip()][:40]
 
+    @property
+    def complaints(self) -> list[str]:
+        """The lines that name an error; all of them where none does."""
+        named = [line for line in self.lines if "error:" in line or "ERROR:" in line]
+        return named or self.lines or [str(self)]
 
-class ToolTimedOutError(ToolFailedError):
-    """A command did not end in time: it said nothing about the code."""
+
+class ToolTimedOutError(Exception):
+    """A command did not end in time: it said nothing about the code, which is no failure."""
 
 
 def run_tool(command: Sequence[str | Path], folder: Path, seconds: float = _SECONDS) -> str:
-    """What a command wrote; ToolFailedError where it failed."""
+    """What a command wrote; ToolFailedError where it failed, ToolTimedOutError."""
     words = [str(word) for word in command]
     try:
         done = subprocess.run(
@@ -145,7 +152,7 @@ def run_tool(command: Sequence[str | Path], folder: Path, seconds: float = _SECO
             timeout=seconds,
         )
     except subprocess.TimeoutExpired:
-        raise ToolTimedOutError(f"no answer within {seconds:g} s: {words[0]}", "") from None
+        raise ToolTimedOutError(f"no answer within {seconds:g} s: {words[0]}") from None
     output = done.stdout + done.stderr
     if done.returncode != 0:
         raise ToolFailedError(f"{words[0]} failed", f"{shlex.join(words)}\n{output}")

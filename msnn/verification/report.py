@@ -61,6 +61,7 @@ def verification_markdown(verification: Verification) -> str:
     for result in verification.results:
         lines = [*result.findings, *result.notes]
         if lines:
+            # a backtick would end the code that the line is shown as
             listed = "\n".join(f"- `{line.replace('`', chr(39))}`" for line in lines)
             parts += [f"## {result.check}, {result.target}", listed]
     parts += _trace_parts(verification)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class Sources(Protocol):
@@ -53,6 +56,13 @@ class CFolder:
     def model_sources(self) -> tuple[Path, ...]:
         """The sources without self-tests, as deployed."""
         return tuple(path for path in self.sources if not path.stem.endswith("_selftest"))
+
+
+def plain_name(text: str) -> str:
+    """The text, which goes into C and into command lines, if it is a plain C name."""
+    if not _NAME.fullmatch(text):
+        raise ValueError(text)
+    return text
 
 
 def includes(model: Sources) -> list[str]:

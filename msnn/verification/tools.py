@@ -36,6 +36,7 @@ RISCV_GCC = Tool("riscv64-unknown-elf-gcc", "gcc-riscv64-unknown-elf")
 RISCV_QEMU = Tool("qemu-system-riscv32", "qemu-system-misc")
 OPENOCD = Tool("openocd", "openocd")
 PYOCD = Tool("pyocd", "python3-pyocd")
+# no command: a library of clang, which Debian packs apart, by its version
 LIBFUZZER = Tool("libFuzzer", "libclang-rt-14-dev")
 
 

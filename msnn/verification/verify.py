@@ -93,6 +93,7 @@ def verify(folder: Path, wanted: WantedSteps) -> Verification:
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         told = tuple(check.result(place / "board") for check in asked)
+        # results keep the order of the checks, whichever thread ends first
         return Verification(model, (*told, *_all_results(checks, place)))
 
 

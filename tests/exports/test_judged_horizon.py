@@ -9,7 +9,7 @@ import pytest
 from msnn.agreement.faults import FarStep, SelfTestFails
 from msnn.exports.export import plan_exports, write_export
 from msnn.exports.judged_horizon import compare_horizon
-from msnn.exports.targets.mpc import built_controller
+from msnn.exports.running.built_c import built_folder
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
@@ -30,7 +30,7 @@ def test_it_agrees_and_a_wrong_arrival_does_not(dtype: str, tmp_path: Path) -> N
 
     def faults() -> tuple[object, ...]:
         assert model.estimation is not None
-        with built_controller(written) as folder:
+        with built_folder(written, "controller.so") as folder:
             found = compare_horizon(model.estimation, weights, folder, plan.float_type, "mpc")
         return found.faults
 
@@ -72,6 +72,6 @@ def test_what_is_not_compared_as_solved_is_compared(what: str, tmp_path: Path) -
     assert text.count(right) == 1
     wrong = wrong.replace("{prefix}", source.stem.upper())
     source.write_text(text.replace(right, wrong), encoding="utf-8")
-    with built_controller(written) as folder:
+    with built_folder(written, "controller.so") as folder:
         found = compare_horizon(model.estimation, weights, folder, plan.float_type, "mpc")
     assert FarStep in [type(fault) for fault in found.faults]

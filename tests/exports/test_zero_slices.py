@@ -18,6 +18,7 @@ from compiler.passes.analyses.kept_slices import cut_weights
 from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.pruning.prune_zero_slices import prune_zero_slices
 from msnn.cli.application import run
+from msnn.comparison.cost import c_cost
 from msnn.data.dataset import FloatArray
 from msnn.exports.check import check_exports
 from msnn.exports.export import plan_exports, target_names, write_export
@@ -171,6 +172,10 @@ def test_c_takes_fewer_instructions(
     (few, little), (many, much) = steps
     assert few < 0.7 * many
     assert little < much
+    # comparisons rank models by the same count
+    cost = c_cost(model, weights)
+    assert cost is not None
+    assert (cost.instructions, cost.flash) == (pytest.approx(few), little)
 
 
 def test_tunable_arrays_stay_whole(model: Model) -> None:

@@ -51,6 +51,15 @@ def _formula(body: str) -> str:
         ("    return (x.unsqueeze(-1) @ torch.tensor([[2.0]])).squeeze(-1)\n", "x * 2"),
         ("    return torch.einsum('bwi,io->bwo', x, torch.eye(1) * 2)\n", "x * 2"),
         ("    return x.expand(-1, -1, 3).mean(dim=-1, keepdim=True)\n", "(x + x + x) / 3"),
+        # names of a comprehension end with it
+        ("    i = 5\n    y = [x + i for i in range(2)]\n    return y[0] * i\n", "x * 5"),
+        ("    return sum([x, x * 2], 1.0)\n", "1 + x + x * 2"),
+        (
+            "    return torch.log2(x) + torch.log10(x)\n",
+            "log(x) / 0.6931471805599453 + log(x) / 2.302585092994046",
+        ),
+        ("    return torch.norm(x, 2, dim=-1, keepdim=True)\n", "sqrt(x * x)"),
+        ("    return torch.norm(x, p='fro', dim=-1, keepdim=True)\n", "sqrt(x * x)"),
     ],
 )
 def test_a_function_is_a_formula(body: str, formula: str) -> None:
@@ -97,6 +106,10 @@ def test_a_function_is_a_formula(body: str, formula: str) -> None:
         ("def f(x):\n    x += 1\n    return x\n", 2, "in place to what others share"),
         ("def f(x):\n    return x.to(torch.int64) / 2\n", 2, "`to` to `torch.int64`"),
         ("def f(x):\n    return torch.tensor([0.5], dtype=torch.long) + x\n", 2, "torch.long"),
+        ("def f(x):\n    return x / torch.norm(x, 1)\n", 2, "a `norm` that is not"),
+        ("def f(x):\n    return x / torch.norm(x, p=3, dim=2)\n", 2, "a `norm` that is not"),
+        ("def f(x):\n    return sum([x, x], start=2.0)\n", 2, "the call of `builtins.sum`"),
+        ("def f(x):\n    return x * max(1, 2, key=x)\n", 2, "the call of `builtins.max`"),
         ("def f(x):\n    return x[:, 5:]\n", 1, "it returns no elements"),
         ("def f(x):\n    return torch.softmax(x, dim=0)\n", 1, "depends on the other samples"),
         ("def f(x):\n    return x * x.shape[0]\n", 1, "depends on the other samples"),

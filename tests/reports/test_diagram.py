@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import xml.etree.ElementTree as ElementTree
 from itertools import combinations
 from pathlib import Path
@@ -68,3 +69,19 @@ def test_names_are_text():
     assert {e.tag for e in ElementTree.fromstring(svg).iter()} == {  # noqa: S314  (ours)
         f"{SVG}{tag}" for tag in ("svg", "g", "title", "rect", "text", "tspan", "path")
     }
+
+
+def test_a_chain_may_be_longer_than_the_stack_is_deep():
+    # each equation uses the next one below it, more of them than Python lets calls nest
+    count = sys.getrecursionlimit() + 100
+    chain = ", ".join(f"e{i}: e{i + 1} + 1" for i in range(count))
+    text = f"""
+msnn: 1
+name: chain
+sample_time: 1 s
+inputs: {{u: {{}}}}
+equations: {{{chain}, e{count}: u + 1}}
+outputs: {{y: e0}}
+"""
+    svg = architecture_svg(read_spec(Path("chain.yaml"), text, ()).spec)
+    assert svg.count('class="box equations"') == count + 1

@@ -167,6 +167,10 @@ def test_one_sample_stands_for_a_window(tmp_path: Path) -> None:
         stepper.step(u=[1.0, 2.0])
     with pytest.raises(ValueError, match="`reset` wants"):
         stepper.reset()
+    no_numbers: list[Any] = ["fast", object(), [1.0, None, "fast", 2.0]]
+    for wrong in no_numbers:
+        with pytest.raises(ValueError, match="`x` is not made of numbers: "):
+            stepper.reset(x=wrong, u=[1.0, 3.0])
     stepper.reset(x=2.0, u=[1.0, 3.0])
     np.testing.assert_array_equal(stepper.state["x.tape"], [2.0] * 4)
 
@@ -187,12 +191,15 @@ def test_mistakes_are_named_and_change_nothing(tmp_path: Path) -> None:
     for inputs, message in cases:
         with pytest.raises(ValueError, match=re.escape(message)):
             stepper.step(**inputs)
-    for wrong, message in (
+    starts: list[tuple[dict[str, Any], str]] = [
         ({"y": 1.0}, "unknown"),
         ({"v": [1.0]}, "shape"),
+        ({"v": object()}, "`v` is not made of numbers: <object"),
+        ({"v": "fast"}, "`v` is not made of numbers: 'fast'"),
         ({"v": np.nan}, "`v` is nan: no step brings a state back"),
         ({"v": -np.inf}, "`v` is -inf"),
-    ):
+    ]
+    for wrong, message in starts:
         with pytest.raises(ValueError, match=message):
             stepper.reset(**wrong)
         with pytest.raises(ValueError, match=message):

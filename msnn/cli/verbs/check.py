@@ -61,6 +61,8 @@ def check(
     for file in spec_files(files):
         try:
             text = text_of(file)
+            # a path that no file has: sub-models and data are then looked for beside the current
+            # folder
             name = file if text is None else Path("<stdin>")
             model = checked_model(name, settings or (), strict_units=strict_units, text=text)
             diagnostics, sources = model.warnings, model.sources
@@ -68,11 +70,14 @@ def check(
                 from msnn.data_check.check import check_data
 
                 diagnostics = (*diagnostics, *check_data(model).findings)
+        # one broken spec keeps the others from no check: all files are told of, then the command
+        # fails
         except SpecError as error:
             model, diagnostics, sources = None, error.diagnostics, error.sources
         failed |= model is None
         line = summary_line(model.program) if model is not None else None
         if format is OutputFormat.JSON:
+            # as it was given on the command line, `-` too: who asked finds the record again by it
             record = {"file": str(file), "ok": model is not None, "summary": line}
             found.append(record | {"diagnostics": records(diagnostics)})
             continue

@@ -72,6 +72,7 @@ def diff(
         load_model(new, (*of_both, *(new_settings or ()))),
     )
     if "worse" in wanted and any(model.run is None for model in models):
+        # before anything is measured, which may take minutes
         message = "`worse` compares what two runs have learned: give their folders"
         raise typer.BadParameter(message, param_hint="'--fail-on'")
     with StepProgress(progress_stream()) as progress:
@@ -79,6 +80,7 @@ def diff(
             *models, data_root=data_root, must_measure="worse" in wanted, progress=progress.told
         )
     report(found.warnings, ())
+    # what is wrong is wrong with the new one: places are shown in its text
     report(failures(found, wanted, share), models[1].sources)
     if summary is not None:
         from msnn.cli.summary import append_summary
@@ -88,6 +90,7 @@ def diff(
         json_result("diff", changes_record(found, share))
     else:
         result(changes_text(found, share))
+    # a changed interface outweighs a metric that is worse: the exit code of the first is told
     if ("any" in wanted and not found.specs.is_same) or ("breaking" in wanted and found.breaking):
         raise typer.Exit(ExitCode.DIAGNOSTICS)
     if "worse" in wanted and found.worse(share):

@@ -40,6 +40,7 @@ def doctor(
         raise typer.BadParameter(message, param_hint="'--unused-for', '--down-to'")
     if clean_cache:
         everything = unused_for is None and down_to is None
+        # unused for 0 days is every kernel
         note(cleaned_cache(CacheLimits(0.0 if everything else unused_for, down_to)))
     cache = kernel_cache()
     remedy = "set MSNN_CACHE to a folder you may write"

@@ -89,11 +89,16 @@ def export(
         if not set(having) & set(targets):
             message = f"of all targets only {' and '.join(having)} has `{name}`, and it is not "
             raise typer.BadParameter(f"{message}among those to be written", param_hint="'--with'")
+    # planned without weights first: a spec that no target can take is told of before a missing
+    # training is
     plan_exports(model, targets, findings, extras)
+    # all targets at once: who has three of them wrong mends them in one go
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
     report(findings.in_order, model.sources)
     chosen = choose_weights(model, weights, runs, initial=initial)
+    # again with them: slices that a penalty took to 0 are left out of what is written. What was
+    # found is told already
     plans = plan_exports(model, targets, Findings(), extras, chosen.weights)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
@@ -105,6 +110,7 @@ def export(
         try:
             written = write_export(plan, chosen.weights, out / target.name)
         except SpecError as error:
+            # a target knows no texts of the spec: with them the message shows its line
             failures.append(SpecError(error.diagnostics, model.sources))
             continue
         except Exception as error:  # noqa: BLE001  (raised again once the others are there)
@@ -139,7 +145,9 @@ def export(
     if found is not None and found.first_error is not None:
         failures.append(found.first_error)
     if failures:
+        # the first alone, as a command has one end; the others come up when it is run again
         raise failures[0]
+    # not compared outweighs compared and unlike only in the code: the table has told both by now
     if found is not None and found.missing:
         report([error.diagnostic for error in found.missing], ())
         raise typer.Exit(ExitCode.MISSING_EXTRA)

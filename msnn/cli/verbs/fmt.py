@@ -45,6 +45,7 @@ def fmt(
             continue
         if diff:
             result(_difference(source, formatted))
+        # as formatters of code do it: 1 means "would change", so that a hook can refuse the commit
         if check or diff:
             failed = True
             note(f"would change {file}")
@@ -65,5 +66,6 @@ def _difference(source: SourceText, formatted: str) -> str:
     import difflib
 
     old, new = source.text.splitlines(), formatted.splitlines()
+    # lineterm="": `result` ends lines itself
     lines = difflib.unified_diff(old, new, source.path, f"{source.path} (formatted)", lineterm="")
     return "\n".join(lines)

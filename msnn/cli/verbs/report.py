@@ -58,6 +58,7 @@ def report(
         found = {
             "file": str(written.path),
             "is_live": written.is_live,
+            # in the record too, as whoever reads JSON seldom reads stderr
             "warnings": [each.message for each in written.warnings],
         }
         console.json_result("report", found)

@@ -59,9 +59,11 @@ def show(
     if sum(views) > 1:
         message = "choose one of --program, --windows, --resolved, --interface, --graph, --latex"
         raise typer.BadParameter(message)
+    # `runs/NAME/latest` is a link, or a file with a name where the system has no links
     spec = spec if spec.is_dir() else followed(spec)
     if spec.is_dir() and not any(views):
         if settings:
+            # a setting cannot change numbers that were learned without it
             message = "--set takes a spec or a view of the model: what a run reached is as it is"
             raise typer.BadParameter(message)
         _show_run(spec, plot, format)

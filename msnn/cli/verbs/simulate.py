@@ -92,6 +92,8 @@ def simulate(
         found = measurements.simulate(
             model,
             data,
+            # intervals want the covariance of the parameters, which stands in the file beside the
+            # weights
             chosen.weights if intervals is None else chosen.file,
             horizon=steps,
             data_root=data_root,
@@ -101,6 +103,7 @@ def simulate(
             intervals=intervals,
         )
     report(found.warnings, model.sources)
+    # the one that ran: its losses are gone, and with them the signals that only they read
     program = simulation_program(model.program)
     write_simulation(out, program, found)
     if format is ResultFormat.JSON:
@@ -111,5 +114,6 @@ def simulate(
     if plot is not None:
         from msnn.reports.pictures.simulation import plot_simulation
 
+        # stdout has one JSON document and nothing else
         say = note if format is ResultFormat.JSON else result
         say(str(plot_simulation(plot, program, found)))

@@ -114,4 +114,5 @@ def sweep(
         )
     except (KeyboardInterrupt, TrainingInterruptedError):
         raise end_interrupted() from None
+    # hundreds of models do not fit on a screen; `compare` has few and shows them all
     show_comparison(found, "sweep", format, plot, _ROWS)

@@ -125,6 +125,8 @@ def _train(
 
     progress = Recorded(Lines(progress_stream(), terminal=is_live(progress_stream())))
     try:
+        # folds are trainings side by side (decision 0110), ranks halves of one batch: nobody has
+        # asked for both
         if folds and ranks is not None:
             raise SpecError((one_process_alone("`--folds`"),))
         if folds:
@@ -156,8 +158,11 @@ def _train(
         note(f"the best weights before are kept in {kept}; `latest` {leads} there")
         raise typer.Exit(ExitCode.DIVERGED) from None
     except TrainingInterruptedError as error:
+        # of folds the folder of the whole training, which is what `--resume` looks for
         kept = error.result.folder
         note(f"interrupted; its state is kept in {kept.parent if folds and kept else kept}")
+        # written out from the options, not from sys.argv: torchrun has put words of its own before
+        # them
         command = _resume_command(
             spec, data_root, settings, engine, device, out, folds=folds, tensorboard=tensorboard
         )
@@ -210,6 +215,7 @@ def _resume_command(
     words += [] if data_root is None else ["--data-root", str(data_root)]
     words += [word for setting in settings or () for word in ("--set", setting)]
     words += [] if engine is None else ["--engine", engine.value]
+    # defaults are left out: the line stays as short as one that a person would write
     words += [] if device == "cpu" else ["--device", device]
     words += ["--folds"] if folds else []
     words += ["--tensorboard"] if tensorboard else []

@@ -76,6 +76,7 @@ def validate(
     if intervals and engine == EVERY_ENGINE:
         message = "are counted by one engine, not by `--engine all`"
         raise typer.BadParameter(message, param_hint="'--intervals'")
+    # before the model is loaded: a word that is wrong costs no time
     known_engine(engine, EVERY_ENGINE)
     refuse_two_origins(weights, initial)
     refuse_undrawable(plot)
@@ -90,10 +91,14 @@ def validate(
             every = measurements.validate_every_engine(
                 model, chosen.weights, data_root=data_root, progress=progress.told
             )
+            # limits are judged by the interpreter's figures (decision 0218), the others are
+            # compared with it
             found = every.judged
         else:
             found = measurements.validate(
                 model,
+                # intervals want the covariance of the parameters, which stands in the file beside
+                # the weights
                 chosen.file if intervals else chosen.weights,
                 data_root=data_root,
                 engine=engine,
@@ -131,6 +136,7 @@ def validate(
         from msnn.reports.pictures.validation import plot_validation
 
         note(f"drawn: {plot_validation(plot, found)}")
+    # after all that was asked for is written: a pipeline wants the report of a broken limit most
     if not found.passed:
         report(broken_limits(found), model.sources)
         raise typer.Exit(ExitCode.LIMIT_BROKEN)

@@ -83,6 +83,7 @@ def verify(
     wanted = WantedSteps(
         targets=chosen, proof=proof, misra=misra, fuzz=fuzz, board=_link(board), ram=_ram(ram)
     )
+    # firmware is built by the user's own tools: nothing is verified until it answers at a port
     if serve is not None:
         for path in write_serve_files(folder, serve):
             result(str(path))
@@ -96,6 +97,7 @@ def verify(
     note(f"report: {written}")
     if found.missing:
         note(f"missing: {found.install_line}")
+    # a fault that was found outweighs a tool that is missing
     if found.found:
         raise typer.Exit(ExitCode.DIAGNOSTICS)
     if found.missing or found.undone:

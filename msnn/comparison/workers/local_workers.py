@@ -39,6 +39,7 @@ def outcomes(
     of its variant, and is given up when it is killed again. An interrupt ends all of them after the
     batch that is on.
     """
+    # no process of its own: a debugger and Ctrl-C work as in `train`
     if jobs == 1:
         readings, trial = Readings(setup.data, setup.data_root), None
         while (trial := waiting.take(trial)) is not None:
@@ -117,12 +118,15 @@ class _Workers:
     def __init__(
         self, setup: Setup, known: Mapping[str, RunLine], jobs: int, modules: Sequence[str]
     ) -> None:
+        # this module too, with what it imports: a fork then starts to work at once
         context = process_context((__name__, *modules))
         self._began: Any = context.SimpleQueue()
         self._is_over: Any = context.Event()
         given = (self._began, self._is_over, setup, known, dict(os.environ))
 
         def opened() -> ProcessPoolExecutor:
+            # a pool for each process: one that dies breaks its pool, and with a common one all
+            # would be lost
             return ProcessPoolExecutor(1, context, initializer=_begin, initargs=given)
 
         self._all = [_Worker(opened) for _ in range(jobs)]
@@ -146,11 +150,13 @@ class _Workers:
     def ended(self) -> list[tuple[Trial, TrialOutcome | None]]:
         """Trials that are over, at least one; None where their process was killed."""
         running = {worker.future: worker for worker in self._all if worker.future is not None}
+        # whichever ends first: variants take different times
         done, _ = wait(running, return_when=FIRST_COMPLETED)
         return [running[future].ended() for future in done]
 
     def _interrupt(self) -> None:
         """Asks every worker to end: of a Ctrl-C in a terminal they know, of others they do not."""
+        # before the signals: a worker that takes a trial meanwhile sees it
         self._is_over.set()
         # each worker put its process there when it began
         while not self._began.empty():
@@ -180,6 +186,7 @@ def _begin(
 def _end(number: int, frame: FrameType | None) -> None:
     """Between trainings there is nothing to keep; a training listens by itself."""
     del number, frame
+    # no clean-up: the interpreter would wait for threads of the pool
     os._exit(_INTERRUPTED)
 
 

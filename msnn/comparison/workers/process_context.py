@@ -18,6 +18,7 @@ def process_context(modules: Sequence[str]) -> BaseContext:
     moment. The server is started once by a process of Python, and knows the modules of that time;
     others are imported where they are needed. Its environment is that of the time too.
     """
+    # Windows
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")

@@ -77,8 +77,10 @@ def _trained(task: Task, sent: SentTrial) -> TaskResult:
     began, trial = time.monotonic(), sent.trial
     model = with_seed(_opened(task.model, _MODELS), trial.seed)
     model = model if trial.fold is None else of_fold(model, trial.fold)
+    # arrays from the object store are read-only and shared by all processes of a node
     data = replace(_opened(sent.rows, _DATA), series=_opened(sent.series, _DATA))
     ready = ReadyTrial(trial, sent.line, model, data)
+    # nodes share no disk with the command, as a rule
     with tempfile.TemporaryDirectory(prefix="msnn-") as place:
         runs = None if task.setup.runs is None else Path(place)
         outcome = train_ready(ready, replace(task.setup, runs=runs))
@@ -106,4 +108,5 @@ _DATA = Latest[Any](_OPEN_DATA)
 
 def _opened(reference: Any, kept: Latest[Any]) -> Any:
     """What lies in the object store, the same object each time as long as it is kept."""
+    # get() would make a new object each time, and the caches of the model with it
     return kept.get(reference.hex(), lambda: import_module("ray").get(reference))

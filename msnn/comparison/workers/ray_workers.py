@@ -67,6 +67,8 @@ def ray_outcomes(
     with _Cluster(address, setup) as cluster:
         readings, last = Readings(setup.data, setup.data_root), None
         while True:
+            # tasks are made as room comes: proposals know more by then, and little is lost by an
+            # interrupt
             while cluster.has_room:
                 taken = waiting.take_together(last, cluster.together(len(waiting)))
                 if not taken:
@@ -109,10 +111,12 @@ class _Cluster:
         self._is_ours = not ray.is_initialized()
         if self._is_ours:
             try:
+                # its own lines would tear ours apart
                 ray.init(self.address, log_to_driver=False, logging_level=logging.ERROR)
             except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
                 why = str(error).strip().splitlines() or [type(error).__name__]
                 raise SpecError((unusable_cluster(self.address, why[0]),)) from error
+        # of all nodes that have joined by now
         self._cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
         self._task = ray.remote(
             max_retries=_RETRIES,
@@ -125,6 +129,7 @@ class _Cluster:
     def __exit__(self, *why: object) -> None:
         for task in self._running:
             with suppress(Exception):  # a cluster that is gone runs nothing
+                # force: a training listens to no exception while it is in a kernel
                 self._ray.cancel(task, force=True)
         if self._is_ours and self._ray is not None:
             self._ray.shutdown()
@@ -139,6 +144,7 @@ class _Cluster:
 
     def together(self, waiting: int) -> int:
         """How many trials go into a task: a moment's work, and no processor waits for another."""
+        # at the end tasks become small, so that all processors end together
         return max(1, min(int(_TOGETHER / self._seconds), waiting // self._cores))
 
     def start(self, ready: Sequence[ReadyTrial], shared: Model) -> None:
@@ -180,7 +186,8 @@ class _Cluster:
     def ended(self) -> list[tuple[Trial, TrialOutcome]]:
         """The trials of a task that is over, with their files written here.
 
-        None where it was killed again and again: its trials begin anew, each by itself.
+        None of a task that was killed again and again: its trials begin anew, each by itself, and
+        one that was alone is given up.
         """
         (done,), _ = self._ray.wait(list(self._running), num_returns=1)
         running = self._running.pop(done)
@@ -222,6 +229,8 @@ class _Cluster:
         folder = self.setup.runs / line.folder
         for name, content in files.items():
             # who finds the line in the log and no weights trains again
+            # fsync of the weights alone: dozens of small files a training would wait for the disk
+            # each
             write_bytes(folder / name, content, durable=name == WEIGHTS, named_later=True)
         for part in ready.model.parts:
             if part.file is not None:

@@ -43,6 +43,7 @@ class Waiting:
         found: list[Trial] = []
         while len(found) < most and (trial := self.take(found[-1] if found else last)) is not None:
             found.append(trial)
+            # the group is used up: a task of two groups would read two sets of data
             if group_of(trial) not in self._of:
                 break
         return found
@@ -58,6 +59,8 @@ class Waiting:
             return None
         group = group_of(last)
         if group is None or group not in self._of:
+            # a group of its own for each process as long as there are such; then helping one that
+            # has begun
             fresh = (each for each in self._of if each not in self._begun)
             group = next(fresh, None) or next(iter(self._of))
         self._begun.add(group)

@@ -33,6 +33,7 @@ class FileFormat:
 
     @property
     def reader(self) -> Reader:
+        # each reader brings its library, of which some take a second to load
         return import_module(self.module).read
 
     @property

@@ -13,6 +13,7 @@ MISSING = frozenset(("", "na", "n/a", "#n/a", "nan", "null", "-"))
 
 _MOST_REPAIRS = 3
 """Of one unit: each is a spelling that is known, as `°` and `Nm`."""
+# lazy up to the last brackets; what stands in these has none itself
 _BRACKETS = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*", re.DOTALL)
 _COLUMN_AND_UNIT = re.compile(r"(.*\S)(?:\s*\[([^\[\]]*)\]|\s+\(([^()]*)\))\s*", re.DOTALL)
 _NOT_AN_INDEX = re.compile(r"[^\W\d_]|[%°-]")
@@ -37,6 +38,7 @@ def column_and_unit(label: str) -> tuple[str, Unit | None]:
 
 def written_unit(text: str) -> Unit | None:
     """The unit that a text means, spellings of loggers included; None where it means none."""
+    # the only powers that loggers write as letters
     text = text.strip().replace("²", "^2").replace("³", "^3")
     if text == "-":
         return ONE
@@ -46,6 +48,7 @@ def written_unit(text: str) -> Unit | None:
         except UnitError as error:
             if error.meant is None:
                 return None
+            # parse_unit knows what was meant, for its messages: the same knowledge reads files
             text = text[: error.start] + error.meant + text[error.end :]
     return None
 
@@ -61,16 +64,18 @@ def units_line(cells: Sequence[str]) -> tuple[Unit | None, ...] | None:
 
     None for any other line; one of words for missing values alone is a row without values.
     """
-    if any(map(_is_number, cells)) or not all(map(is_unit, cells)):
+    if any(map(is_number, cells)) or not all(map(is_unit, cells)):
         return None
     if all(cell.strip().lower() in MISSING for cell in cells):
         return None
     return tuple(written_unit(cell.strip().strip("[]()")) for cell in cells)
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Whether a cell holds a number; NaN and infinities count, `1_000` does not."""
     try:
         float(text)
     except ValueError:
         return False
-    return True
+    # float() takes the underscores of Python's literals
+    return "_" not in text

@@ -52,6 +52,7 @@ def feeds(
     found: list[Feed] = []
     for signal in signals:
         name = signal.name.removesuffix(LOG_SUFFIX)
+        # `x.meas` of a state may have an entry of its own, else it is that of x
         column = columns.get(signal.name, columns.get(name))
         size = math.prod(axis.size for axis in signal.axes)
         keys: tuple[ColumnKey, ...] = (name,)

@@ -25,8 +25,10 @@ class DiskSeries:
         series = part.series if part.time is None else {**part.series, _TIME: part.time}
         for name, values in series.items():
             if name not in self._files:
+                # not in /tmp, which often is memory
                 self._files[name] = ArrayFile(cache_folder())
             self._files[name].append(values)
+        # the times of rows go to disk, too: they are as many as a signal's values
         pieces = tuple(replace(piece, time=None) for piece in part.pieces)
         empty = None if part.time is None else part.time[:0].copy()
         return replace(part, series={}, time=empty, pieces=pieces)
@@ -41,6 +43,7 @@ class DiskSeries:
     ) -> tuple[list[FilePart], Mapping[str, FloatArray]]:
         """The parts with what is theirs of the series on disk, and the whole series."""
         whole = {name: file.array() for name, file in self._files.items()}
+        # one array for all parts, of which some may have none
         time = whole.pop(_TIME, None)
         found: list[FilePart] = []
         start = timed = 0

@@ -68,4 +68,5 @@ def _with_data(spec: Spec, section: Data) -> Spec:
 
 
 def _text(source: Source) -> str:
+    # by what they say: places of the spec differ in all
     return json.dumps(entry_data(source), sort_keys=True)

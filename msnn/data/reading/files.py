@@ -70,6 +70,7 @@ def find_files(data: Data, folder: Path, findings: Findings) -> list[DataFile]:
                 meant = nearest_path(folder, pattern.value)
                 findings.report(errors.no_file(pattern.value, str(folder), pattern.span, meant))
             for path in paths:
+                # patterns may overlap; twice in one set a record would count double
                 if path not in seen:
                     seen.add(path)
                     whole = DataFile(
@@ -105,6 +106,7 @@ def data_of_files(data: Data, files: Sequence[Path], data_set: str | None = None
     layout = _layout(data, data_set)
     names = tuple(Located(str(path.absolute()), layout.place.value) for path in files)
     source = layout.model_copy(update={"files": names})
+    # the split goes as well: all of the given files are one set
     update = {"source": {data_set or GIVEN: source}, "split": None, "first": None, "last": None}
     return data.model_copy(update=update)
 
@@ -139,6 +141,8 @@ def matching(folder: Path, pattern: str) -> list[Path]:
         return direct or sorted(filter(_is_data, plain.rglob("*.parquet")))
     if plain.is_file():
         return [plain]
+    # the folders before the first wildcard are taken as they are: they may be absolute, glob() may
+    # not
     wild = next((i for i, part in enumerate(plain.parts) if set(part) & set("*?[")), None)
     if wild is None:
         return []
@@ -154,6 +158,7 @@ def nearest_path(folder: Path, pattern: str) -> str | None:
     parts = Path(pattern).parts
     for place, part in enumerate(parts):
         here = folder.joinpath(*parts[:place])
+        # a pattern that matches something: what is missing lies further down
         if set(part) & set("*?[") and any(here.glob(part)):
             return None
         if (here / part).exists():

@@ -63,8 +63,10 @@ def frame_data(
     layout = layout.model_copy(update={"columns": {}, "time": None})
     update = {"source": dict.fromkeys(sets, layout), "columns": {}, "time": None}
     section = section.model_copy(update=update)
+    # sets that are given are not split again
     if data is None or not split or (isinstance(frames, Mapping) and _is_of_sets(frames)):
         section = section.model_copy(update={"split": None})
+    # what the first source says holds for all, as of columns
     condition = next(iter(filters.values()), None)
     more = () if condition is None else condition.signals
     signals = {signal.name: signal for signal in (*more, *beside, *program.signals)}
@@ -110,6 +112,7 @@ def _is_records(value: object) -> bool:
 
 
 def _is_frame(value: object) -> bool:
+    # record arrays have columns by name but no `columns`; plain arrays have neither names
     return isinstance(value, Mapping | FrameLike) and not isinstance(value, np.ndarray)
 
 

@@ -22,7 +22,6 @@ from msnn.errors.disk_data import not_on_disk
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.sections.data.data import Data
-from spec_schema.sections.data.splits import SETS
 
 _LARGEST_SHOWN = 1_000_000
 
@@ -43,6 +42,7 @@ def load_data(
     findings = Findings()
     files = find_files(data, folder, findings)
     for file in files:
+        # all formats before the first file is read: a package that is missing is told at once
         require_reader(file.path)
     return joined_files(program, data, files, filters or {}, findings, beside)
 
@@ -60,6 +60,7 @@ def joined_files(
     if disk is not None and (data.join or any(source.join for source in data.source.values())):
         reason = "`join: true` puts files together in memory"
         findings.report(not_on_disk(reason, data.place.key))
+    # without time rows are independent: none of a record falls with another
     drops = data.nan == "drop" and program.sample_time is not None
     parts: list[FilePart] = []
     # told behind the faults of files: with those nothing was dropped for good
@@ -91,7 +92,7 @@ def joined_files(
     if disk is not None:
         parts, whole = disk.returned(parts)
     parts = _with_files_joined(parts, data, program.sample_time)
-    sets = _set_names(data)
+    sets = data.sets
     rows = _sets(data, parts, sets, program.sample_time, findings)
     signals = (*program.signals, *beside)
     _report_ranges(signals, parts, findings)
@@ -144,6 +145,7 @@ def _with_files_joined(
         join = part.file.layout.join if part.file.layout.join is not None else data.join
         before = found[-1] if found else None
         if join and before is not None and _follows(before, part, sample_time):
+            # in the order of the files, which is that of their names
             found[-1] = before.with_next(part)
         else:
             found.append(part)
@@ -153,17 +155,12 @@ def _with_files_joined(
 def _follows(before: FilePart, after: FilePart, sample_time: float | None) -> bool:
     if before.file.source != after.file.source or sample_time is None:
         return False
+    # files without time: nobody knows whether they follow
     if before.time is None or after.time is None or not len(before.time) * len(after.time):
         return False
+    # NaN where clocks cannot be compared, which follows nothing
     step = float(after.time[0] - before.time[-1]) + before.seconds_to(after)
     return abs(step - sample_time) <= GAP_TOLERANCE * sample_time
-
-
-def _set_names(data: Data) -> tuple[str, ...]:
-    names = list(data.source)
-    if data.split is not None:
-        names += [name for name in SETS if name not in names]
-    return tuple(names)
 
 
 def _sets(
@@ -175,6 +172,7 @@ def _sets(
 ) -> list[SetCodes]:
     """The set of every row of every part."""
     codes = {name: index for index, name in enumerate(sets)}
+    # int8: a byte a row, as there are no 127 sets
     rows = [np.full(len(p.usable), codes[p.file.source], dtype=np.int8) for p in parts]
     if data.split is None:
         return rows
@@ -254,6 +252,7 @@ def _joined(
         start = stop
     none = np.zeros(0, dtype=np.bool_)
     return Dataset(
+        # an empty mapping of a program without signals is none either
         series=whole
         or {
             signal.name: np.concatenate(

@@ -85,6 +85,7 @@ def read_part(
 
     `beside` are signals that the file need not have: their series are NaN then.
     """
+    # of its own: `failed` is then about this file alone
     mine = Findings()
     columns = {**data.columns, **file.layout.columns}
     found = feeds(_signals(program, row_filter), columns, mine)
@@ -92,6 +93,7 @@ def read_part(
     read = _read(file, data, found, more, mine)
     rows = None
     if isinstance(read, ColumnTable):
+        # streams bring physical values with them
         found = in_units_of_file(found, read.units, mine)
         more = in_units_of_file(more, read.units, mine)
         if not read.columns and not mine.failed:
@@ -104,16 +106,20 @@ def read_part(
     if rows is None:
         return None
     series = {feed.signal.name: feed.series(rows.columns) for feed in found}
+    # a row in a hole is no measurement, a row without an input cannot be simulated; both end an
+    # episode
     usable = rows.covered.copy()
     if not usable.all():
         for values in series.values():
             values[~usable] = np.nan  # what resampling drew through a hole was not measured
     for feed in found:
+        # missing targets are only not scored (R9)
         if feed.signal.role is Role.INPUT and feed.signal in program.signals:
             values = series[feed.signal.name].reshape(len(usable), -1)
             usable &= np.isfinite(values).all(axis=1)
     if row_filter is not None:
         usable &= _kept(row_filter, series, rows, file, findings)
+    # what only the filter read is not kept
     series = {signal.name: series[signal.name] for signal in program.signals}
     series |= {feed.signal.name: feed.series_if_there(rows.columns, len(usable)) for feed in more}
     piece = FileRows(file=file.shown, start=0, stop=len(usable), rows=rows.rows, time=rows.time)
@@ -153,6 +159,7 @@ def _read(
 ) -> ColumnTable | Streams | None:
     needed = wanted_columns(found)
     users = {**wanted_columns(more), **needed}
+    # a column that both need is needed
     spare = frozenset(users) - frozenset(needed)
     optional = spare | (frozenset(users) if data.nan != "error" else target_columns(found))
     time = file.layout.time or data.time

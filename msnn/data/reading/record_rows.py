@@ -54,16 +54,15 @@ def record_rows(
     """
     how = file.layout.resample or data.resample or "error"
     span = file.layout.place.key
-    resampled = how in ("linear", "nearest")
+    method: Method | None = how if how in ("linear", "nearest") else None
     # resampling brings columns beside to the moments; without it only those of the same times fit
-    fitting = () if resampled else beside
+    fitting = beside if method is None else ()
     table = _one_table(read, fitting) if isinstance(read, Streams) else read
     column = file.layout.time or data.time
     begins = None
     if column is not None and table is not None and not file.keeps_time:
         begins = table.begins.get(column.column.column)
-    if how in ("linear", "nearest"):
-        method: Method = "linear" if how == "linear" else "nearest"
+    if method is not None:
         if sample_time is None:
             findings.report(data_formats.static_resample(span))
             return None
@@ -152,6 +151,7 @@ def _as_recorded(
     continues = _unbroken(length)
     time = None if time is None else time[picked.rows]
     if time is not None and sample_time is not None:
+        # of the picked rows: with `every: 2` steps are twice as long as in the file
         continues, faults = continuity(time, picked, sample_time)
         if gaps_are_errors:
             for fault in faults:

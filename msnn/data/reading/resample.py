@@ -41,6 +41,7 @@ def resample(
     of two. A missing value makes the moments beside it missing. `span` limits the moments.
     """
     deciding = [time for key, (time, _) in columns.items() if key not in beside]
+    # where all columns have begun and none has ended
     low = max(float(time[0]) for time in deciding)
     high = min(float(time[-1]) for time in deciding)
     if span is not None:
@@ -73,6 +74,7 @@ def _at(grid: FloatArray, time: FloatArray, values: FloatArray, method: Method) 
         case "nearest":
             after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1) if len(time) > 1 else 0
             before = np.maximum(after - 1, 0)
+            # of two alike far the earlier: the later one was not known at that moment
             earlier = grid - time[before] <= time[after] - grid
             return values[np.where(earlier, before, after)]
 
@@ -89,6 +91,7 @@ def _in_holes(grid: FloatArray, time: FloatArray, sample_time: float) -> BoolArr
     holes = np.flatnonzero(steps > longest)
     first = np.searchsorted(grid, time[holes] + slack, side="right")
     stop = np.searchsorted(grid, time[holes + 1] - slack, side="left")
+    # holes are few; two arrays of comparisons would be as long as the log for each
     for a, b in zip(first.tolist(), stop.tolist(), strict=True):
         inside[a:b] = True
     return inside

@@ -44,6 +44,7 @@ class RowFilter:
         """Which rows the condition holds for; a missing value makes no condition true."""
         judge = Interpreter(self.program)
         kept = np.zeros(rows, dtype=np.bool_)
+        # in parts: the interpreter holds an array for each operation
         for first in range(0, rows, _AT_ONCE):
             t = np.arange(first, min(first + _AT_ONCE, rows))
             prediction, _ = judge.step(series, t, judge.start(series, t)).losses[_NAME]
@@ -87,6 +88,7 @@ def _compiled(
         name=spec.name,
         sample_time=spec.sample_time,
         dims=spec.dims,
+        # a filter learns nothing of a sub-model
         use={name: use.model_copy(update={"freeze": Freeze()}) for name, use in spec.use.items()},
         inputs=spec.inputs,
         targets=spec.targets,

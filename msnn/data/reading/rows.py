@@ -65,6 +65,7 @@ def picked_rows(
             continue
         if isinstance(length, Samples):
             # `to: n` includes row n
+            # so that of both ends `stop` is exclusive afterwards
             bounds[index] = length.count + index
             continue
         if time is None:
@@ -74,6 +75,7 @@ def picked_rows(
         if bound is None:
             return None
         later = time <= bound.seconds + bound.slack if index else time < bound.seconds - bound.slack
+        # time rises: the rows before the bound are as many as are earlier
         bounds[index] = int(np.sum(later))
         if not later[: bounds[index]].all():  # of a clock that was set back, they are no range
             findings.report(errors.time_not_increasing(file, *_disorder(time), None))

@@ -61,6 +61,7 @@ def split_rows(
                 for name, record in zip(chosen, records, strict=True)
             ]
         case "fraction":
+            # of each record: every one has a part in all sets
             return [_fraction_rows(_fractions(split), record.rows, codes) for record in records]
         case "block":
             return [_block_rows(split, record.rows, codes) for record in records]
@@ -75,6 +76,7 @@ def _time_rows(
 ) -> SetCodes:
     """Rows by their time; those that no set names belong to `train` unless its range is given."""
     rest = UNASSIGNED if split.train is not None else codes["train"]
+    # `val` and `test` are written over `train` where ranges touch
     rows = np.full(record.rows, rest, dtype=np.int8)
     if record.time is None:
         findings.report(errors.no_time_column("`by: time`", split.place.key))
@@ -108,6 +110,7 @@ def _fold_rows(
         rows = np.full(record.rows, codes["train"], dtype=np.int8)
         if len(records) >= count:
             # whole records where there are enough: neighbours in time would tell a fold its answers
+            # records in their order in runs alike long: fold i has those with ⌊index · k / n⌋ = i
             held_out = slice(None) if index * count // len(records) == fold else slice(0)
         else:
             start = _rounded(fold * record.rows / count)
@@ -148,6 +151,7 @@ def _fraction_rows(shares: Mapping[str, float], length: int, codes: Mapping[str,
     passed = 0.0
     for name in SETS:
         start, passed = passed, passed + shares[name]
+        # from summed shares, so that sets leave no row between them
         rows[_rounded(start * length) : _rounded(passed * length)] = codes[name]
     return rows
 

@@ -30,6 +30,7 @@ def time_bound(
             # printed times such as 59.99999 and 60 mean the same row
             return TimeBound(wanted.seconds, 1e-6 * max(abs(wanted.seconds), 1.0))
         case Date():
+            # a date with a zone and one without cannot be compared: nobody knows the logger's zone
             if begins is None or begins.has_zone != wanted.moment.has_zone:
                 zone = None if begins is None else begins.has_zone
                 findings.report(

@@ -31,6 +31,7 @@ def with_whole_signals(
     for signal in signals:
         name = signal.name.removesuffix(LOG_SUFFIX)
         column = layout.columns.get(signal.name, layout.columns.get(name))
+        # `x.meas` before `x`, as the log of a state is meant
         own = next((n for n in (signal.name, name) if n in arrays.names), None)
         if own is None or (column is not None and _has(arrays, column)):
             continue
@@ -38,6 +39,7 @@ def with_whole_signals(
         found = arrays.get(own).shape
         if found[1:] != shape:
             reason = f"its shape {found} is not (rows, {', '.join(map(str, shape))})"
+            # a scalar may lie as (rows, 1) or (1, rows), which `_column` takes
             if shape or not _is_column(found):
                 user = f"`{signal.name}`"
                 findings.report(unusable_array(own, arrays.file, user, reason))

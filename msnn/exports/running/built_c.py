@@ -19,18 +19,29 @@ from msnn.exports.target import Written
 def built_c(written: Written) -> Generator[CStep]:
     """One instance of the model in the files that were written, ready to run.
 
-    What else lies in the folder is not looked at. Raises MissingExtraError without a C compiler.
+    Raises MissingExtraError without a C compiler.
+    """
+    with built_folder(written, "model.so") as folder:
+        yield CStep.of_folder(folder, folder / "model.so")
+
+
+@contextmanager
+def built_folder(written: Written, library: str) -> Generator[Path]:
+    """A folder of the files that were written alone, with the built `library`.
+
+    Raises MissingExtraError without a C compiler.
     """
     with tempfile.TemporaryDirectory() as place:
-        alone = Path(place) / "model"
+        alone = Path(place)
+        # the folder of an export may hold files of others, which would be compiled too
         for file in written.files:
             copy = alone / file.relative_to(written.folder)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, copy)
         try:
-            library = build_library(alone, Path(place) / "model.so")
+            build_library(alone, alone / library)
         except CompilerMissingError:
             raise MissingExtraError("a C compiler", "apt install gcc, or set CC") from None
         except CompilerFailedError as error:
             raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
-        yield CStep.of_folder(alone, library)
+        yield alone

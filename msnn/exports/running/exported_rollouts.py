@@ -57,6 +57,7 @@ def _export_engine(model: Model, name: str) -> EngineToOpen:
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
     (plan,) = plans
+    # words have limits of their own: what they do along data is judged by `--check`
     if plan.dtype in ("q15", "q31"):
         raise SpecError([engines.engine_of_words(plan.dtype)])
 
@@ -80,7 +81,9 @@ class ExportedRollouts:
     def outputs(self, runs: Runs, advance: Advance) -> dict[str, FloatArray]:
         """Every output of the program, one rollout after the other."""
         names = [output.name for output in self.program.outputs]
+        # the program of the rollout, not the plan's: what is closed is the caller's choice
         program = to_step_form(prune_outputs(self.program, names))
+        # whole arrays, as the weights are given here
         plan = replace(self.plan, program=program, cuts=(), platforms=())
         interface = step_interface(program)
         # exports start from states: those that a spec takes from the log are its interpreter's
@@ -96,6 +99,7 @@ class ExportedRollouts:
                 for member, first in enumerate(first_places(runs).tolist()):
                     t0, steps = int(runs.t0[member]), int(runs.steps[member])
                     states = {name: values[member] for name, values in starts.items()}
+                    # buffers from the log, states as the interpreter makes them
                     beginning = beginning_at(interface, self.series, t0, states)
                     rows = np.arange(t0, t0 + steps, dtype=np.int64)
                     inputs = inputs_at(interface, self.series, rows)

@@ -29,8 +29,10 @@ def fmu_instance(path: Path) -> Generator[FmuInstance]:
     """
     fmpy: Any = import_module("fmpy")
     validate_fmu: Any = import_module("fmpy.validation").validate_fmu
+    # FMPy's own reading of the standard: a second opinion on the XML
     if problems := validate_fmu(str(path)):
         raise UnfitUnitError(f"{path.name}: {'; '.join(problems)}")
+    # FMI 2.0 and 3.0 name platforms differently
     if not {fmpy.platform, fmpy.platform_tuple} & set(fmpy.supported_platforms(str(path))):
         raise MissingExtraError("a C compiler", "apt install gcc, or set CC, and export again")
     with TemporaryDirectory(prefix="msnn-fmu-") as place:
@@ -55,6 +57,7 @@ class FmuInstance:
         types = {variable.type for variable in description.modelVariables}
         self.dtype = np.dtype("float32" if "Float32" in types else "float64")
         """Of the numbers that FMI exchanges."""
+        # FMI 3.0 has a type for each width, FMI 2.0 doubles alone
         self._number = "Real" if not self._is_3 else self.dtype.name.capitalize()
         self._fmu: Any = kind(
             guid=description.guid,
@@ -77,6 +80,7 @@ class FmuInstance:
         """As it was made, ready for values before the first step."""
         self._fmu.reset()
         if not self._is_3:
+            # gone in FMI 3.0, mandatory in 2.0
             self._fmu.setupExperiment(startTime=0.0)
         self._fmu.enterInitializationMode()
 
@@ -93,6 +97,7 @@ class FmuInstance:
         """The numbers of a variable."""
         size = int(np.prod(shape, dtype=int))
         references = self._references(first, size)
+        # FMI 3.0 wants the number of values beside the references, as one may stand for an array
         found = self._call("get", references, *((size,) if self._is_3 else ()))
         return np.array(found, self.dtype).reshape(shape)
 

@@ -36,6 +36,7 @@ class _CModel:
         supplied = {
             field.name: beginning.states[state.name] for field, state in self.interface.supplied
         }
+        # what the log says of buffers, and values of states that only a caller knows
         self.step.reset(windows | supplied)
         return {name: value[np.newaxis] for name, value in self.step.states().items()}
 

@@ -37,6 +37,7 @@ class _FmuModel:
     def __init__(
         self, program: Program, interface: Interface, second: FmuInstance, third: FmuInstance
     ) -> None:
+        # places and shapes alone are asked of these: initial values do
         weights = physical_weights(program, {})
         self._interface, self._second, self._third = interface, second, third
         self._seconds = 1.0 if program.sample_time is None else program.sample_time
@@ -110,6 +111,7 @@ class _FmuModel:
         return parts, np.frombuffer(parts.memory, self._memory.struct.dtype).copy()[0]
 
     def _set_states(self, values: Arrays) -> None:
+        # of an instance that has begun: token and what is behind stay as they are
         parts, memory = self._state()
         self._memory.fill(memory, values)
         self._third.state = parts.before + memory.tobytes() + parts.behind

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -13,11 +12,18 @@ from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
-from msnn.agreement.judging.judgement import NumberType, Promise
 from msnn.agreement.loaded import Loaded
 from msnn.errors import workflow
-from msnn.exports.prepare import MOST_ENTRIES, name_prefix, step_program
-from msnn.exports.target import AnyPlan, ExportPlan, Request, Target, Weights, Written
+from msnn.exports.prepare import MOST_ENTRIES, c_options, name_prefix, step_program
+from msnn.exports.target import (
+    AnyPlan,
+    ExportPlan,
+    Request,
+    Target,
+    Weights,
+    Written,
+    bits_in_single,
+)
 from spec_schema.sections.exports import CExport, Slopes
 
 
@@ -27,6 +33,7 @@ def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:
     if entry is not None and entry.is_fixed_point:
         from msnn.exports.targets.fixed_point import TARGET as FIXED_POINT  # few ask for integers
 
+        # its plan names its own target, so that all that follows is that of integers
         return FIXED_POINT.prepare(request, entry)
     options = _options(request, entry)
     delay = () if entry is None else entry.delay
@@ -67,6 +74,7 @@ def _options(request: Request, entry: CExport | None) -> COptions:
 
 def _refuse_vast(step: Program, request: Request, entry: CExport | None) -> None:
     remembered = sum(Type(state.axes).size for state in step.states)
+    # ∂x'/∂x is the largest of the matrices
     numbers = remembered * max(remembered, 1)
     if numbers > MOST_ENTRIES:
         place = None if entry is None else entry.place.key
@@ -76,7 +84,7 @@ def _refuse_vast(step: Program, request: Request, entry: CExport | None) -> None
 def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[Path, ...]:
     from backends.c import write_c
 
-    return write_c(plan.program, weights, folder, _named(plan))
+    return write_c(plan.program, weights, folder, c_options(plan))
 
 
 @contextmanager
@@ -86,15 +94,7 @@ def _load(plan: ExportPlan[COptions], written: Written) -> Generator[Loaded]:
     from msnn.exports.running.loaded_c import loaded_c
 
     with built_c(written) as step:
-        yield loaded_c(step, c_interface(plan.program, _named(plan)))
-
-
-def _named(plan: ExportPlan[COptions]) -> COptions:
-    return replace(plan.options, dtype=plan.float_type, prefix=plan.prefix)
-
-
-def _promise(dtype: NumberType) -> Promise:
-    return Promise.BITS if dtype == "float32" else Promise.ROUNDING
+        yield loaded_c(step, c_interface(plan.program, c_options(plan)))
 
 
 TARGET: Target[CExport, COptions] = Target(
@@ -102,7 +102,7 @@ TARGET: Target[CExport, COptions] = Target(
     entry=CExport,
     dtype="float32",
     options=COptions(),
-    promise=_promise,
+    promise=bits_in_single,
     is_deployed=True,
     is_verified=True,
     prepare=_prepare,

@@ -38,6 +38,8 @@ def _prepare(request: Request, entry: CasadiExport | None) -> ExportPlan[CasadiO
         return None
     options = CasadiOptions(params=entry.params, form=entry.form)
     program = smooth_kinks(plan.program) if entry.smooth else plan.program
+    # True: those that could not be rounded off. Unsaid: all that the ranges reach. False: not to be
+    # told
     if entry.smooth is not False:
         left = sharp_kinks(plan.program) if entry.smooth else kinks(plan.program)
         _warn(request, plan.program, left, stays=entry.smooth is True)
@@ -52,6 +54,7 @@ def _warn(request: Request, program: Program, found: Mapping[NodeId, Kink], *, s
     for node, kink in found.items():
         span = program.step[node].span
         if span is not None:
+            # one formula may have several nodes with kinks
             places.setdefault(span, kink)
     for span, kink in places.items():
         declared = {name: limits for name in sorted(kink.distance.of) if (limits := ranges[name])}
@@ -80,6 +83,7 @@ def _slopes(
 
     ports = step_interface(program)
     states = sum(Type(state.axes).size for state in ports.states)
+    # matrices are rows of x or y by columns of x, u or p
     rows = max(states, sum(program.step[output.node].type.size for output in ports.outputs))
     if rows * max(states, sum(port.type.size for port in ports.inputs)) > MOST_ENTRIES:
         return None
@@ -176,4 +180,5 @@ class _CasadiExport:
 
 
 def _shaped(column: NDArray[Any], entry: Mapping[str, Any]) -> NDArray[Any]:
+    # CasADi has columns; elements follow each other in C order
     return column.ravel().reshape([axis["size"] for axis in entry["axes"]])

@@ -48,6 +48,7 @@ def _prepare(request: Request, entry: CExport | None) -> ExportPlan[None] | None
         report(no_integer_node(place))
     if extras - {"ros2"}:
         report(no_integer_slopes(place))
+    # `on_range: flag` lets a float leave its range; a word stays at its end
     flagged = [state.name for state in step.states if _is_flagged(state)]
     if flagged:
         report(saturates_all_the_same(flagged, place))
@@ -118,6 +119,7 @@ class _Scale:
     def _words(field: Mapping[str, Any], numbers: NDArray[Any]) -> NDArray[np.int64]:
         low, high = field["range"]
         # clipped first: beyond the range a word would wrap
+        # to even, as the generated code rounds its constants
         return np.rint(np.ldexp(np.clip(numbers, low, high), field["fraction"])).astype(np.int64)
 
 
@@ -125,6 +127,7 @@ def _judge(
     plan: ExportPlan[None], weights: Weights, record: AgreementRecord, dtype: NumberType
 ) -> Judgement:
     """The integer interpreter along the inputs of the interpreter in float64."""
+    # inputs and states of the record as numbers: words are made of these
     floating = interpreted(plan, weights, record, "float64")
     if dtype == "float64":
         return floating

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 from backends.c_lowering.options import COptions
@@ -12,17 +11,17 @@ from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
-from msnn.agreement.judging.judgement import NumberType, Promise
 from msnn.agreement.loaded import Loaded
 from msnn.errors.failures import MissingExtraError
-from msnn.exports.prepare import MOST_ENTRIES, name_prefix, step_program
-from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
+from msnn.exports.prepare import MOST_ENTRIES, c_options, name_prefix, step_program
+from msnn.exports.target import ExportPlan, Request, Target, Weights, Written, bits_in_single
 from msnn.packages import ZIGLANG
 from spec_schema.sections.exports import FmuExport
 
 
 def _prepare(request: Request, entry: FmuExport | None) -> ExportPlan[COptions] | None:
     delay = () if entry is None else entry.delay
+    # arrays stay whole: a tool may set any of their numbers
     step = step_program(request, entry, delay, keeps_arrays=True)
     if step is None:
         return None
@@ -53,8 +52,10 @@ def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[
     if platforms:
         ZIGLANG.require(f"compiles units for {', '.join(platforms)}")
     try:
-        return write_fmu(plan.program, weights, folder, _named(plan), platforms)
+        return write_fmu(plan.program, weights, folder, c_options(plan), platforms)
     except CompilerFailedError as error:
+        # one that is there and fails is told as what it is: its flags or headers are not ours to
+        # mend
         raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
 
 
@@ -73,16 +74,8 @@ def _load(plan: ExportPlan[COptions], written: Written) -> Generator[Loaded]:
     from backends.c.interface.interface import c_interface
     from msnn.exports.running.loaded_fmu import loaded_fmu
 
-    with loaded_fmu(plan.program, c_interface(plan.program, _named(plan)), written) as loaded:
+    with loaded_fmu(plan.program, c_interface(plan.program, c_options(plan)), written) as loaded:
         yield loaded
-
-
-def _named(plan: ExportPlan[COptions]) -> COptions:
-    return replace(plan.options, dtype=plan.float_type, prefix=plan.prefix)
-
-
-def _promise(dtype: NumberType) -> Promise:
-    return Promise.BITS if dtype == "float32" else Promise.ROUNDING
 
 
 TARGET: Target[FmuExport, COptions] = Target(
@@ -90,7 +83,7 @@ TARGET: Target[FmuExport, COptions] = Target(
     entry=FmuExport,
     dtype="float32",
     options=COptions(params="tunable"),
-    promise=_promise,
+    promise=bits_in_single,
     is_deployed=True,
     prepare=_prepare,
     write=_write,

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import shutil
-import tempfile
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn, get_args
@@ -48,6 +45,7 @@ def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | 
             report(predictive_control.no_control(entry.place.key))
         return None
     place = None if request.model.spec.mpc is None else request.model.spec.mpc.place.key
+    # the C decides anew at every sample; blocks are for solvers in Python
     if control is not None and any(block > 1 for block in control.blocks):
         report(predictive_control.unsupported_blocks(place))
         return None
@@ -113,6 +111,7 @@ def _write_units(
     from compiler.optimal_control.trained import trained
 
     def sources(prefix: str) -> dict[str, str]:
+        # a unit has the sources of its own part alone, without self-tests
         own = [path for path in files if path.name.startswith(prefix)]
         code = [path for path in own if path.suffix in (".c", ".h") and "selftest" not in path.name]
         return {path.name: path.read_text(encoding="utf-8") for path in code}
@@ -173,45 +172,23 @@ def _load(plan: ExportPlan[Online], written: Written) -> NoReturn:
     raise AssertionError("a controller is judged by its plans, not by its steps")
 
 
-@contextmanager
-def built_controller(written: Written) -> Generator[Path]:
-    """The folder of the files that were written, with the built `controller.so`.
-
-    Raises MissingExtraError without a C compiler.
-    """
-    from backends.c.host.build import CompilerFailedError, build_library
-    from backends.files.c_compiler import CompilerMissingError
-
-    with tempfile.TemporaryDirectory() as place:
-        alone = Path(place)
-        for file in written.files:
-            copy = alone / file.relative_to(written.folder)
-            copy.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, copy)
-        try:
-            build_library(alone, alone / "controller.so")
-        except CompilerMissingError:
-            raise MissingExtraError("a C compiler", "apt install gcc, or set CC") from None
-        except CompilerFailedError as error:
-            raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
-        yield alone
-
-
 def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Agreement:
     from msnn.exports.judged_controller import compare_controller
     from msnn.exports.judged_filter import compare_filter, joined
     from msnn.exports.judged_horizon import compare_horizon
     from msnn.exports.judged_units import compare_controller_units, compare_estimator_units
+    from msnn.exports.running.built_c import built_folder
 
     units = "fmu" in plan.options.extras
     if units:
         FMPY.require("runs the units of a controller")
     found: list[Agreement] = []
     control, estimation = plan.options.control, plan.options.estimation
-    with built_controller(written) as folder:
+    with built_folder(written, "controller.so") as folder:
         if control is not None:
             own = _own(control.program, weights)
             judges = [compare_controller, *([compare_controller_units] if units else [])]
+            # plans by their conditions, units by the bits of the C
             found += [judge(control, own, folder, plan.float_type, TARGET.name) for judge in judges]
         if estimation is not None:
             own = _own(estimation.program, weights)

@@ -64,6 +64,7 @@ class _OnnxExport:
         self._start = _session(first) if first.is_file() else None
 
     def start(self, beginning: Beginning) -> Arrays:
+        # a model without states has no first ones
         if self._start is None:
             return {}
         ports = self._names["start_windows"]

@@ -56,6 +56,7 @@ class _TorchExport:
         assert spec.loader is not None
         module: Any = importlib.util.module_from_spec(spec)
         with _no_bytecode():
+            # what this product has just written, no file of others
             spec.loader.exec_module(module)
         self._model: Any = module.load()
 
@@ -72,6 +73,7 @@ class _TorchExport:
 
     def _tensors(self, arrays: Arrays) -> dict[str, Any]:
         torch: Any = import_module("torch")
+        # a module without parameters computes in whatever it is given
         own = next((p.dtype for p in self._model.parameters()), torch.float64)
         return {name: torch.tensor(value, dtype=own) for name, value in arrays.items()}
 

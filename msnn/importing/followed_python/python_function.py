@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
+from types import EllipsisType
 from typing import Any, cast
 
 import numpy as np
@@ -12,6 +13,7 @@ from msnn.importing.followed_python.python_modules import MODULES, Module, impor
 from msnn.importing.followed_python.python_numbers import (
     BUILTINS,
     COMPARED,
+    OPERATORS,
     called,
     compared,
     folded,
@@ -24,7 +26,6 @@ from msnn.importing.followed_python.python_numbers import (
 from msnn.importing.followed_python.python_source import FunctionError, argument_names
 from msnn.importing.followed_python.torch_calls import (
     Tensor,
-    added,
     elementwise,
     is_tensor,
     method,
@@ -34,21 +35,12 @@ from msnn.importing.followed_python.torch_calls import (
 from msnn.importing.followed_python.torch_names import negative
 from msnn.importing.terms import arrays
 from msnn.importing.terms.arrays import NotTranslatedError
-from msnn.importing.terms.terms import Term, larger, minus, power, quotient, times
+from msnn.importing.terms.terms import minus
 
 _MOST_STEPS = 400_000
 """Statements, operations and elements of tensors that are followed."""
 _LOWERED = {"true": True, "false": False, "null": None}
 """Words that nnodely writes in lower case when it saves source."""
-_OPERATORS: Mapping[type[ast.operator], Callable[[Term, Term], Term]] = {
-    ast.Add: added,
-    ast.Sub: minus,
-    ast.Mult: times,
-    ast.Div: quotient,
-    ast.Pow: power,
-    ast.BitAnd: times,
-    ast.BitOr: larger,
-}
 
 
 def follow(function: ast.FunctionDef, arguments: Sequence[Tensor], rows: int = 1) -> Tensor:
@@ -61,6 +53,7 @@ def follow(function: ast.FunctionDef, arguments: Sequence[Tensor], rows: int = 1
         raise FunctionError(
             function.lineno, f"it takes {len(names)} arguments and gets {len(arguments)}"
         )
+    # no globals and no builtins but those of tables
     run = _Run(dict(zip(names, arguments, strict=True)), rows)
     returned = run.block(function.body)
     if returned is None:
@@ -90,9 +83,10 @@ class _Run:
                     return (self._expression(value),)
                 case ast.Expr(value=ast.Constant()) | ast.Pass():
                     pass
-                case ast.Assign(targets=[target], value=value):
-                    self._assign(target, self._expression(value))
-                case ast.AnnAssign(target=target, value=ast.expr() as value):
+                case (
+                    ast.Assign(targets=[target], value=value)
+                    | ast.AnnAssign(target=target, value=ast.expr() as value)
+                ):
                     self._assign(target, self._expression(value))
                 case ast.AugAssign(target=ast.Name() as target, op=op, value=value):
                     left = self._name(target)
@@ -102,6 +96,7 @@ class _Run:
                         raise self._refused("an assignment in place to what others share")
                     self._names[target.id] = self._binary(op, left, self._expression(value))
                 case ast.If(test=test, body=body, orelse=orelse):
+                    # one branch alone is followed: the other may not even be translatable
                     found = self.block(body if self._known(test) else orelse)
                     if found is not None:
                         return found
@@ -137,9 +132,9 @@ class _Run:
     def _evaluated(self, node: ast.expr) -> Any:
         self._line = getattr(node, "lineno", self._line)
         match node:
-            case ast.Constant(value=bool() | int() | float() | str() | None as value):
-                return value
-            case ast.Constant(value=value) if value is Ellipsis:
+            case ast.Constant(
+                value=bool() | int() | float() | str() | EllipsisType() | None as value
+            ):
                 return value
             case ast.Name():
                 return self._name(node)
@@ -161,9 +156,13 @@ class _Run:
                 return self._element(self._expression(value), self._index(index))
             case ast.ListComp(elt=item, generators=[ast.comprehension(ifs=[]) as loop]):
                 made: list[Any] = []
-                for each in self._items(loop.iter):
+                items, outer = self._items(loop.iter), self._names
+                # the loop has names of its own, which end with it
+                self._names = {**outer}
+                for each in items:
                     self._assign(loop.target, each)
                     made.append(self._expression(item))
+                self._names = outer
                 return made
             case _:
                 raise self._refused(f"an expression `{kind_of(node)}`")
@@ -204,6 +203,7 @@ class _Run:
             raise self._refused("arguments with stars")
         if isinstance(node.func, ast.Attribute):
             owner = self._expression(node.func.value)
+            # `x.abs(…)` is looked for by its name: attributes of Python objects are never read
             if is_tensor(owner):
                 arguments = [owner, *(self._expression(one) for one in node.args)]
                 return method(node.func.attr, arguments, keywords)
@@ -212,7 +212,7 @@ class _Run:
         if not isinstance(function, Module):
             raise self._refused("a call of what is no function of torch")
         owner, _, name = function.path.rpartition(".")
-        if owner == "builtins":
+        if owner == "builtins" and not keywords:
             return called(name, arguments)
         return torch_function(owner, name, arguments, keywords)
 
@@ -223,8 +223,8 @@ class _Run:
             return lengthened(cast("list[Any]", left), cast("list[Any]", right))
         if isinstance(op, ast.MatMult):
             return torch_function("torch", "matmul", [left, right], {})
-        if type(op) in _OPERATORS:
-            return elementwise(_OPERATORS[type(op)], left, right)
+        if type(op) in OPERATORS:
+            return elementwise(OPERATORS[type(op)], left, right)
         raise self._refused(f"the operator `{kind_of(op)}`")
 
     def _unary(self, op: ast.unaryop, value: Any) -> Any:

@@ -20,6 +20,8 @@ class Module:
 
     def member(self, name: str) -> Module | float:
         """A number of torch, or what is called by this name."""
+        # any other member is a path, judged where it is called: nothing is looked up in a real
+        # module
         is_number = self.path in MODULES and name in NUMBERS
         return NUMBERS[name] if is_number else Module(f"{self.path}.{name}")
 
@@ -36,6 +38,8 @@ def imported(statement: ast.Import | ast.ImportFrom) -> dict[str, Module | float
     for one in statement.names:
         module = _known(one.name)
         first = one.name.partition(".")[0]
+        # as Python: `import torch.nn` gives a name to `torch`, `import torch.nn as nn` to
+        # `torch.nn`
         found[one.asname or first] = module if one.asname else Module(first)
     return found
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -16,6 +16,7 @@ from msnn.importing.followed_python.torch_calls import (
     shape_of,
 )
 from msnn.importing.terms.arrays import NotTranslatedError
+from msnn.importing.terms.terms import Term, larger, minus, power, quotient, times
 
 LARGEST = 10**15
 """Whole numbers; beyond them, products of products would fill the memory."""
@@ -30,6 +31,17 @@ COMPARED: Mapping[type[ast.cmpop], str] = {
     ast.NotEq: "ne",
 }
 """Comparisons of tensors, by what torch calls them."""
+# `&` and `|` join truths, which are 1 and 0 in terms
+OPERATORS: Mapping[type[ast.operator], Callable[[Term, Term], Term]] = {
+    ast.Add: added,
+    ast.Sub: minus,
+    ast.Mult: times,
+    ast.Div: quotient,
+    ast.Pow: power,
+    ast.BitAnd: times,
+    ast.BitOr: larger,
+}
+"""Operators of tensors, by what they make of two elements."""
 BUILTINS = frozenset(("range", "len", "float", "int", "abs", "sum", "min", "max"))
 
 
@@ -57,6 +69,7 @@ def folded(op: ast.operator, left: Any, right: Any) -> float:
             found = _power(left, right)
         case _:
             raise NotTranslatedError(f"the operator `{kind_of(op)}`")
+    # checked after each step: the next one then starts from few digits
     if isinstance(found, int) and abs(found) > LARGEST:
         raise NotTranslatedError("a whole number is too large")
     return found
@@ -95,6 +108,7 @@ def compared(op: ast.cmpop, left: Any, right: Any) -> bool:
 
 def shares(value: Any, held: Any) -> bool:
     """Whether a change of a tensor or list in place changes what is held too."""
+    # a tensor in a list is reached by whoever has the list
     if isinstance(held, list):
         return held is value or any(shares(value, one) for one in cast("list[Any]", held))
     if isinstance(value, np.ndarray) and isinstance(held, np.ndarray):
@@ -118,9 +132,9 @@ def called(name: str, arguments: Sequence[Any]) -> Any:
     if name == "abs" and is_tensor(first):
         return method("abs", [first], {})
     if name == "sum" and isinstance(first, list) and first:
-        items = cast("list[Any]", first)
-        total = items[0]
-        for item in items[1:]:
+        # a second argument is what the sum begins with
+        total, *items = [*arguments[1:], *cast("list[Any]", first)]
+        for item in items:
             total = (
                 folded(ast.Add(), total, item)
                 if is_number(total) and is_number(item)
@@ -139,6 +153,7 @@ def kind_of(node: ast.AST) -> str:
 
 
 def _power(left: Any, right: Any) -> float:
+    # in double precision, as 9 ** 9 ** 9 of whole numbers would not end
     found = float(left) ** float(right)
     if isinstance(found, complex):
         raise NotTranslatedError("a complex number")

@@ -24,10 +24,12 @@ def parse_function(code: str, name: str) -> ast.FunctionDef:
         raise FunctionError(1, f"it has more than {_LONGEST:,} characters")
     try:
         with warnings.catch_warnings():
+            # source of strangers may have invalid escapes, of which Python would warn on stderr
             warnings.simplefilter("ignore")
             body = ast.parse(code).body
     except (RecursionError, MemoryError):
         raise FunctionError(1, "it is nested too deep") from None
+    # ValueError: null bytes, or halves of surrogate pairs
     except (SyntaxError, ValueError) as fault:
         line = getattr(fault, "lineno", None) or 1
         raise FunctionError(line, "it is not Python") from None
@@ -55,6 +57,7 @@ def with_arguments_last(function: ast.FunctionDef, last: Sequence[bool]) -> ast.
     if len(args) < len(last):
         wanted = f"it takes {len(args)} arguments and gets {len(last)}"
         raise FunctionError(function.lineno, wanted)
+    # False sorts first, and sorted() is stable: both groups keep their order
     order = sorted(range(len(last)), key=lambda place: last[place])
     moved = ast.FunctionDef(
         name=function.name,

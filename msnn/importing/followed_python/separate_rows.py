@@ -22,8 +22,10 @@ def refuse_mixed_rows(
     middle of several have to be the same. Raises FunctionError.
     """
     alone, among = (_followed(function, rows, shapes, own) for rows in (1, ROWS))
+    # no batch at all: what follows the function refuses it with its shape
     if alone.ndim != 3 or alone.shape[0] != 1:
         return
+    # compared as texts: terms are equal by identity alone
     is_separate = among.shape == (ROWS, *alone.shape[1:]) and _texts(alone) == _texts(among)
     if not is_separate:
         reason = "its value depends on the other samples that are evaluated with one"

@@ -72,6 +72,7 @@ _MATH = {
 
 def elementwise(make: Callable[..., Term], *operands: Any) -> Tensor:
     """A function of one element of each operand."""
+    # an array of terms, as the elements of a stream or numbers
     if not any(isinstance(operand, Whole) for operand in operands):
         return arrays.elementwise(make, *operands)
     terms: list[Term] = []
@@ -83,6 +84,7 @@ def elementwise(make: Callable[..., Term], *operands: Any) -> Tensor:
                 shapes.append(shape)
             case bool() | int() | float():
                 terms.append(number(float(operand)))
+            # one number goes with a whole value; an array would have another value for each element
             case np.ndarray() if cast("Elements", operand).size == 1:
                 array = cast("Elements", operand)
                 terms.append(array.reshape(-1)[0])
@@ -90,6 +92,7 @@ def elementwise(make: Callable[..., Term], *operands: Any) -> Tensor:
             case _:
                 raise NeedsElementsError
     try:
+        # the shape of torch is kept beside the term: the language knows samples and dims, no batch
         return Whole(make(*terms), np.broadcast_shapes(*shapes))
     except ValueError:
         raise NotTranslatedError("tensors whose shapes do not go together") from None
@@ -101,6 +104,8 @@ def condition(value: Term) -> Term:
         case Call("where") if len(value.args) == 3 and _is_flag(value):
             return value.args[0]
         case _:
+            # truths computed by sums and products are 1 or 0; a half lies between, whatever
+            # rounding did
             return infix(">", value, number(0.5))
 
 
@@ -111,10 +116,13 @@ def _is_flag(value: Term) -> bool:
 def _is_truth(value: Term, depth: int = _DEEPEST_TRUTH) -> bool:
     """Whether torch holds it as true and false: a comparison, or what such are joined to."""
     match value.head:
+        # a chain of `&` is judged so far down alone: terms share parts, and a tree of them is
+        # exponential
         case _ if depth == 0:
             return False
         case Call("where") if len(value.args) == 3:
             return all(isinstance(getattr(arg.head, "value", None), bool) for arg in value.args[1:])
+        # `&`, `|` and `~` as they are written: products, largest, and 1 − a
         case Infix("*") | Call("max" | "min"):
             return all(_is_truth(arg, depth - 1) for arg in value.args)
         case Infix("-"):
@@ -153,6 +161,7 @@ def _refuse_other_types(name: str, kinds: Sequence[Any]) -> None:
 def _converted(name: str, value: Any, kinds: Sequence[Any]) -> Any:
     """A tensor of floating point; whole numbers would drop what is behind the point."""
     _refuse_other_types(name, kinds)
+    # `.to("cpu")` changes nothing, `.to(torch.float32)` makes truths numbers
     if name in {"float", "double"} or any(hasattr(kind, "path") for kind in kinds):
         terms = [value.term] if isinstance(value, Whole) else value.ravel()
         return elementwise(_as_number, value) if any(map(_is_truth, terms)) else value
@@ -179,6 +188,7 @@ def torch_function(
         if name in {"tensor", "as_tensor"} and _has_whole(list(arguments)):
             raise NeedsElementsError
         out = made(*arguments, **_plain(keywords))
+        # `torch.tensor([1, 2], dtype=torch.long)` loses nothing; 0.5 would
         if not all(_is_whole(one) for one in out.ravel()):
             _refuse_other_types(name, [keywords[key] for key in keywords if key == "dtype"])
         return out
@@ -189,6 +199,7 @@ def torch_function(
 
 def method(name: str, arguments: list[Any], keywords: Mapping[str, Any]) -> Any:
     """A method of a tensor; `torch.name(x)` is the same."""
+    # a new value: what is changed in place is then nobody else's
     if name == "clone":
         return elementwise(same, arguments[0])
     if name in _SAME:
@@ -210,6 +221,7 @@ def method(name: str, arguments: list[Any], keywords: Mapping[str, Any]) -> Any:
         return elementwise(_where, *arguments)
     if name in {"clamp", "clip"}:
         return _clamped(*arguments, **words)
+    # with a whole number it is an axis, of which torch answers values and indices
     if name in {"min", "max"} and len(arguments) == 2 and not isinstance(arguments[1], int):
         return elementwise(larger if name == "max" else smaller, *arguments)
     if name in {"size", "dim", "numel"} and is_tensor(arguments[0]):
@@ -253,6 +265,7 @@ def _has_whole(value: Any) -> bool:
 
 def _equal(is_same: bool, left: Any, right: Any) -> Tensor:
     def make(a: Term, b: Term) -> Term:
+        # the language has no `==`; of infinite operands this is false, where torch says true
         near = infix("<=", call("abs", infix("-", a, b)), number(0))
         return call("where", near, number(is_same), number(not is_same))
 

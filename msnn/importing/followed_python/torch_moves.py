@@ -7,9 +7,10 @@ from typing import Any, cast
 
 import numpy as np
 
+from msnn.importing.followed_python.torch_names import SAME
 from msnn.importing.terms import arrays
 from msnn.importing.terms.arrays import Elements, NotTranslatedError
-from msnn.importing.terms.terms import root, times
+from msnn.importing.terms.terms import times
 
 
 def _shape(sizes: Sequence[Any]) -> list[int]:
@@ -18,6 +19,7 @@ def _shape(sizes: Sequence[Any]) -> list[int]:
         flat = cast("list[Any]", flat[0])
     if not all(isinstance(one, int) for one in flat):
         raise NotTranslatedError("a shape that is not made of whole numbers")
+    # judged in floats before anything is made: the product of whole numbers may overflow numpy's
     arrays.refuse_large(float(np.prod([abs(float(one)) for one in flat] or [1.0])))
     return flat
 
@@ -76,15 +78,19 @@ def _sum(array: Elements, dim: Any = None, keepdim: bool = False) -> Elements:
     return arrays.summed(array, dim, keepdim)
 
 
-def _norm(array: Elements, dim: Any = None, keepdim: bool = False) -> Elements:
+def _norm(array: Elements, p: Any = None, dim: Any = None, keepdim: bool = False) -> Elements:
+    # the second argument is the power; 2 over all axes is another norm in torch.linalg
+    if p not in (None, "fro") and not (p == 2 and isinstance(dim, int)):
+        raise NotTranslatedError("a `norm` that is not the root of the sum of squares")
     squares = arrays.elementwise(times, array, array)
-    return arrays.elementwise(root, arrays.summed(squares, dim, keepdim))
+    return arrays.elementwise(SAME["sqrt"], arrays.summed(squares, dim, keepdim))
 
 
 def _product(array: Elements, dim: int, keepdim: bool = False) -> Elements:
     moved = np.moveaxis(array, dim, 0)
     out = moved[0]
     for one in moved[1:]:
+        # in order, as torch multiplies along an axis
         out = arrays.elementwise(arrays.product, out, one)
     return np.expand_dims(out, dim) if keepdim else out
 
@@ -167,6 +173,7 @@ def _split(array: Elements, sizes: Any, dim: int = 0) -> list[Elements]:
 def _einsum(equation: str, *operands: Elements) -> Elements:
     """Σ over the letters that the result does not have, of products of elements."""
     given, arrow, result = equation.replace(" ", "").partition("->")
+    # implicit results, repeated letters and `...` are forms of their own, refused
     letters = given.split(",")
     fits = all(len(one) == array.ndim for one, array in zip(letters, operands, strict=True))
     if not (arrow and fits and all(len(set(one)) == len(one) for one in [*letters, result])):
@@ -176,6 +183,7 @@ def _einsum(equation: str, *operands: Elements) -> Elements:
     spread: list[Elements] = []
     for one, array in zip(letters, operands, strict=True):
         turned = array.transpose(sorted(range(len(one)), key=lambda k, of=one: order.index(of[k])))
+        # axes that an operand lacks become axes of 1, which broadcast
         spread.append(turned[tuple(slice(None) if axis in one else None for axis in order)])
     products = spread[0]
     for other in spread[1:]:

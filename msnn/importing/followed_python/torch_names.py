@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from msnn.importing.terms.terms import Minus, Term, call, infix, joined, number, power
@@ -39,16 +40,17 @@ def _rsqrt(term: Term) -> Term:
 
 
 def _exp2(term: Term) -> Term:
-    return call("exp", infix("*", number(0.6931471805599453), term))
+    return call("exp", infix("*", number(math.log(2.0)), term))
 
 
-def _log_of(base: float) -> Callable[[Term], Term]:
+def _log_to(base: float) -> Callable[[Term], Term]:
     def make(term: Term) -> Term:
-        return infix("/", call("log", term), number(base))
+        return infix("/", call("log", term), number(math.log(base)))
 
     return make
 
 
+# the language has neither expm1 nor log1p: near 0 they lose digits that torch keeps
 def _expm1(term: Term) -> Term:
     return infix("-", call("exp", term), number(1))
 
@@ -101,8 +103,8 @@ SCALAR: dict[str, Callable[..., Term]] = {
     "exp2": _exp2,
     "expm1": _expm1,
     "log1p": _log1p,
-    "log2": _log_of(0.6931471805599453),
-    "log10": _log_of(2.302585092994046),
+    "log2": _log_to(2.0),
+    "log10": _log_to(10.0),
     "silu": _silu,
     "add": _infix("+"),
     "sub": _infix("-"),
@@ -146,5 +148,5 @@ ARGUMENTS = dict.fromkeys(
 )
 """How many arguments they take; one where nothing stands here."""
 
-NUMBERS = {"pi": 3.141592653589793, "e": 2.718281828459045, "inf": float("inf")}
+NUMBERS = {"pi": math.pi, "e": math.e, "inf": math.inf}
 """Members of torch that are numbers."""

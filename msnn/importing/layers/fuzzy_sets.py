@@ -32,17 +32,19 @@ def fuzzified(
     if len(centers) > count:
         place = functions.text.place("Functions", name)
         findings.report(surplus_set(name, count, place))
+    # automatic names have an F in front of the relation's kind
     wanted = name[1:] if name.startswith("FFuzzify") else name
     rising = all(a < b for a, b in itertools.pairwise(centers))
     settings = _settings(functions, name, given, len(centers))
     if settings is None or not rising or len(centers) == 1:
-        return _by_formulas(functions, layers, (name, given, centers[:], count), value)
+        return _by_formulas(functions, layers, (name, given, centers, count), value)
     dim = layers.dims.of(len(centers))
     settings = {"centers": [shortest(c) for c in centers], **settings, "dim": dim}
     layer = layers.declare(wanted, ("fuzzify", name), {"fuzzify": settings})
     sets = layers.values.along(lambda x: call(layer, x, dim=len(centers)), value, len(centers))
     if count == len(centers):
         return sets
+    # the surplus set shapes its neighbour and is dropped afterwards
     return layers.values.stacked([layers.values.element(sets, i) for i in range(count)])
 
 
@@ -53,6 +55,7 @@ def _settings(
     shape = given.functions
     if isinstance(shape, str) and shape in _SHAPES:
         return {} if shape == "Triangular" else {"membership": _SHAPES[shape]}
+    # one function for all: of the distance to the centre, as `membership: {function}` has it
     if isinstance(shape, str) and count > 1:
         function = functions.of_offset(name, 0)
         return None if function is None else {"membership": {"function": function}}
@@ -72,6 +75,7 @@ def _by_formulas(
     for i in range(count):
         if isinstance(given.functions, str) and given.functions in _SHAPES:
             if len(centers) == 1:
+                # a single set has no neighbour at which it would end
                 made.append(filled(1.0, value))
                 continue
             shape = _hat if given.functions == "Triangular" else _box
@@ -94,6 +98,7 @@ def _hat(i: int, centers: list[float], x: Term) -> Term:
     if rising is None or falling is None:
         edge = rising if rising is not None else falling
         assert edge is not None
+        # outermost sets stay 1 beyond their centre
         return call("min", call("max", edge, number(0)), number(1))
     return call("min", call("max", rising, number(0)), call("max", falling, number(0)))
 
@@ -103,6 +108,7 @@ def _box(i: int, centers: list[float], x: Term) -> Term:
     one, none = number(1), number(0)
     inside: Term | None = None
     if i < last:
+        # a set ends in the middle between two centres; the middle itself belongs to the upper one
         high = centers[i] + abs(centers[i + 1] - centers[i]) / 2
         inside = call("where", infix("<", x, number(high)), one, none)
     if i > 0:

@@ -46,8 +46,10 @@ class Layers:
         if value.dim != 1:
             raise ShapeError(f"a filter of {value.dim} elements")
         out = int(weight.shape[1])
+        # a `fir` reads a window of a signal; several pieces are a list of values
         if len(value.pieces) != 1:
             return self._over_pieces(layer, value, out)
+        # over one sample they are the same, and `fir` wants a window
         kind = "linear" if value.window == 1 else "fir"
         name = self._layer(kind, layer, weight, (value.window, "tap"))
         term = Term(Call(name, steady=False), (value.pieces[0],), None, out)
@@ -101,6 +103,7 @@ class Layers:
         axes = [self.dims.of(out)] if out > 1 else []
         if out > 1:
             settings["out"] = axes[0]
+        # nnodely has samples × results; the language results × samples, and no axis of one result
         turned = weight.T if out > 1 else weight[:, 0]
         name = self.names.free(_name_of(layer.weight))
         # an array has no dimension twice, and the layer wants one of one row without it
@@ -114,6 +117,7 @@ class Layers:
             self._copy(layer.weight)
         if layer.bias is None:
             if kind == "linear":
+                # `linear` has a bias unless told, `fir` has none
                 settings["bias"] = False
         else:
             self._bias(name, layer.bias, out, axes, settings)

@@ -49,6 +49,7 @@ def interpolated(
     dims, names = layers.dims, layers.names
     knot = dims.of(len(slope), "knot")
     # rectangular sets about the knots choose the nearest one; the last has no line of its own
+    # as nnodely searches: by distance to a knot, not by the interval that x lies in
     settings = {"centers": x[:-1].tolist(), "membership": "rectangular", "dim": knot}
     layer = layers.declare(f"nearest_{name}", ("nearest", name), {"fuzzify": settings})
     parts: list[Term] = []
@@ -56,6 +57,7 @@ def interpolated(
         new = names.free(f"{name}_{what}")
         layers.parameters.fixed[new] = {"value": entry_of(numbers), "dims": knot}
         parts.append(Term(Named(new, (knot,)), (), None, len(slope)))
+    # x − Xᵢ for each set, which the layer computes anyway
     offset = call(f"{layer}.offset", inside, dim=len(slope))
     line = infix("+", parts[0], infix("*", parts[1], offset))
     chosen = infix("*", call(layer, inside, dim=len(slope)), line)

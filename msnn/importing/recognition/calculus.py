@@ -23,6 +23,8 @@ def calculus(graph: Graph) -> Mapping[str, Recognised]:
     found: dict[str, Recognised] = {}
     for name, given in graph.file.Inputs.items():
         source = given.closed_loop
+        # `local` marks inputs that nnodely has made itself: one that a user closes is a state by
+        # its own right
         if source is not None and given.connect is None and given.local:
             one = _integral(graph, name, source) or _ringing(graph, name, source)
             if one is not None:
@@ -39,6 +41,7 @@ def _integral(graph: Graph, state: str, source: str) -> Recognised | None:
     if sides is None or not _is_own_past(graph, sides[0], state):
         return None
     factors = graph.pair(sides[1], "Mul")
+    # nnodely writes its own loops with the operands in this order
     if factors is None or factors[1] != _STEP:
         return None
     half = graph.pair(factors[0], "Mul")
@@ -49,6 +52,7 @@ def _integral(graph: Graph, state: str, source: str) -> Recognised | None:
         if buffer is not None:
             return _of_past("integral", ", method=trapezoidal", buffer, graph)
     integrand = factors[0]
+    # an integral of a parameter: left to be followed as it stands
     if integrand not in graph.file.Relations:
         return None
 
@@ -89,6 +93,7 @@ def _neighbours(graph: Graph, newest: str, older: str) -> str | None:
     if buffer is None or graph.sample(older, 1) != buffer:
         return None
     given = graph.file.Inputs[buffer]
+    # exactly two samples: a longer buffer is read elsewhere, too
     is_short = given.sw == [-2, 0] and given.tw is None and given.connect is not None
     return buffer if is_short and given.connect in graph.file.Relations else None
 
@@ -97,6 +102,7 @@ def _is_own_past(graph: Graph, name: str, state: str) -> bool:
     """Whether a relation is the state's last value, which nothing else reads."""
     given = graph.file.Inputs[state]
     is_last = graph.sample(name, 0) == state and given.sw == [-1, 0] and given.tw is None
+    # a state that others read has to stay one
     return is_last and graph.uses[name] == 1 and graph.uses[state] == 1
 
 

@@ -32,6 +32,7 @@ class _Sum:
 def local_models(graph: Graph) -> Mapping[str, Recognised]:
     """Local models of filters, of linear maps, of functions, and weighted sums of one value."""
     shared = shared_arrays(graph.file)
+    # partial sums: only the outermost one is the local model
     inner = {
         pair[0]
         for name in graph.file.Relations
@@ -59,6 +60,7 @@ def _sum(graph: Graph, name: str) -> _Sum | None:
         name = sides[0]
     products = [name, *reversed(products)]
     pairs = [graph.pair(one, "Mul") for one in products]
+    # a product that others read is a value of its own
     if len(products) < _FEWEST or any(graph.uses[one] != 1 for one in products):
         return None
     cells = [pair[0] for pair in pairs if pair is not None]
@@ -68,6 +70,7 @@ def _sum(graph: Graph, name: str) -> _Sum | None:
     activations = tuple(name for name, _, _ in chosen[0])
     sizes = tuple(size for _, size, _ in chosen[0])
     # the sets of the last activation turn fastest
+    # all combinations exactly once: a cell left out would be one with weights 0, which would learn
     wanted = list(product(*(range(size) for size in sizes)))
     indexes = [tuple(index for _, _, index in one) for one in chosen]
     same = all(
@@ -87,6 +90,7 @@ def _selected(graph: Graph, name: str) -> Iterator[tuple[str, int, int]]:
         sides = graph.pair(rest, "Mul")
         one = rest if sides is None else sides[1]
         match graph.file.Relations.get(one):
+            # the degree of one set among `size`
             case ["Select", [str() as source], int() as size, int() as index]:
                 found.append((source, size, index))
             case _:
@@ -116,12 +120,14 @@ def _of_layers(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognised 
     layers: list[Weighted] = []
     for cell in whole.cells:
         match graph.file.Relations.get(cell):
+            # without dropout, which a cell of the language has not
             case [("Fir" | "Linear") as kind, [str() as operand], str() as weight, bias, 0 | 0.0]:
                 kinds.add((kind, operand, bias is None))
                 layers.append(Weighted(kind, weight, bias if isinstance(bias, str) else None, 0.0))
             case _:
                 return None
     arrays = [a for layer in layers for a in (layer.weight, layer.bias) if a is not None]
+    # cells are stacked in one array: weights that others share would be learned twice
     private = len(set(arrays)) == len(arrays) and not shared.intersection(arrays)
     if len(kinds) != 1 or not private or any(graph.uses[cell] != 1 for cell in whole.cells):
         return None
@@ -141,6 +147,7 @@ def _of_layers(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognised 
         if any(weight.shape[1] != 1 for weight in weights):
             raise NotRecognisedError("cells of a local model with more than one result")
         by = _degrees(relations, whole)
+        # cells in the order of their sets, the last activation fastest: that of the layer's array
         stacked = np.concatenate([weight.ravel() for weight in weights])
         parameters = relations.layers.parameters
         biases = [
@@ -170,6 +177,7 @@ def _of_functions(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognis
             case ["ParamFun", _, str() as key] if key in graph.file.Functions:
                 given = graph.file.Functions[key]
                 operands = tuple(graph.operands(cell))
+                # by source: nnodely saves the same function under a new key for each cell
                 codes.add((given.code, given.name, operands, given.map_over_dim is False))
                 own.append(given.params_and_consts)
             case _:
@@ -212,6 +220,7 @@ def _degrees(relations: Followed, whole: _Sum) -> list[Term]:
     found: list[Term] = []
     for k, activation in enumerate(whole.activations):
         value = relations.operand(activation)
+        # dimensions are named by size: two of one size would be aligned instead of combined
         repeated = whole.sizes[k] in whole.sizes[:k]
         if value.window != 1:
             raise NotRecognisedError("activations of a local model over a window")

@@ -14,4 +14,5 @@ from msnn.importing.saved_file.graph import Graph
 def recognise(file: File) -> Mapping[str, Recognised]:
     """What the relations are that stand for many."""
     graph = Graph(file)
+    # of a relation that is both, the local model stands
     return {**calculus(graph), **local_models(graph)}

@@ -15,11 +15,12 @@ _MOST_FAULTS = 8
 
 Size: TypeAlias = Annotated[int, Field(ge=1, le=100_000)]
 Number: TypeAlias = int | FiniteFloat
-Numbers: TypeAlias = "Number | list[Any]"
+# bounds keep sums and products of windows far from what memory and integers hold
 Samples: TypeAlias = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]
 
 
 class _Strict(BaseModel):
+    # strict: JSON's `true` is no 1. Other keys are those of other versions and of training, ignored
     model_config = ConfigDict(strict=True, extra="ignore", frozen=True)
 
 
@@ -56,7 +57,6 @@ class Function(_Strict):
     code: str | None = None
     name: str | None = None
     params_and_consts: list[str] = []
-    n_input: int | None = None
     map_over_dim: bool | list[int | None] = False
     centers: list[Number] | None = None
     dim_out: dict[str, Size] | None = None
@@ -74,6 +74,7 @@ class Minimizer(_Strict):
 
 def _relation(given: list[Any]) -> list[Any]:
     kind, operands = given[:2]
+    # what follows depends on the kind, and is judged where that is known
     if not isinstance(kind, str) or names_in(operands) != operands:
         raise ValueError("a relation is [kind, [names of operands], …]")
     return given
@@ -123,6 +124,7 @@ def _compared(file: File) -> dict[str, str]:
 def _reads(file: File, relation: str) -> bool:
     kind, operands = file.Relations[relation][:2]
     sources = names_in(operands)
+    # a side that only reads an input is what the other one is compared with
     return kind in {"SamplePart", "TimePart"} and len(sources) == 1 and sources[0] in file.Inputs
 
 

@@ -25,6 +25,7 @@ class Graph:
         for given in self.file.Inputs.values():
             found.update(one for one in (given.connect, given.closed_loop) if one is not None)
         for given in self.file.Minimizers.values():
+            # a loss reads as well: what it compares may not vanish into a layer
             found.update((given.A, given.B))
         return found
 
@@ -43,11 +44,13 @@ class Graph:
         """Whether a name is a constant of one number."""
         if name not in self.file.Constants:
             return False
+        # nnodely writes numbers with zero, one or two brackets
         return self.file.Constants[name].values in (value, [value], [[value]])
 
     def sample(self, name: str, age: int) -> str | None:
         """The input of which a relation is the sample of that age; None where it is none."""
         given = self.file.Relations.get(name)
+        # [−1, 0] is the current sample, [−2, −1] the one before
         wanted = ["SamplePart", -1, [-1 - age, -age]]
         if given is None or len(given) != 4 or [given[0], *given[2:]] != wanted:
             return None

@@ -54,6 +54,7 @@ def read_json(text: str, name: str) -> JsonText:
     reader = _Reader(SourceText(name, text))
     if len(text) > LARGEST:
         raise reader.refused(0, f"it has more than {LARGEST:,} characters", "")
+    # a byte order mark, which some editors on Windows write
     start = 1 if text.startswith("\ufeff") else 0
     value, end = reader.value(reader.blank(start), ())
     end = reader.blank(end)
@@ -91,8 +92,10 @@ class _Reader:
 
     def value(self, at: int, path: Path) -> tuple[Any, int]:
         text = self.source.text
+        # the reader calls itself: a bound far below Python's stack
         if len(path) > DEEPEST:
             raise self.refused(at, f"it is nested more than {DEEPEST} deep", "one level too many")
+        # counted as they are read: memory is bounded while it grows, not afterwards
         self.count += 1
         if self.count > MOST_VALUES:
             raise self.refused(at, f"it has more than {MOST_VALUES:,} values", "one too many")
@@ -106,6 +109,7 @@ class _Reader:
         else:
             value, end = self._number_or_word(at)
         step = path[-1] if path else ""
+        # a place for each of a million weights would take more memory than the weights
         is_far = isinstance(step, int) and step >= _FURTHEST_ELEMENT
         if len(path) <= _FURTHEST_PLACE and not is_far:
             self.places[path] = (at, end)
@@ -118,6 +122,7 @@ class _Reader:
         if "\\" not in found[1]:
             return found[1], found.end()
         try:
+            # escapes and surrogate pairs are the standard library's business
             return str(json.loads(found[0])), found.end()
         except json.JSONDecodeError as fault:
             raise self.refused(at + fault.pos, f"a text is faulty: {fault.msg}", "here") from None
@@ -126,6 +131,7 @@ class _Reader:
         found = _NUMBER.match(self.source.text, at)
         if found is not None:
             digits = found[0]
+            # int() of very many digits is quadratic in their number; 18 fit in 64 bits
             value = int(digits) if digits.lstrip("-").isdecimal() and len(digits) < 19 else None
             value = float(digits) if value is None else value
             if not math.isfinite(value):
@@ -167,6 +173,7 @@ class _Reader:
                 raise self.refused(end, "a key is missing", "a key in double quotes goes here")
             start = end
             key, end = self._string(end)
+            # json.loads would keep the last of two: which one was meant nobody knows
             if key in values:
                 raise self.refused(start, f"the key `{key}` stands twice", "the second one")
             end = self.blank(end)

@@ -15,6 +15,7 @@ def shared_arrays(file: File) -> frozenset[str]:
     for kind, operands, *rest in file.Relations.values():
         uses.update({one for one in names_in(operands) if one in arrays})
         if kind in {"Fir", "Linear"} and len(rest) >= 2:
+            # a set: equal layers are one in the spec, and use their arrays once
             layers.add((kind, *map(str, rest)))
     for _, weight, bias, *_ in layers:
         uses.update({weight, bias} & arrays)

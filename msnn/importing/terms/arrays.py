@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import reduce
+from functools import partial, reduce
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -13,7 +13,6 @@ from msnn.importing.terms.terms import (
     Number,
     Term,
     call,
-    exponential,
     infix,
     number,
     plus,
@@ -55,6 +54,7 @@ def refuse_large(size: float) -> None:
 
 def _filled(value: Term) -> Elements:
     single = np.empty((), dtype=object)
+    # numpy would take a Term for a sequence where it could
     single[()] = value
     return single
 
@@ -66,6 +66,7 @@ def elementwise(make: Callable[..., Term], *operands: Any) -> Elements:
         together = np.broadcast_shapes(*(array.shape for array in arrays))
     except ValueError:
         raise NotTranslatedError("tensors whose shapes do not go together") from None
+    # before it is made; in floats, as whole numbers may overflow
     refuse_large(float(np.prod([float(n) for n in together])))
     out = np.empty(together, dtype=object)
     spread = [np.broadcast_to(array, together) for array in arrays]
@@ -125,6 +126,7 @@ def averaged(array: Elements, dim: int | Sequence[int] | None, keepdim: bool) ->
     """The mean over axes."""
     sums = summed(array, dim, keepdim)
     count = array.size // max(sums.size, 1)
+    # Σ / n, as torch divides
     return elementwise(quotient, sums, count)
 
 
@@ -150,7 +152,8 @@ def matmul(left: Elements, right: Elements) -> Elements:
 
 def softmax(array: Elements, dim: int) -> Elements:
     """Shares that sum to 1 along an axis."""
-    powers = elementwise(exponential, array)
+    # without the shift by the largest that torch takes: the same value, but for inputs beyond 88
+    powers = elementwise(partial(call, "exp"), array)
     return elementwise(quotient, powers, summed(powers, dim, keepdim=True))
 
 

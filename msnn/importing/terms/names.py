@@ -16,6 +16,7 @@ class TakenNames:
     """The names that are taken, and which new name an old one has."""
 
     def __init__(self) -> None:
+        # functions of the language and its words: an entry of that name could not be told from them
         self._taken = {*BUILTINS, *LOSS_FUNCTIONS, *SCALAR_FUNCTIONS, "flow", "next", "identity"}
         self._new: dict[tuple[str, str], str] = {}
 

@@ -76,6 +76,7 @@ Head: TypeAlias = Number | Signal | Named | Held | Infix | Minus | Call
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+# eq=False: a term is its identity. Parts are shared by it, and comparing trees would be exponential
 class Term:
     """An expression: what it does, and with what."""
 
@@ -128,6 +129,7 @@ class Cutter:
             # a window of these is known as a whole alone
             case Held() | Call(steady=False):
                 raise CutError
+            # element by element: a part of the result is made of the same part of the operands
             case head:
                 args = tuple(self._known[(id(arg), first, end)][1] for arg in term.args)
                 return Term(head, args, window, term.dim)
@@ -135,6 +137,7 @@ class Cutter:
 
 def after_operands(root: Term, is_done: Callable[[Term], bool]) -> Iterator[Term]:
     """Every term of a tree that is not done, operands before what is made of them."""
+    # a stack of our own: chains of relations are longer than Python lets functions nest
     stack = [(root, False)]
     seen: set[int] = set()
     while stack:
@@ -202,16 +205,6 @@ def smaller(left: Term, right: Term) -> Term:
     return call("min", left, right)
 
 
-def root(term: Term) -> Term:
-    """A square root."""
-    return call("sqrt", term)
-
-
-def exponential(term: Term) -> Term:
-    """e to a power."""
-    return call("exp", term)
-
-
 def same(term: Term) -> Term:
     """The term itself."""
     return term
@@ -241,6 +234,7 @@ def number_text(value: float) -> str:
     What was saved in single precision is then what somebody wrote: 9.81, not 9.8100004196167.
     """
     if float(value).is_integer() and abs(value) < 1e15:
+        # from 1e15 on a double does not hold every whole number that would be written
         return str(int(value))
     return "pi" if value == math.pi else repr(shortest(value))
 
@@ -250,6 +244,7 @@ def shortest(value: float) -> float:
     if abs(value) > LARGEST:
         return float(value)
     single = np.float32(value)
+    # numpy writes a float32 with as few digits as tell it from its neighbours
     return float(str(single)) if float(single) == value else float(value)
 
 

@@ -118,6 +118,7 @@ class ValueOperations:
             return value.pieces[0]
         refuse_many(value.window)
         if value.dim == 1:
+            # windows are flattened into one unnamed axis (R3)
             return Term(Call("concat", steady=False), value.pieces)
         single = [self.samples(value, k, k + 1).pieces[0] for k in range(value.window)]
         return Term(Call("stack", steady=False), tuple(single), None, value.dim)
@@ -131,6 +132,7 @@ class ValueOperations:
 def element_of(term: Term, index: int, dims: Dims) -> Term:
     """An element of a term with a dimension; of elements that stand side by side, that one."""
     match term.head:
+        # no `part` of a `stack`: the element itself is shorter and shared
         case Call("stack") if len(term.args) == term.dim:
             return term.args[index]
         case Named(axes=axes) if len(axes) > 1:

@@ -39,6 +39,7 @@ def checked_weights(
             faults.append(
                 errors.misshapen_weights(origin, name, array.shape, shape, parameter.span)
             )
+        # a cast would take bits, texts and complex numbers without a word
         elif not np.issubdtype(array.dtype, np.floating):
             faults.append(errors.weights_not_floating(origin, name, str(array.dtype)))
         else:

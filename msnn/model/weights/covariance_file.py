@@ -39,6 +39,7 @@ class Covariance:
     ) -> Covariance:
         """Of a matrix over the numbers of `names`; in the order that a file keeps."""
         places = _places(names, weights)
+        # as safetensors sorts its arrays: rows are found again by the order of the file
         order = sorted(names)
         numbers = np.concatenate([places[name] for name in order])
         return cls({name: weights[name] for name in order}, matrix[np.ix_(numbers, numbers)])
@@ -56,6 +57,7 @@ class Covariance:
     @property
     def free(self) -> int:
         """How many numbers were free to move."""
+        # a number that is held has a row of zeros
         return int(np.count_nonzero(np.diagonal(self.matrix)))
 
     def belongs_to(self, weights: Mapping[str, FloatArray]) -> bool:
@@ -89,6 +91,7 @@ def read_covariance(weights_file: Path, weights: Mapping[str, FloatArray]) -> Co
         refuse_endless(path)
         content = path.read_bytes()
     except OSError:
+        # the run says why it has none, which helps more than the name of a file
         errors = read_json(weights_file.with_name(PARAMETERS)).get("standard_errors")
         known = cast("dict[str, object]", errors) if isinstance(errors, dict) else {}
         reason = known.get("reason")
@@ -105,6 +108,7 @@ def read_covariance(weights_file: Path, weights: Mapping[str, FloatArray]) -> Co
     if matrix is None or matrix.shape != (size, size) or not np.all(np.isfinite(matrix)):
         raise SpecError([no_covariance(f"{path} cannot be read")])
     found = Covariance(values, matrix)
+    # weights that went on learning without a new covariance
     if not found.belongs_to(weights):
         raise SpecError([no_covariance(f"{path} belongs to other weights")])
     return found

@@ -12,13 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.errors.learning import training as errors
-from msnn.model.kept_run import followed
+from msnn.model.kept_run import WEIGHTS, followed
 from msnn.model.weights.checked_weights import GIVEN, checked_weights
 from msnn.model.weights.weights_file import initial_weights, read_weights
 from spec_schema.diagnostics.diagnostic import SpecError
-
-WEIGHTS_FILE = "weights.safetensors"
-"""What the folder of a run calls its weights."""
 
 
 @runtime_checkable
@@ -54,12 +51,14 @@ def given_weights(program: Program, weights: Weights) -> dict[str, FloatArray]:
         return read_weights(weights_path(weights), program)
     if not isinstance(weights, Mapping):
         found = weights.weights if isinstance(cast("object", weights), HasWeights) else None
+        # of the loss of a stage it is a method
         found = found() if callable(found) else found
         if not isinstance(found, Mapping):
             kind = type(weights).__name__
             message = f"weights are a mapping, a result of training or a path, not {kind}"
             raise TypeError(message)
         weights = cast("Mapping[str, Value]", found)
+    # names that are no text, of a numpy array of names
     arrays = {str(name): _array(value) for name, value in weights.items()}
     return checked_weights(program, arrays, GIVEN)
 
@@ -83,7 +82,7 @@ def weights_path(given: str | Path) -> Path:
     path = Path(given)
     # where links are refused `latest` is a file that leads to a folder
     path = path if path.is_dir() else followed(path)
-    return path / WEIGHTS_FILE if path.is_dir() else path
+    return path / WEIGHTS if path.is_dir() else path
 
 
 def _array(value: Value) -> NDArray[Any]:

@@ -45,6 +45,7 @@ def write_weights(
     }
     arrays = {name: np.asarray(value, np.float64) for name, value in weights.items()}
     content = safetensors_bytes(arrays, metadata)
+    # hours of training lie in it
     return write_bytes(path, content, durable=True, named_later=named_later)
 
 

@@ -55,9 +55,11 @@ def choose_baseline(
     least = tuple(delay if s else 1 for delay, s in zip(seen, sharp, strict=True))
     cut = int(len(follows) * (1 - _VALIDATION))
     tried: list[tuple[float, int, tuple[int, ...]]] = []
+    # both are tried: the first effect that the responses show may be later than the true one
     for used in dict.fromkeys((least, seen)):
         delayed = table.copy()
         for column, delay in enumerate(used):
+            # moved, so that one ARX form with inputs from the last row on serves all delays
             delayed[:, column] = _later(table[:, column], delay - 1)
         train = pieces_of(target.values[:cut], delayed[:cut], follows[:cut])
         tried.append((*_order(train, pieces_of(target.values, delayed, follows)), used))
@@ -68,6 +70,7 @@ def choose_baseline(
         delays=used,
         seen=tuple(delay is not None for delay in delays),
         immediate=tuple(delay == 0 for delay in delays),
+        # with the data as they are: the time constants do not depend on the delays
         horizon=_horizon(pieces, found, order + max(used, default=1), len(late)),
         constant_error=_rms(late - np.nanmean(target.values[:cut])),
         held_error=_rms(np.diff(late)),
@@ -79,11 +82,13 @@ def _order(train: Sequence[Piece], pieces: Sequence[Piece]) -> tuple[float, int]
     errors: dict[int, float] = {}
     for order in _ORDERS:
         model = fit_arx(train, ArxOrders(order, order, first=1))
+        # an unstable predictor may fit one step well and runs away in a rollout
         if model is not None and np.all(np.abs(np.roots(model.denominator)) < 1):
             errors[order] = sum(_simulation_error(model, piece) for piece in pieces)
     if not errors:
         return np.inf, 2
     best = min(errors.values())
+    # errors are squares: 2 % of the error are 4 % of these
     return next((e, order) for order, e in errors.items() if e <= _AS_GOOD**2 * best)
 
 
@@ -91,6 +96,7 @@ def _simulation_error(model: Arx, piece: Piece) -> float:
     """Σ e² of a free run in the last fifth of a piece; it has forgotten its start by then."""
     driven = np.zeros(len(piece))
     for series, taps in zip(piece.inputs.T, model.numerators, strict=True):
+        # taps begin with the row before
         driven += np.convolve(series, np.concatenate(([0.0], taps)))[: len(piece)]
     late = int(len(piece) * (1 - _VALIDATION))
     error = piece.output - filtered(driven, model.denominator)
@@ -107,6 +113,7 @@ def _horizon(pieces: Sequence[Piece], found: Responses | None, past: int, late: 
 
 
 def _later(values: FloatArray, rows: int) -> FloatArray:
+    # NaN: rows whose input is not known belong to no piece
     return np.concatenate((np.full(rows, np.nan), values[: len(values) - rows]))
 
 

@@ -70,6 +70,7 @@ def columns_of(path: Path) -> FoundTable:
         index
         for index in range(len(layout.labels))
         if all(number(row[index], decimal) for row in layout.sample if index < len(row))
+        # an empty column is no number
         and any(row[index] for row in layout.sample if index < len(row))
     ]
     if not numbers:
@@ -120,6 +121,7 @@ def free_name(wanted: str, taken: set[str]) -> str:
 
 def _names(layout: TextLayout, numbers: list[int]) -> Iterator[str]:
     """A name of its own for each column: of the header's letters and digits."""
+    # a signal called `sum` would hide the function in every formula
     taken = set(BUILTINS)
     for index in numbers:
         text = normalised(plain_label(layout.labels[index])[0])
@@ -133,12 +135,14 @@ def _names(layout: TextLayout, numbers: list[int]) -> Iterator[str]:
 
 def _unit(layout: TextLayout, index: int) -> Unit | None:
     text = layout.units[index].strip("[]()") or plain_label(layout.labels[index])[1]
+    # no unit: a spec that says `1` would ask the same of all that is added to it
     return None if text == "-" else written_unit(text)
 
 
 def _key(layout: TextLayout, index: int) -> str | int:
     """The header where it names this column alone and is no pattern of several."""
     label = layout.labels[index]
+    # two columns of one header are told apart by index alone
     named = layout.named and layout.labels.count(label) == 1
     if named and label and label.isprintable() and not set(label) & set("{}"):
         return label

@@ -13,17 +13,18 @@ from msnn.data.formats.text.csv_header import (
     Dialect,
     content_lines,
     header_cells,
-    is_number,
     split_cells,
 )
 from msnn.data.formats.text.text_encoding import not_utf8
 from msnn.data.formats.text.xlsx_file import WORKBOOK, sheet_lines
-from msnn.data.formats.written_units import MISSING, is_unit
+from msnn.data.formats.written_units import MISSING, is_number, is_unit
 from msnn.errors.data import files as errors
 from msnn.errors.data.new_specs import no_table
 from spec_schema.diagnostics.diagnostic import SpecError
 
+# enough for headers of loggers and rows to judge by
 _LINES = 400
+# in the order of how common they are: max() takes the first of those that fit alike
 _DIALECTS = ((",", "."), (";", "."), ("\t", "."), ("|", "."), (";", ","), ("\t", ","), (" ", "."))
 _COMMENTS = ("#", "%")
 
@@ -52,6 +53,7 @@ def layout_of(path: Path) -> TextLayout:
     texts = [text for _, text in lines]
     delimiter, decimal = max(_DIALECTS, key=lambda signs: _fits(texts, *signs))
     rows = [header_cells(text, delimiter) for text in texts]
+    # the second half: whatever stands above the table is shorter than that
     width = Counter(map(len, rows[len(rows) // 2 :])).most_common(1)[0][0]
     numeric = _numeric([row for row in rows[len(rows) // 2 :] if len(row) == width], decimal)
     first = next((i for i, row in enumerate(rows) if _is_data(row, width, numeric, decimal)), None)
@@ -60,6 +62,7 @@ def layout_of(path: Path) -> TextLayout:
     above = [i for i in range(first) if len(rows[i]) == width]
     header = above[-1] if above else None
     units: tuple[str, ...] = ("",) * width
+    # a line of units stands right above the numbers, and the header above it
     if len(above) > 1 and above[-1] == first - 1 and all(is_unit(cell) for cell in rows[first - 1]):
         units, header = rows[first - 1], above[-2]
     named = header is not None and not any(units)
@@ -99,6 +102,7 @@ def _labels_in_comment(
     """The header that is written as a comment, as numpy does; empty texts where there is none."""
     if comment is not None:
         for _, text in _first_lines(path, Dialect()):
+            # `# t,x,y`, as numpy.savetxt writes it
             cells = split_cells(text.lstrip().lstrip(comment), delimiter)
             if text.lstrip().startswith(comment) and len(cells) == width:
                 return tuple(cell.strip() for cell in cells)
@@ -110,6 +114,7 @@ def _comment(path: Path) -> str | None:
     lines = [text.lstrip() for _, text in _first_lines(path, Dialect())]
     for sign in _COMMENTS:
         begins = [line.startswith(sign) for line in lines]
+        # a file of nothing else has no table; the sign belongs to its cells
         if any(begins) and not all(begins):
             return sign
     return None
@@ -123,6 +128,7 @@ def _fits(texts: Sequence[str], delimiter: str, decimal: str) -> tuple[float, in
     cells = [cell.strip() for row in late if len(row) == width for cell in row]
     numbers = sum(is_number(cell.replace(decimal, ".")) for cell in cells)
     empty = sum(cell.lower() in MISSING for cell in cells)
+    # an empty cell counts half: it fits, and says less than a number
     share = (numbers + 0.5 * empty) / max(len(cells), 1) * count / len(late)
     # text in a column or two is no sign of another delimiter
     return (round(share, 2) if width == 1 else share + 0.5 if numbers else 0.0, width)

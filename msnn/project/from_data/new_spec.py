@@ -57,9 +57,12 @@ def spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> 
     if not moving:
         raise SpecError([no_target(file.name)])
     target = _target(predict, moving, [c for c in used if not c.moves], row_follows)
+    # fewer rows than a handful of parameters can be told from
     if np.sum(np.isfinite(target.values)) < _FEWEST_ROWS:
         raise SpecError([few_rows(file.name, table.rows, _FEWEST_ROWS)])
+    # `target` explains no other column: what follows it is no input
     roles = [r for r in roles_of(moving, row_follows, target) if r.column is not target]
+    # where everything looks like an output all of it may drive the target
     inputs = [r.column for r in roles if not r.output] or [r.column for r in roles]
     others = [r.column for r in roles if r.column not in inputs]
     baseline = choose_baseline(target, inputs, row_follows)
@@ -114,6 +117,7 @@ def _candidates(
     text += f"; like inputs: {_listed(inputs)}"
     if still:
         text += f"; without any change: {_listed(still)}"
+    # an example that works when it is copied
     first = (outputs or roles)[0].column.name
     return f"{text}; say which one to predict, such as `--predict {first}`"
 
@@ -144,6 +148,7 @@ class _Facts:
 def _text(facts: _Facts) -> str:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(templates.__path__[0]) / "project"),
+        # a name that the template has and the code has not is an error, not an empty place
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
         trim_blocks=True,
@@ -176,7 +181,9 @@ def _values(facts: _Facts) -> dict[str, Any]:
             strict=True,
         )
     ]
+    # its own past needs no remark
     layers[0]["seen"] = ""
+    # only of what the spec reads: other columns may have gaps as they like
     lacking = [c for c in signals if not np.isfinite(c.values).all()]
     return {
         "name": facts.name,
@@ -225,6 +232,7 @@ def _rounded(low: float, high: float) -> tuple[float, float]:
     """The range outwards to two digits of its span."""
     if not high > low:
         return low, high
+    # decimals of two digits of the span
     digits = 1 - math.floor(math.log10(high - low))
     grain = 10.0**digits
     return float(f"{math.floor(low * grain) / grain:.12g}"), float(

@@ -56,8 +56,10 @@ def _role(
     if past is None or alone is None:
         return ColumnRole(column, 0.0, output=False)
     share = max(1 - past.squares / alone.squares, 0.0)
+    # likelihood ratio n ln(RSS₁ / RSS₂), χ² with as many degrees of freedom as taps that were added
     statistic = -alone.rows * math.log(max(1 - share, 1e-300))
     seen = share > _LEAST_SHARE and statistic > chi_square_quantile(_LAGS * len(others), _CHANCE)
+    # with `without` again: a command is computed of the output that is to be predicted
     both = _left(column, others, follows, first=1)
     same_row = _left(column, others, follows, first=0)
     computed = False
@@ -79,4 +81,5 @@ def _left(
 
 def _stands_still(column: FoundColumn) -> bool:
     """Whether most rows repeat the one before: a command that is held."""
+    # its jumps follow no past of anything, and would pass the test by chance
     return float(np.nanmedian(np.abs(np.diff(column.values)))) == 0

@@ -54,9 +54,11 @@ def time_of(table: FoundTable, file: str) -> FoundTime:
     Raises SpecError where the column that is called so falls from row to row.
     """
     counters = tuple(c.index for c in table.columns if _counts(c))
+    # dates before numbers: a log with both counts something else in the other one
     if table.dates is not None and _tells_time(table.dates.values):
         return _from(table.dates, counters, file)
     called = [c for c in table.columns if _WORDS.fullmatch(plain_label(c.label)[0].strip())]
+    # of several that are called so the first that rises: `t` and `timestamp` may differ
     for column in called:
         if _rises(column.values):
             return _from(column, counters, file)
@@ -79,6 +81,7 @@ def time_of(table: FoundTable, file: str) -> FoundTime:
 def _from(column: FoundColumn, counters: tuple[int, ...], file: str) -> FoundTime:
     unit, why = _unit(column)
     steps = np.diff(column.values[np.isfinite(column.values)]) * _SCALES[unit]
+    # the median: gaps do not move it
     usual = float(np.median(steps[steps > 0]))
     # six digits: more of them is what clocks have rounded away
     step = float(f"{usual:.6g}")
@@ -105,6 +108,7 @@ def _from(column: FoundColumn, counters: tuple[int, ...], file: str) -> FoundTim
             notes=tuple(notes),
             counters=(*counters, column.index),
         )
+    # uneven rows must be brought to a grid; gaps alone may stay gaps
     resample = "linear" if uneven else "none" if gaps.any() or back.any() else None
     if back.any():
         again = "`resample: none` begins anew there; rows that were written out of order are sorted"
@@ -126,6 +130,7 @@ def _unit(column: FoundColumn) -> tuple[str, str]:
     """The unit of a column of time, and why where nothing writes it."""
     if column.unit is not None and column.unit.same_dimension(_SECOND):
         for name, scale in _SCALES.items():
+            # by its size: `1e-3 s` is ms as well
             if np.isclose(column.unit.factor_to(_SECOND), scale):
                 return name, ""
     base = plain_label(column.label)[0].strip()
@@ -134,10 +139,13 @@ def _unit(column: FoundColumn) -> tuple[str, str]:
     if base.lower() == "millis":
         return "ms", ""
     values = column.values[np.isfinite(column.values)]
+    # from the finest down: seconds since 1970 are 1.7e9, and each finer count a thousand times that
     for name, least in _EPOCHS:
         if abs(float(values[0])) > least:
             return name, "it counts since 1970"
     usual = float(np.median(np.diff(values)))
+    # seconds with digits behind the point are seconds; whole numbers far apart are counts of a
+    # clock
     whole = bool(np.all(values == np.rint(values)))
     # whole minutes are more likely to be written in seconds
     if whole and usual >= 1000 and usual % 60:
@@ -165,6 +173,7 @@ def _tells_time(dates: FloatArray) -> bool:
 def _rises(values: FloatArray) -> bool:
     """Whether values are those of a clock, a few steps back allowed."""
     known = values[np.isfinite(values)]
+    # a clock that was set back once is still one
     return len(known) > 2 and float(np.mean(np.diff(known) > 0)) > 0.9
 
 

@@ -12,7 +12,7 @@ from spec_schema.expressions.tree import Call, Name
 from spec_schema.sections.references import calls_in, names_in
 from spec_schema.sections.spec import Spec
 
-_SHOWN: tuple[Kind, ...] = ("inputs", "states", "layers", "equations", "outputs")
+SHOWN: tuple[Kind, ...] = ("inputs", "states", "layers", "equations", "outputs")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,22 +55,24 @@ def flow_of(spec: Spec) -> Flow:
     wires: dict[Wire, None] = {}
     uses: dict[str, list[str]] = {}
     for part in found.parts:
-        if part.kind not in _SHOWN:
+        if part.kind not in SHOWN:
             continue
         for wire in _wires(spec, formulas_of(spec, part.kind, part.name), part.name):
             kind = kinds.get(wire.source)
             if kind == "parameters" and wire.source not in uses.setdefault(wire.target, []):
                 uses[wire.target].append(wire.source)
-            elif kind in _SHOWN and (wire.source != wire.target or kind == "states"):
+            # a layer that names itself is its own array (`h.weight`); a state that does is a loop
+            elif kind in SHOWN and (wire.source != wire.target or kind == "states"):
                 wires[wire] = None
         if part.kind == "layers" and (sets := spec.layers[part.name].fuzzify) is not None:
             wires |= {Wire(each.value, part.name): None for each in sets.over}
     wires |= {Wire(a.source, a.target): None for a in found.arrows if a.predicts}
-    wires = {wire: None for wire in wires if kinds.get(wire.target) in _SHOWN}
+    # a prediction of a target leads out of the picture
+    wires = {wire: None for wire in wires if kinds.get(wire.target) in SHOWN}
     boxes = tuple(
         Box(name=p.name, kind=p.kind, about=p.about, uses=tuple(uses.get(p.name, ())))
         for p in found.parts
-        if p.kind in _SHOWN
+        if p.kind in SHOWN
     )
     back = [wire for wire in wires if _feeds_back(wire, kinds)]
     forward, circular = _without_circles(boxes, [wire for wire in wires if wire not in back])
@@ -79,8 +81,10 @@ def flow_of(spec: Spec) -> Flow:
 
 def _wires(spec: Spec, value: Any, target: str) -> Iterator[Wire]:
     """From what formulas name, by way of the layers that they call, to what they define."""
+    # counted: a name inside a call may stand outside of it once more, and is a wire of its own then
     outside = Counter(names_in(value))
     for call in _layer_calls(spec, value):
+        # as `_layer_calls` has them
         assert isinstance(call.function, Name)
         layer, inside = call.function.name, (call.arguments, call.keywords)
         outside -= Counter([layer, *names_in(inside)])
@@ -89,6 +93,8 @@ def _wires(spec: Spec, value: Any, target: str) -> Iterator[Wire]:
     for name in outside:
         if name in spec.functions:
             called = spec.functions[name]
+            # arguments shadow entries of the spec, and what the call gives them is named at the
+            # call
             own = {argument.value for argument in called.args}
             for wire in _wires(spec, called.expr, target):
                 if wire.source not in own:
@@ -102,6 +108,7 @@ def _layer_calls(spec: Spec, value: Any) -> list[Call]:
     found: list[Call] = []
     inner: set[int] = set()
     for call in calls_in(value):
+        # by identity: two calls that are written alike are equal trees, and both are calls
         if id(call) in inner or not isinstance(call.function, Name):
             continue
         if call.function.name in spec.layers:
@@ -112,6 +119,8 @@ def _layer_calls(spec: Spec, value: Any) -> list[Call]:
 
 def _feeds_back(wire: Wire, kinds: Mapping[str, Kind]) -> bool:
     target = kinds[wire.target]
+    # what an input does to a state is seen from left to right; only the model's own answer goes
+    # back
     return target == "inputs" or (target == "states" and kinds[wire.source] != "inputs")
 
 
@@ -121,6 +130,7 @@ def _without_circles(boxes: Iterable[Box], wires: Iterable[Wire]) -> tuple[list[
     forward: list[Wire] = []
     circular: list[Wire] = []
     for wire in wires:
+        # in the order of the spec, so that the same wire is turned round whenever it is drawn
         if _reaches(following, wire.target, wire.source):
             circular.append(wire)
         else:

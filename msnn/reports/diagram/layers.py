@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from graphlib import TopologicalSorter
 from itertools import pairwise
 from statistics import fmean
 
@@ -15,6 +16,7 @@ from msnn.reports.diagram.flow import Flow, Wire
 
 Key = str | tuple[Wire, int]
 """A box by its name, or the bend of a wire in a layer."""
+# as dot's order phase has it (Gansner et al. 1993): crossings hardly fall after that
 _SWEEPS = 24
 _BETWEEN_LAYERS = 56.0
 _BETWEEN_BOXES = 20.0
@@ -54,6 +56,7 @@ class DiagramLayout:
 
 def laid_out(flow: Flow, sizes: Mapping[str, Size]) -> DiagramLayout:
     """The layout of the forward wires; those that feed back do not move boxes."""
+    # the steps of the method: layers, bends of long wires, order in each layer, places
     layer_of = _layers(flow)
     layers: list[list[Key]] = [[] for _ in range(max(layer_of.values(), default=0) + 1)]
     for box in flow.boxes:
@@ -88,13 +91,11 @@ def _layers(flow: Flow) -> dict[str, int]:
         sources[wire.target].append(wire.source)
         targets[wire.source].append(wire.target)
     found: dict[str, int] = {}
-
-    def layer(name: str) -> int:
-        if name not in found:
-            found[name] = max((layer(source) + 1 for source in sources[name]), default=0)
-        return found[name]
-
-    last = max((layer(box.name) for box in flow.boxes), default=0)
+    # no recursion: a chain of equations may be longer than the stack of Python is deep
+    for name in TopologicalSorter(sources).static_order():
+        found[name] = max((found[source] + 1 for source in sources[name]), default=0)
+    last = max(found.values(), default=0)
+    # from the end of the spec: what a box feeds has moved before the box asks for it
     for box in reversed(flow.boxes):
         if box.kind == "outputs" and not targets[box.name]:
             found[box.name] = last
@@ -110,6 +111,8 @@ def _order(
     best = [list(layer) for layer in layers]
     least = _crossings(layers, after)
     for sweep in range(_SWEEPS):
+        # alternately by the neighbours left and right: one side alone leaves the first layer as it
+        # was
         forth = sweep % 2 == 0
         neighbours = before if forth else after
         numbers = range(1, len(layers)) if forth else range(len(layers) - 2, -1, -1)
@@ -117,6 +120,7 @@ def _order(
             beside = layers[number - 1 if forth else number + 1]
             layers[number] = _by_mean(layers[number], beside, neighbours)
         crossings = _crossings(layers, after)
+        # a sweep may make it worse; the best seen is what counts
         if crossings < least:
             least, best = crossings, [list(layer) for layer in layers]
     layers[:] = best
@@ -130,6 +134,8 @@ def _by_mean(
     means: dict[Key, float] = {}
     for index, key in enumerate(layer):
         known = [place[each] for each in neighbours.get(key, ()) if each in place]
+        # sorted() is stable: equal means keep their order, so that the picture is the same each
+        # time
         means[key] = fmean(known) if known else float(index)
     return sorted(layer, key=means.__getitem__)
 
@@ -145,12 +151,16 @@ def _crossings(layers: Sequence[Sequence[Key]], after: Mapping[Key, list[Key]]) 
             if target in place
         ]
         count += sum(
-            (a - c) * (b - d) < 0 for number, (a, b) in enumerate(ends) for c, d in ends[:number]
+            # two wires between the same layers cross where their ends are in opposite orders
+            (a - c) * (b - d) < 0
+            for number, (a, b) in enumerate(ends)
+            for c, d in ends[:number]
         )
     return count
 
 
 def _height(key: Key, sizes: Mapping[str, Size]) -> float:
+    # a bend is a point of a wire
     return sizes[key].height if isinstance(key, str) else 0.0
 
 
@@ -195,12 +205,14 @@ def _apart(
     offsets: list[float] = []
     total = 0.0
     for key in layer:
+        # places with these taken off are to be a sequence that never falls: isotonic regression
         offsets.append(total)
         total += heights[key] + _gap(key)
     pools: list[list[float]] = []
     # without the offsets places in order are numbers that do not fall
     for want, offset in zip(wanted, offsets, strict=True):
         pools.append([want - offset])
+        # neighbours that would overlap become one pool at their mean, the nearest for least squares
         while len(pools) > 1 and fmean(pools[-2]) > fmean(pools[-1]):
             last = pools.pop()
             pools[-1] += last
@@ -222,8 +234,11 @@ def _placed(
         width = max((sizes[key].width for key in layer if isinstance(key, str)), default=0.0)
         for key in layer:
             if isinstance(key, str):
+                # boxes of a layer are as wide as the widest: wires leave all of them at one line
                 places[key] = BoxPlace(x, tops[key], width, sizes[key].height)
             else:
+                # across the whole layer: a wire passes straight between boxes and curves only in
+                # the gap
                 bends[key[0]] += [(x, tops[key]), (x + width, tops[key])]
         x += width + _BETWEEN_LAYERS
     bottom = max((tops[key] + heights[key] for key in tops), default=0.0)

@@ -24,6 +24,7 @@ def mermaid_text(spec: Spec) -> str:
     A dotted arrow leads from an output to the signal that it predicts.
     """
     found = parts_of(spec)
+    # numbers, as names may be words of Mermaid's own (`end`) or Greek
     number = {part.name: f"n{index}" for index, part in enumerate(found.parts)}
     lines = ["flowchart LR"]
     for part in found.parts:
@@ -42,4 +43,6 @@ def _label(part: Part) -> str:
 
 def _escaped(text: str) -> str:
     """Entities for what Mermaid or HTML would take for their own."""
+    # what text is safe is listed, not what is not: quotes, brackets and `#` differ by Mermaid's
+    # version
     return "".join(c if c.isalnum() or c in " _:." else f"#{ord(c)};" for c in text)

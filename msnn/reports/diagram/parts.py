@@ -74,6 +74,7 @@ def parts_of(spec: Spec) -> Parts:
 def _about(spec: Spec, kind: Kind, name: str) -> str:
     if kind == "layers":
         layer = spec.layers[name]
+        # a layer is a record of options of which exactly one kind is set
         set_fields = (key for key in type(layer).model_fields if key != "place")
         return next(key for key in set_fields if getattr(layer, key) is not None)
     entry: Any = getattr(spec, kind)[name]
@@ -86,16 +87,19 @@ def formulas_of(spec: Spec, kind: Kind, name: str) -> Any:
     entry: Entry = getattr(spec, kind)[name]
     if kind in ("inputs", "targets"):
         return ()
+    # `predicts` is no formula: its signal is an arrow of its own kind, the other way
     return tuple(getattr(entry, field) for field in type(entry).model_fields if field != "predicts")
 
 
 def _used_by(spec: Spec, kind: Kind, name: str) -> Iterator[str]:
     """Every name that the formulas of an entry use; a function stands for what its formula uses."""
+    # a stack, reversed: names come out as the formula has them, those of a function in its place
     waiting = list(names_in(formulas_of(spec, kind, name)))[::-1]
     while waiting:
         used = waiting.pop()
         yield used
         if used in spec.functions:
             called = spec.functions[used]
+            # arguments shadow entries of the spec
             own = {argument.value for argument in called.args}
             waiting += [n for n in names_in(called.expr) if n not in own][::-1]

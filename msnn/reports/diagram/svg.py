@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 
 import templates
-from msnn.reports.diagram.flow import Box, Flow, Wire, flow_of
+from msnn.reports.diagram.flow import SHOWN, Box, Flow, Wire, flow_of
 from msnn.reports.diagram.layers import BoxPlace, DiagramLayout, Size, laid_out
 from spec_schema.sections.spec import Spec
 
@@ -17,6 +17,7 @@ _MARGIN, _LANE = 16.0, 14.0
 _LINE, _PADDING = 16.0, 11.0
 _LETTER = 7.4
 """Width of a letter, rather more than fonts of 13 px have on average."""
+# all of it stands in the <title>, which browsers show when one points at the box
 _MOST_LETTERS = 30
 _LEAST_WIDTH = 66.0
 
@@ -30,9 +31,11 @@ def architecture_svg(spec: Spec, *, styled: bool = True) -> str:
     sizes = {box.name: _size(box) for box in flow.boxes}
     layout = laid_out(flow, sizes)
     lanes = _lanes(flow, layout)
+    # a lane on either side for wires that go back, one below each for those that they feed
     width = layout.width + 2 * _MARGIN + (_LANE * 2 if lanes else 0)
     height = layout.height + 2 * _MARGIN + _LANE * (len(lanes) + (1 if lanes else 0))
     name = spec.name.value
+    # an image to readers of screens; the parts inside have titles of their own
     label = escape(f"Architecture of {name}: {_summary(flow)}", quote=True)
     size = f'viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}"'
     head = f'class="diagram" role="img" aria-label="{label}" {size}'
@@ -49,19 +52,8 @@ def architecture_svg(spec: Spec, *, styled: bool = True) -> str:
 
 
 def _summary(flow: Flow) -> str:
-    counts = {kind: [box.name for box in flow.boxes if box.kind == kind] for kind in _CALLED}
-    return "; ".join(
-        f"{_CALLED[kind]} {', '.join(names)}" for kind, names in counts.items() if names
-    )
-
-
-_CALLED = {
-    "inputs": "inputs",
-    "states": "states",
-    "layers": "layers",
-    "equations": "equations",
-    "outputs": "outputs",
-}
+    named = {kind: [box.name for box in flow.boxes if box.kind == kind] for kind in SHOWN}
+    return "; ".join(f"{kind} {', '.join(names)}" for kind, names in named.items() if names)
 
 
 def _texts(box: Box) -> tuple[str, str, str]:
@@ -71,6 +63,7 @@ def _texts(box: Box) -> tuple[str, str, str]:
 
 
 def _short(text: str) -> str:
+    # names of files are free: control characters are no XML 1.0 at all, escaped or not
     text = "".join(c if c.isprintable() else " " for c in text)
     return text if len(text) <= _MOST_LETTERS else f"{text[: _MOST_LETTERS - 1]}…"
 
@@ -83,6 +76,7 @@ def _size(box: Box) -> Size:
 
 
 def _width(text: str) -> float:
+    # no font is measured, as none may be installed: letters of two columns are nearly twice as wide
     wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
     return (len(text) + 0.8 * wide) * _LETTER
 
@@ -116,6 +110,7 @@ def _forward(flow: Flow, layout: DiagramLayout) -> Iterator[str]:
             (target.x - 5, target.middle),
         ]
         path = [f"M{points[0][0]:.1f} {points[0][1]:.1f}"]
+        # points come in pairs: a curve crosses the gap, a line the layer between two bends
         for number in range(0, len(points) - 1, 2):
             (x1, y1), (x2, y2) = points[number], points[number + 1]
             half = (x1 + x2) / 2
@@ -131,6 +126,7 @@ def _lanes(flow: Flow, layout: DiagramLayout) -> dict[str, list[Wire]]:
     found: dict[str, list[Wire]] = {}
     for wire in flow.back:
         found.setdefault(wire.target, []).append(wire)
+    # the rightmost box has the lane nearest to it, so that lanes do not cross
     return dict(sorted(found.items(), key=lambda item: -layout.places[item[0]].x))
 
 
@@ -139,7 +135,9 @@ def _back(lanes: dict[str, list[Wire]], layout: DiagramLayout) -> Iterator[str]:
     for number, (name, wires) in enumerate(lanes.items()):
         lane = layout.height + _LANE * (number + 1)
         target = layout.places[name]
+        # a few offsets in turn keep parallel wires apart
         left = target.x - 8 - _LANE * 0.5 * (number % 3)
+        # below the middle, where wires forward come in
         entry = target.middle + target.height / 4
         for wire in wires:
             source = layout.places[wire.source]

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.reports.drawn import unit_of
+from msnn.reports.drawn import unit_of, with_unit
 from msnn.reports.page.packing import Plain, listed, packed
 from msnn.reports.run_summary import Run, TrainedStage
 from msnn.validation.measurement import Measurement
@@ -16,8 +16,14 @@ from msnn.validation.statistics.correlations import Correlation
 from msnn.validation.validate import MetricRow
 
 _COLORS = 7
+"""That the style of the page has."""
 _MOST_INPUTS = 4
 MOST_MEASUREMENTS = 8
+
+
+def color_of(number: int) -> str:
+    """Of the curve with that number."""
+    return f"c{number % _COLORS + 1}"
 
 
 def error_charts(
@@ -35,10 +41,12 @@ def error_charts(
 
 def _correlations(found: Measurement) -> Plain | None:
     """Each correlation in the band of noise, a panel for the errors and one for each input."""
+    # of a vector the first number; how many more there are stands in the note
     first = found.judged.residuals[0]
     if first.itself is None:
         return None
     each = [("themselves", first.itself), *list(first.inputs.items())[:_MOST_INPUTS]]
+    # `each` has the errors themselves as well
     hidden = len(first.inputs) + 1 - len(each)
     elements = len(found.judged.residuals) - 1
     note = "Shaded: where 99 % of the correlations of noise lie."
@@ -63,8 +71,9 @@ def _correlations(found: Measurement) -> Plain | None:
 
 
 def _in_band(name: str, found: Correlation, number: int) -> list[Plain]:
+    # half a lag beyond the outermost stems: the band is seen to hold for them too
     ends = np.array([found.lags[0] - 0.5, found.lags[-1] + 0.5])
-    color = f"c{number % _COLORS + 1}"
+    color = color_of(number)
     band = np.full(2, found.band)
     return [
         {
@@ -88,11 +97,11 @@ def _in_band(name: str, found: Correlation, number: int) -> list[Plain]:
 def _growth(found: Measurement, rows: Sequence[MetricRow]) -> Plain:
     curve = found.curve
     assert curve is not None
-    unit = unit_of(found.unit)
     own = [row for row in rows if measured_as(row) == measured_as(found)]
     limits = [
         {"y": row.maximum, "label": "limit of the mean", "far": True}
         for row in own
+        # the limit is one of the rmse over all steps, drawn beside those of single steps
         if row.metric == "rmse" and row.maximum is not None
     ]
     return {
@@ -101,7 +110,7 @@ def _growth(found: Measurement, rows: Sequence[MetricRow]) -> Plain:
         "padded": True,
         "panels": [
             {
-                "label": f"rmse / {unit}" if unit else "rmse",
+                "label": with_unit("rmse", unit_of(found.unit)),
                 "height": 190,
                 "zero": True,
                 "lines": limits,
@@ -139,6 +148,7 @@ def _losses(stage: TrainedStage) -> Plain:
             {
                 "label": "loss",
                 "height": 200,
+                # log-likelihoods and fits of less than nothing have signs
                 "log": _positive(total) and _positive(monitor),
                 "lines": [{"x": best, "label": "best", "color": "muted"}],
                 "series": [

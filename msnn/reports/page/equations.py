@@ -33,6 +33,7 @@ def equations(spec: Spec, program: Program) -> Iterator[ShownEquation]:
         left = f"<mrow>{name_mathml(name)}{enclosed(arguments)}</mrow>"
         yield ShownEquation("function", _equal(left, function.expr), doc=_doc(function))
     for name, equation in spec.equations.items():
+        # declared, else as the compiler has found it, which is known of outputs alone
         unit = _unit(equation) or known.get(name, "")
         yield ShownEquation(
             "equation", _equal(name_mathml(name), equation.expr), unit, _doc(equation)
@@ -41,6 +42,7 @@ def equations(spec: Spec, program: Program) -> Iterator[ShownEquation]:
         unit, doc = _unit(state), _doc(state)
         if state.der is not None:
             left = f"<mover>{name_mathml(name)}<mo>˙</mo></mover>"
+            # of a state alone the derivative has another unit than the name
             yield ShownEquation("state", _equal(left, state.der), f"{unit}/s" if unit else "", doc)
         if state.next is not None:
             yield ShownEquation(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from msnn.reports.learned_functions import LearnedFunction
+from msnn.reports.page.charts import color_of
 from msnn.reports.page.packing import Plain, listed, packed
 
 
@@ -21,7 +22,7 @@ def _chart(function: LearnedFunction) -> Plain:
         "series": [
             {
                 "name": curve.label,
-                "color": f"c{number % 7 + 1}",
+                "color": color_of(number),
                 "y": listed(curve.y) if function.is_taps else packed(curve.y),
                 "wide": True,
                 **({"kind": "stem"} if function.is_taps and len(function.curves) == 1 else {}),

@@ -57,6 +57,7 @@ def live_model(
     plans = plan_exports(model, ("c",), findings, weights=weights)
     if findings.failed or not plans:
         return NotLive("the model has no export to C")
+    # `export: {c: {fixed_point: …}}` is a target of its own
     if plans[0].target.name != "c":
         return NotLive("its C computes in fixed point, whose numbers the page cannot show yet")
     with tempfile.TemporaryDirectory() as place:
@@ -73,8 +74,10 @@ def live_model(
         except CompilerFailedError as error:
             first = error.output.strip().partition("\n")[0]
             return NotLive(f"zig did not compile its C to WebAssembly: {first}")
+        # inside `with`: the folder is gone after it
         about = json.loads((folder / f"{exported.prefix}.json").read_text(encoding="utf-8"))
     expected = "\n".join(exported.expected)
+    # base64 takes four bytes for three
     if len(module) * 4 // 3 + len(expected) > _LARGEST:
         return NotLive("its C and golden steps would make the page too large")
     inputs = _ports(about, "in", "inputs", data)
@@ -87,6 +90,8 @@ def live_model(
     values: Plain = {
         "wasm": base64.b64encode(module).decode("ascii"),
         "dtype": about["c"]["dtype"],
+        # whether golden steps are met to the bit; else within a tolerance, as where the C calls a
+        # libm
         "exact": exported.exact,
         "sample_time": about["sample_time"],
         "status": {
@@ -106,6 +111,7 @@ def live_model(
 
 def _ports(about: Plain, struct: str, kind: str, data: Dataset | None) -> list[Plain]:
     """The fields of a struct that take samples: where they lie, what a slider may give."""
+    # a field without a port is time, or a flag that no record has
     described = {port["port"]: port for port in about[kind]}
     return [
         _port(field, offset, described.get(field["field"]), data)
@@ -115,6 +121,7 @@ def _ports(about: Plain, struct: str, kind: str, data: Dataset | None) -> list[P
 
 def _port(field: Plain, offset: int, port: Plain | None, data: Dataset | None) -> Plain:
     first, last = (port["first_sample"], port["last_sample"]) if port else (0, 0)
+    # dtype: the product of no numbers would be 1.0
     size = int(np.prod(field["shape"], dtype=np.int64))
     indices = _indices(field["shape"], size // (last - first + 1), last > first)
     low, high, initial = _slider(field, port, data)
@@ -145,6 +152,7 @@ def _indices(shape: Sequence[int], count: int, has_window: bool) -> list[tuple[i
     """Of the elements, without the window, which is the last axis."""
     axes = shape[:-1] if has_window else shape
     found = list(np.ndindex(*axes))
+    # an axis of 1 may be missing in the shape of C: elements are then numbered flat
     return found if len(found) == count else [(number,) for number in range(count)]
 
 
@@ -166,6 +174,8 @@ def _outputs(about: Plain, program: Program) -> list[Plain]:
                 "size": size,
                 "elements": [element_name("", index) for index in indices],
                 "predicts": None if predicts is None else predicts.signal,
+                # counted from the sample that the step is given, which `late` makes an earlier one
+                # (decision 0209)
                 "ahead": 0 if predicts is None else predicts.ahead - about.get("late", 0),
             }
         )
@@ -175,6 +185,7 @@ def _outputs(about: Plain, program: Program) -> list[Plain]:
 def _fields(layout: Plain, struct: str) -> list[tuple[Plain, int]]:
     """Fields of a struct with the byte at which each begins, as wasm32 aligns them."""
     fields: list[Plain] = layout["structs"][struct]
+    # numpy's aligned dtypes follow the rules of C: each field at a multiple of its size
     dtype = StructMemory(fields, NUMBERS[layout["dtype"]]).dtype
     found: Any = dtype.fields or {}
     return [(field, int(found[field["field"]][1])) for field in fields]
@@ -192,6 +203,7 @@ def _slider(field: Plain, port: Plain | None, data: Dataset | None) -> tuple[flo
             middle = float(np.median(known))
     low = low if declared[0] is None else declared[0]
     high = high if declared[1] is None else declared[1]
+    # a signal that never moves still needs a slider with two ends
     if not low < high:
         low, high = low - 1.0, low + 1.0
     return low, high, min(max(middle, low), high)
@@ -202,6 +214,7 @@ def _fed_by(port: Plain, outputs: Sequence[Plain]) -> int | None:
     for number, output in enumerate(outputs):
         if (
             output["predicts"] == port["signal"]
+            # later than all that the step reads: otherwise the record has to give it
             and output["ahead"] > port["last"]
             and len(output["elements"]) == len(port["elements"])
         ):
@@ -225,5 +238,6 @@ def _memory(layout: Plain) -> dict[str, int]:
         name: StructMemory(fields, types).dtype.itemsize
         for name, fields in layout["structs"].items()
     }
+    # parameters lie in a struct only where the export lets them be set
     kept = {"state of one instance": sizes["state"]}
     return kept | ({"trained values": sizes["params"]} if layout["takes_parameters"] else {})

@@ -22,6 +22,7 @@ def packed(values: FloatArray) -> Plain:
     Numbers that lie close together far from 0, as times since 1970 and pressures, are kept as
     distances from a `base`, so that single precision holds their differences.
     """
+    # float32 has 24 bits: seconds since 1970 would be known to two minutes
     base = _base(values)
     with np.errstate(over="ignore"):
         single = np.asarray(values - base, "<f4")
@@ -32,6 +33,7 @@ def packed(values: FloatArray) -> Plain:
 def rounding(values: FloatArray) -> float:
     """The largest error of the numbers that the page reads of packed ones."""
     known = values[np.isfinite(values)] - _base(values)
+    # half a unit in the last place of the largest, by round to nearest even
     return float(np.abs(known).max(initial=0.0)) * 2.0**-24
 
 
@@ -40,6 +42,7 @@ def _base(values: FloatArray) -> float:
     if not len(known):
         return 0.0
     low, high = float(known.min()), float(known.max())
+    # low + high may overflow where the middle does not
     middle = low + (high - low) / 2
     return middle if abs(middle) > _FAR * (high - low) else 0.0
 
@@ -50,6 +53,7 @@ def thinned(values: FloatArray, block: int) -> Plain:
     The page draws two points for a block, so that no peak is lost. A block without numbers is NaN.
     """
     count = math.ceil(len(values) / block)
+    # the last block is filled up with what is not drawn
     filled = np.full(count * block, np.nan)
     filled[: len(values)] = values
     table = filled.reshape(count, block)
@@ -57,11 +61,13 @@ def thinned(values: FloatArray, block: int) -> Plain:
     low, high = np.where(known, table, np.inf), np.where(known, table, -np.inf)
     first: FloatArray = low.min(axis=1)
     second: FloatArray = high.max(axis=1)
+    # drawn as they come: a rise is not shown as a fall
     swapped = low.argmin(axis=1) > high.argmax(axis=1)
     begin = np.asarray(np.where(swapped, second, first), np.float64)
     end = np.asarray(np.where(swapped, first, second), np.float64)
     pairs: FloatArray = np.stack((begin, end), axis=1)
     pairs[~known.any(axis=1)] = np.nan
+    # two points stand for `block` samples
     return {**packed(pairs.ravel()), "every": block / 2}
 
 

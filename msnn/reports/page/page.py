@@ -81,6 +81,7 @@ def page_text(contents: Contents) -> str:
         "facts": _facts(contents),
         "cards": _cards(contents),
         "records": shown,
+        # a thinned record has not the samples that a step would read
         "playable": [(i, r["name"]) for i, r in enumerate(shown.shown) if r["whole"]],
         "error_tables": [tables.limits_table(rows), tables.measurements_table(measurements)]
         if measurements or rows
@@ -111,6 +112,8 @@ def page_text(contents: Contents) -> str:
         **known,
         script=script,
         style=style,
+        # Content-Security-Policy: scripts and styles by hash, so that markup in a doc can run
+        # nothing
         script_hash=_hash(script),
         style_hash=_hash(style),
         data=_json(values),
@@ -211,7 +214,10 @@ def _c_tables(contents: Contents, live: LiveModel | None) -> list[tables.PageTab
 
 def _json(values: Plain) -> str:
     """JSON in which no text can end the element that it stands in."""
+    # allow_nan=False: browsers reject the NaN that Python would write
     text = json.dumps(values, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    # `</script>` ends the element wherever it stands; U+2028 and U+2029 end lines in older
+    # JavaScript
     for sign in "<>&\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
     return text
@@ -226,6 +232,7 @@ def _hash(text: str) -> str:
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_FOLDER),
+        # a name that the template has and the code has not is an error, not an empty place
         undefined=jinja2.StrictUndefined,
         autoescape=True,
         trim_blocks=True,
@@ -238,6 +245,7 @@ def _environment() -> jinja2.Environment:
 def marked(text: str) -> Markup:
     """A message as markup: what stands between backticks is code."""
     parts = text.split("`")
+    # a backtick without another: no part is known to be code
     if len(parts) % 2 == 0:
         return escape(text)
     return Markup("").join(

@@ -59,15 +59,19 @@ def records(program: Program, data: Dataset, runs: Sequence[Simulation], ports: 
     exact, rest = _EXACT, _REST
     shown: list[Plain] = []
     for run in ordered[:_MOST_RECORDS]:
+        # measured values are signals that are kept anyway; errors are computed by the page
         many = run.steps * (len(outputs) + len(signals))
         if many <= exact:
             block, exact = 1, exact - many
+        # the first record, which is looked at first, gets all the room where that shows anything
         elif not shown and many <= 20 * _EXACT:
             block, exact = int(np.ceil(2 * run.steps * lines / exact)), 0
         else:
             points = min(_POINTS, rest // max(lines, 1))
+            # fewer would be a picture of the thinning
             if points < _FEWEST:
                 break
+            # two points a block
             block, rest = max(int(np.ceil(2 * run.steps / points)), 1), rest - points * lines
         shown.append(_record(run, data, outputs, signals, drawn, ports, block))
     left_out = _left_out(len(runs) - len(shown), program)
@@ -111,7 +115,9 @@ def _record(
     ports: Ports,
     block: int,
 ) -> Plain:
+    # rows of the whole data, in which `series` has all records one behind the other
     t0 = run.record.start + run.first
+    # within the record: rows before it are those of another one
     begin = max(run.record.start, t0 - ports.back)
     end = min(run.record.stop, t0 + run.steps + ports.ahead)
     rows = slice(begin, end)
@@ -120,6 +126,7 @@ def _record(
         for channel in signals
     }
     for found in kept.values():
+        # where the first kept sample is, counted from the first step
         found["at"] = begin - t0
     sets = [name or "no set" for name in dict.fromkeys(run.places.sets)]
     told = f"{run.record.file} · {', '.join(sets)}" if sets else run.record.file
@@ -159,6 +166,7 @@ def _places(run: Simulation) -> Plain:
         return {"start": float(along[0]), "step": 1.0}
     step = float(along[-1] - along[0]) / (len(along) - 1)
     even = along[0] + step * np.arange(len(along))
+    # a hundredth of a step is less than a line is wide; logs round their times
     if step > 0 and np.abs(even - along).max() < 0.01 * step:
         return {"start": float(along[0]), "step": step}
     return packed(along)
@@ -199,6 +207,7 @@ def _measured(
     assert channel.predicts is not None
     name, ahead = channel.predicts
     series_of = channel.of(data.series[channel.predicted_source])
+    # the predicted signal `ahead` samples later; the last steps of a record predict beyond its end
     there = series_of[t0 + ahead : min(t0 + ahead + run.steps, run.record.stop)]
     kept, rest = measured[: len(there)], measured[len(there) :]
     if block <= 2 and np.array_equal(there, kept, equal_nan=True) and np.isnan(rest).all():

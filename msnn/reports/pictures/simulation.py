@@ -12,7 +12,7 @@ import numpy as np
 from compiler.ir.program import Program, Role
 from msnn.data.dataset import FloatArray
 from msnn.reports import plotting
-from msnn.reports.drawn import DrawnNumber, channels, output_channels, shown_first
+from msnn.reports.drawn import DrawnNumber, channels, output_channels, shown_first, with_unit
 from msnn.simulation.simulate import Simulation
 from msnn.validation.statistics.correlations import Correlation, lags_of, residuals
 from msnn.validation.statistics.metrics import Errors, score
@@ -223,5 +223,5 @@ def _draw_correlation(axis: Any, channel: DrawnNumber, found: Correlation | None
 
 
 def _finish(axis: Any, name: str, unit: str) -> None:
-    axis.set_ylabel(f"{name} / {unit}" if unit else name, fontsize="small")
+    axis.set_ylabel(with_unit(name, unit), fontsize="small")
     axis.grid(alpha=0.3)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from msnn.reports import plotting
+from msnn.reports.drawn import unit_of, with_unit
 from msnn.validation.measurement import Measurement
 from msnn.validation.reports.words import measured_as, unit_text
 from msnn.validation.validate import MetricRow, ValidationReport
@@ -54,7 +55,7 @@ def _draw_errors(axis: Any, found: Measurement, limits: Sequence[MetricRow]) -> 
     title = f"{', '.join(measured_as(found))}\n{', '.join(figures)}"
     axis.set_title(plotting.plain_text(title), fontsize="medium", loc="left")
     axis.set_xlabel("scored sample")
-    axis.set_ylabel(plotting.quantity(f"error of {found.of}", found.unit))
+    axis.set_ylabel(with_unit(f"error of {found.of}", unit_of(found.unit)))
     axis.grid(alpha=0.3)
 
 
@@ -104,5 +105,5 @@ def _draw_growth(axis: Any, found: Measurement, limits: Sequence[MetricRow]) -> 
             plotting.legend_above(axis)
     axis.set_ylim(bottom=0.0)
     axis.set_xlabel("step of the rollout")
-    axis.set_ylabel(plotting.quantity("rmse", found.unit))
+    axis.set_ylabel(with_unit("rmse", unit_of(found.unit)))
     axis.grid(alpha=0.3)

@@ -12,5 +12,6 @@ def kernel_folder_warnings(found: KernelFolder) -> tuple[Diagnostic, ...]:
     refused = found.refused
     if refused is None:
         return ()
+    # a folder in which others write is no place to load code from (decision 0183)
     of = foreign_kernels if refused.is_foreign else unusable_kernel_folder
     return (of(refused.folder, refused.reason, found.path),)

@@ -71,6 +71,7 @@ def cases(
     together have residuals as large as the signals.
     """
     series, runs = _first_rows(program, series, runs)
+    # a seed of its own: a kernel that is wrong is found wrong by everybody
     random = np.random.Generator(np.random.Philox(180))
     longest = int(runs.steps.max())
     for wanted, drawn in ((_AS_GIVEN, False), (LONGEST, True)):
@@ -101,6 +102,8 @@ def _drawn_rows(program: Program, series: Weights, random: np.random.Generator) 
     whole = np.ones(rows, bool)
     for signal in program.signals:
         if signal.role is Role.INPUT and signal.name in series:
+            # the state of a rollout is not finite after a row without an input, and nothing could
+            # be compared
             whole &= np.isfinite(series[signal.name]).reshape(rows, -1).all(axis=1)
     among = np.flatnonzero(whole) if whole.any() else np.arange(rows)
     chosen = random.choice(among, rows)
@@ -110,6 +113,7 @@ def _drawn_rows(program: Program, series: Weights, random: np.random.Generator) 
 
 def _knots(program: Program) -> FloatArray:
     """The numbers of a step from which its comparisons are made."""
+    # corners of min, max, clamp and comparisons: kernels choose a branch there
     compared = [
         arg
         for _, node in program.step
@@ -129,6 +133,7 @@ def _some_near(knots: FloatArray, values: FloatArray, random: np.random.Generato
     """
     known = values[np.isfinite(values)]
     low, high = (known.min(), known.max()) if known.size else (0.0, 0.0)
+    # numbers that the data never reach decide nothing
     inside = knots[(knots > low) & (knots < high)]
     if not inside.size:
         return values
@@ -142,6 +147,7 @@ def _without_some_targets(program: Program, log: Weights, t0: IntArray) -> Weigh
     """The logs with gaps where only losses read them, so that what tells them apart is run too."""
     read = {node.op.signal for _, node in program.step if isinstance(node.op, ReadSignal)}
     around = reach(program)
+    # a state that begins at NaN would stay there
     begun = np.arange(-around.back, around.start_ahead + 1)
     gaps = np.ones(len(next(iter(log.values()))), bool)
     gaps[(t0[:, None] + begun).ravel()] = False  # what the start reads
@@ -165,6 +171,7 @@ def _nearby(program: Program, weights: Weights, random: np.random.Generator) -> 
         # relative to a weight of 0 nothing is near
         size = np.where(value == 0.0, parameter.scale, value)
         moved = value + _NEARBY * size * random.uniform(-1.0, 1.0, value.shape)
+        # beyond their bounds weights mean nothing to a program
         found[parameter.name] = np.clip(moved, parameter.minimum, parameter.maximum)
     return found
 

@@ -127,6 +127,7 @@ def _by_name(program: Program, rolled: FloatArray) -> dict[str, FloatArray]:
     begin = 0
     for output in program.outputs:
         type = program.step[output.node].type
+        # views: outputs of a long log are most of the memory
         columns = rolled[:, begin : begin + type.size]
         found[output.name] = columns.reshape(len(rolled), *type.shape)
         begin += type.size

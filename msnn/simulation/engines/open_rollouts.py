@@ -75,6 +75,8 @@ def open_rollouts(
                 judge = interpreted_rollouts(program, weights, series)
                 return OpenedRollouts(judge, "interpreter", (note,))
 
+            # as if nothing were compiled yet: to ask the cache needs the text of the kernel, which
+            # takes as long as short simulations
             if interpreter_seconds(program, runs) < kernel_seconds(program):
                 return open_rollouts("interpreter", program, weights, series, runs)
             return _native(program, weights, series, runs, interpreted)
@@ -109,6 +111,7 @@ def interpreter_seconds(program: Program, runs: Runs) -> float:
     sizes = [node.type.size for index, node in program.step if live[index]]
     # numpy is called once a step for a whole group, as often as the longest of it has steps
     longest = np.sort(runs.steps)[::-1][::SIDE_BY_SIDE]
+    # what numpy takes by call, and by number
     calls, steps = int(longest.sum()), int(runs.steps.sum())
     return calls * len(sizes) * _SECONDS_A_NODE + steps * sum(sizes) * _SECONDS_A_NUMBER
 

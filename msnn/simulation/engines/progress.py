@@ -23,4 +23,5 @@ class Count:
     def advance(self, steps: int) -> None:
         """So many more are done; those that the interpreter judges again count once more."""
         self._done += steps
+        # never more done than there is
         self._progress(self._done, max(self._done, self._total))

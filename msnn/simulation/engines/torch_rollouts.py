@@ -32,6 +32,7 @@ def torch_rollouts(
         t0, lengths = torch.from_numpy(runs.t0[order]), runs.steps[order]
         states = model.start_on(gathered(log, t0), frame, len(t0))
         for number in range(int(lengths.max(initial=0))):
+            # by falling length: those that have this step stand first
             running = int(np.searchsorted(-lengths, -number, side="left"))
             t = t0[:running] + number
             known = {name: value[:running] for name, value in states.items()}
@@ -42,6 +43,7 @@ def torch_rollouts(
                 name: (prediction.numpy(), None if target is None else target.numpy())
                 for name, (prediction, target) in (values.losses if losses else {}).items()
             }
+            # `summed` reads the factors of rows by their node, as the interpreter keeps all of them
             nodes: list[FloatArray | None] = [None] * len(program.step)
             for loss in program.losses if losses else ():
                 if loss.rows is not None:

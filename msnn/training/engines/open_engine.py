@@ -79,6 +79,7 @@ def open_engine(
 
         def native(as_it_runs: StagePlan) -> AnyEngine:
             engine = _native((as_it_runs, *given))
+            # compared with the interpreter: a wrong kernel is told here, not by a bad model
             engine.check(data.train)
             return engine
 
@@ -94,6 +95,7 @@ def open_engine(
                 found = errors.no_native_engine(plan.name, str(error), plan.span)
                 raise SpecError((found,)) from None
             notes = (errors.torch_instead(plan.name, str(error), plan.span),)
+    # every rank has to sum in the same order, which torch does not promise
     if plan.ranks is not None:
         reasons = (note.message for note in notes)
         raise SpecError((no_ranks_in_torch(plan.name, plan.span, tuple(reasons)),))

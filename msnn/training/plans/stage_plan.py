@@ -147,12 +147,14 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     }
     factors: dict[str, float] = {}
     for pattern, factor in stage.lr.items():
+        # of all that is learned: a factor of what this stage freezes is no mistake
         for parameter in _matching(factor, pattern, learned, findings):
             factors[parameter] = factor.value
     trained = tuple(parameter for parameter in learned if parameter not in frozen)
     optimizer = stage.optimizer.choice
     if not trained:
         findings.report(errors.nothing_to_train(name, span))
+    # a step of such an optimiser is one for all parameters
     if not optimizer.takes_factors and stage.lr:
         place = next(iter(stage.lr.values())).span
         findings.report(errors.no_factors_with_lbfgs(place))
@@ -176,10 +178,12 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         check_priors(reached, moved, weights, name, span, findings)
         if optimizer.needs_squares:
             check_losses(name, reached, weights, findings)
+    # all weights are 0
     if not any(weights.values()):
         findings.report(errors.no_objective(name, span))
     elif rollout is not None and trained and not concerns(rollout.program, weights, trained):
         findings.report(errors.losses_of_others(name, trained, span))
+    # epochs are compared even where none ends the stage early
     monitor, patience = TOTAL, None
     if stage.early_stop is not None:
         patience = stage.early_stop.patience
@@ -193,12 +197,14 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     phases: tuple[Phase, ...] = ()
     if stage.rollout is not None:
         phases = plan_curriculum(program, stage.rollout, rollout, stage.epochs, findings)
+    # a batch that is written holds, also where it is the usual one
     all_at_once = optimizer.takes_all_starts and "batch" not in stage.model_fields_set
     # the layer of a parameter is what stands before its last dot
     layers = {parameter.rpartition(".")[0] for parameter in learned}
     changing = {parameter.rpartition(".")[0] for parameter in trained}
     drawn = draw_dropout(rollout.program, layers - changing - {""})
     rate = _rate(program, stage, trained, findings)
+    # products of slopes have twice their digits
     dtype = "float64" if optimizer.needs_squares else stage.dtype
     check_rate(name, rate, factors, dtype, optimizer.place.key, findings)
     return StagePlan(
@@ -224,6 +230,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         seed=stage.seed,
         dtype=dtype,
         engine="native" if stage.reproducible else stage.engine,
+        # the option of the command replaces it for stages that torch trains
         device="cpu",
         threads=stage.threads,
         reproducible=stage.reproducible,
@@ -257,6 +264,7 @@ def _check_reproducible(name: str, stage: Stage, findings: Findings) -> None:
         case "LAPACK":
             reason = "levenberg_marquardt solves its equations by LAPACK"
             findings.report(runs.not_reproducible(name, reason, place))
+        # kernels could repeat it, but are not asked
         case "kernel" if stage.engine == "torch":
             findings.report(runs.not_reproducible(name, "it asks for torch", stage.place.key))
         case "kernel":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -22,3 +23,11 @@ class StageResult:
     seconds: float
     attempt: int
     """Which of the stage's attempts this is, from 0."""
+
+
+def monitor_order(value: float) -> tuple[bool, float]:
+    """Sorts what a monitor says, the best first: what is not finite leads nothing.
+
+    By `<` alone a first NaN would lead for ever, as nothing is less.
+    """
+    return not math.isfinite(value), value

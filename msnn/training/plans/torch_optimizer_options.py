@@ -133,6 +133,7 @@ def check_torch_optimizer(
         why = _OTHERS.get(name.value)
         report = errors.unknown_torch_optimizer(name.value, name.span, TORCH_OPTIMIZERS, why)
         findings.report(report)
+        # any rate: the stage is refused anyway
         return 1.0
     for option, found in optimizer.options.items():
         accepted = rule.options.get(option)
@@ -143,6 +144,7 @@ def check_torch_optimizer(
         elif not fits(found.value, accepted):
             reason = f"`{option}` is {_described(accepted)}"
             findings.report(errors.refused_by_torch(name.value, reason, found.span))
+    # it would be left out without a word: its class has no such argument
     if weight_decay and not rule.has_weight_decay:
         findings.report(errors.no_weight_decay(name.value, name.span))
     for parameter in trained:
@@ -150,6 +152,7 @@ def check_torch_optimizer(
         if rule.matrices_only and len(parameter.axes) != 2:
             reason = f"it trains matrices, and `{parameter.name}` is none"
             findings.report(errors.refused_by_torch(name.value, reason, name.span))
+            # one matrix that is none is enough to see what is meant
             break
     lr = optimizer.options.get("lr")
     return float(lr.value) if lr is not None and isinstance(lr.value, int | float) else rule.lr

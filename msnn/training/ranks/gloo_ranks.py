@@ -42,6 +42,7 @@ class GlooRanks:
 
     def receive(self, sums: NDArray[np.uint8]) -> None:
         """Replaces sums by those of the rank before; the first one keeps its own."""
+        # sums go through ranks in a row: added in one order, they have the same bits for any number
         if self.rank:
             with _reached():
                 gloo.recv(torch.from_numpy(sums), self.rank - 1)
@@ -50,6 +51,7 @@ class GlooRanks:
         """Gives sums to the next rank and replaces them by those of the last."""
         last = self.count - 1
         with _reached():
+            # the last has all sums, and tells them to everybody
             if self.rank < last:
                 gloo.send(torch.from_numpy(sums), self.rank + 1)
             gloo.broadcast(torch.from_numpy(sums), last)
@@ -77,6 +79,7 @@ class GlooRanks:
             found = torch.zeros(int(size), dtype=torch.uint8)
             if self.is_first and content:
                 found.copy_(torch.frombuffer(bytearray(content), dtype=torch.uint8))
+            # gloo refuses tensors without elements
             if len(found):
                 gloo.broadcast(found, 0)
         return found.numpy().tobytes()
@@ -95,4 +98,5 @@ def _reached() -> Generator[None]:
     try:
         yield
     except RuntimeError as error:
+        # the lines behind are a stack of C++
         raise RankLostError(str(error).partition("\n")[0]) from error

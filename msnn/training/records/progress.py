@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Protocol, TextIO
 
+from msnn.training.plans.stage_result import monitor_order
 from spec_schema.diagnostics.diagnostic import Diagnostic, describe
 
 
@@ -65,6 +67,11 @@ class StageEnd:
     best_epoch: int
     seconds: float
     reason: str
+
+
+def leading_epochs(attempts: Iterable[Sequence[EpochEnd]]) -> Sequence[EpochEnd]:
+    """Those of the attempt at a stage that leads; each has the epochs of one, at least one."""
+    return min(attempts, key=lambda epochs: monitor_order(epochs[-1].best))
 
 
 class Progress(Protocol):

@@ -50,11 +50,13 @@ def open_run(
 
 
 def _again(folder: RunFolder, record: Mapping[str, Any]) -> tuple[RunFolder, Checkpoint]:
+    # a run that another process is still at is not taken over
     with held(folder.path):
         checkpoint = read_checkpoint(folder.checkpoint)
         changes = differences(folder.description(), record)
         if changes:
             raise SpecError((stage_errors.another_run(str(folder.path), changes),))
+        # only now: a run of something else stays as it is
         folder.go_on_from(checkpoint.metrics)
         return folder, checkpoint
 
@@ -64,6 +66,7 @@ class NotedProgress:
 
     def __init__(self, shown: Progress, folder: RunFolder | None) -> None:
         self._shown, self._folder = shown, folder
+        # a run that goes on keeps what it said before
         before = {} if folder is None else folder.end()
         self._said: list[Diagnostic] = []
         self._reasons: dict[str, str] = before.get("stages", {})
@@ -115,6 +118,7 @@ class NotedProgress:
 
     def keep(self) -> None:
         """Keeps what was said so far, for a run that may be killed."""
+        # each keeping waits for the disk
         if self._folder is not None and self._lines() != self._kept:
             self._kept = self._lines()
             self._folder.write_end(self._kept)

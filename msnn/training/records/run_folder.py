@@ -95,6 +95,7 @@ class RunFolder:
 
     def go_on_from(self, metrics: int) -> None:
         """Takes back what a killed process wrote after a checkpoint at this length of metrics."""
+        # halves of files that were being written when it was killed
         for left in self.path.glob(".*.part"):
             left.unlink()
         if self.metrics.is_file():
@@ -109,6 +110,7 @@ class RunFolder:
     def write_covariance(self, found: Covariance | None) -> None:
         """Writes how uncertain the learned numbers are; without it none of other weights stays."""
         if found is None:
+            # one of an earlier stage would belong to other weights
             (self.path / COVARIANCE).unlink(missing_ok=True)
         else:
             write_covariance(self.path / COVARIANCE, found)
@@ -137,6 +139,7 @@ class RunFolder:
 
     def write_end(self, end: Mapping[str, Any]) -> None:
         """Adds to `run.json` how the run ended, or what is known of it so far."""
+        # read again: the file may have been written by a process before this one
         self._describe({**self.description(), "end": dict(end)})
 
     def _describe(self, record: Mapping[str, Any]) -> None:
@@ -148,6 +151,7 @@ def new_run_folder(program: Program, runs: Path) -> RunFolder:
     """A fresh folder `runs/<program>/<local time>`, numbered where two start in one second."""
     parent = runs / program.name
     stamp = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
+    # a loop with an end: a folder that cannot be made would be tried for ever
     for number in range(1, 1000):
         path = parent / (stamp if number == 1 else f"{stamp}_{number}")
         try:
@@ -162,6 +166,7 @@ def new_run_folder(program: Program, runs: Path) -> RunFolder:
 
 def own_folder(program: Program, folder: Path, *, is_durable: bool) -> RunFolder:
     """A fresh folder for a run that `latest` does not lead to, such as one fold of several."""
+    # no `exist_ok`: what lies there is another run's
     folder.mkdir(parents=True)
     return RunFolder(folder, program, None, is_durable)
 
@@ -173,6 +178,7 @@ def _point(link: Path, target: Path) -> None:
     """
     # a link cannot be changed, only replaced: between removing and making it `latest` would be
     # missing
+    # by process: several trainings may end at once
     temporary = link.with_name(f".{link.name}.{os.getpid()}")
     temporary.unlink(missing_ok=True)
     try:

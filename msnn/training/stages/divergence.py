@@ -48,7 +48,8 @@ def explain_divergence(
             if member is not None:
                 origin, inside = _origin(program, moment, node, member)
                 start = int(moment.t[min(member, len(moment.t) - 1)]) - moment.number
-                place = f"at step {moment.number} of a rollout from {_place(dataset, start)}"
+                begin = dataset.record_of(start).place(start)
+                place = f"at step {moment.number} of a rollout from {begin}"
                 what = _described(origin) + ("" if inside is None else f" in `{inside}`")
                 return errors.diverged(
                     plan.name, epoch, what, place, origin.span, second_order=second_order
@@ -129,11 +130,3 @@ def _described(node: Node) -> str:
             return "a sum"
         case _:
             return "a value"
-
-
-def _place(dataset: Dataset, row: int) -> str:
-    """`row 17 of train/a.csv`."""
-    for record in dataset.records:
-        if record.start <= row < record.stop:
-            return record.place(row)
-    return f"row {row}"

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from msnn.training.engines.engine import NonFiniteLossError
 from msnn.training.plans.stage_plan import StagePlan
-from msnn.training.plans.stage_result import StageResult, Weights
+from msnn.training.plans.stage_result import StageResult, Weights, monitor_order
 from msnn.training.records.checkpoint import Checkpoint
 from msnn.training.stages.stage_run import StageRun
 
@@ -34,7 +34,7 @@ class StageAttempts:
     def best(self) -> Weights | None:
         """The best weights so far."""
         ended, now = self.leader, self.current
-        if ended is None or (now.best is not None and now.best_value < ended.best_value):
+        if ended is None or (now.best is not None and _leads(now.best_value, ended)):
             return now.best
         return ended.best
 
@@ -77,5 +77,9 @@ class StageAttempts:
         return self.leader
 
     def _compare(self, result: StageResult) -> None:
-        if self.leader is None or result.best_value < self.leader.best_value:
+        if self.leader is None or _leads(result.best_value, self.leader):
             self.leader = result
+
+
+def _leads(value: float, leader: StageResult) -> bool:
+    return monitor_order(value) < monitor_order(leader.best_value)

@@ -6,8 +6,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError
@@ -16,7 +14,7 @@ from msnn.training.plans.known_terms_of_stage import has_priors, residuals_of
 from msnn.training.plans.learning_rate import NO_REDUCTIONS, Reductions, after_epoch, rate_factor
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
-from msnn.training.plans.stage_result import StageResult, Weights
+from msnn.training.plans.stage_result import StageResult, Weights, monitor_order
 from msnn.training.ranks.training_ranks import TrainingRanks
 from msnn.training.records.checkpoint import TrainingPosition
 from msnn.training.records.progress import EpochEnd
@@ -240,9 +238,7 @@ class StageRun:
         return residuals_of(self.plan, self.engine.measure(runs), runs).spread
 
     def _keep_if_best(self, value: float) -> None:
-        # inf < nan is false: without this a run that began at NaN would keep its first weights
-        first_finite = np.isfinite(value) and not np.isfinite(self.best_value)
-        if self.best is None or value < self.best_value or first_finite:
+        if self.best is None or monitor_order(value) < monitor_order(self.best_value):
             self.best, self.best_value, self.best_epoch = self.engine.weights(), value, self.epoch
 
     def _report(self, sums: LossSums, watched: float, runs: Runs, rate: float) -> None:

@@ -21,14 +21,19 @@ class BoardBuild:
         self._library: list[Path] = []
         headers = [f"-I{folder}", f"-I{TEMPLATES}"]
         if board.riscv:
+            # this gcc comes without a C library; what compilers call by themselves, and sqrt, stand
+            # in one file
             self._library = [TEMPLATES / "freestanding" / "library.c"]
             headers += [f"-I{TEMPLATES / 'freestanding'}", "-ffreestanding"]
         self._compiler = [
             board.compiler.command,
             *board.flags,
             "-std=gnu11",
+            # no fused multiply-add: the bits of the interpreter round after each operation
             "-ffp-contract=off",
+            # lets sqrt be the instruction, which rounds correctly, instead of a call
             "-fno-math-errno",
+            # with --gc-sections: what is not called takes no flash, as in a firmware
             "-ffunction-sections",
             "-fdata-sections",
             *includes(model),
@@ -50,6 +55,7 @@ class BoardBuild:
         program = self.folder / f"{name}.elf"
         flags = ["-nostartfiles", "-Wl,--gc-sections", f"-T{self._script}", *options]
         if self.board.riscv:
+            # the freestanding library is compiled beside; libgcc has what the core lacks
             flags += ["-nostdlib"]
         libraries = ["-lgcc"] if self.board.riscv else ["-lm"]
         run_tool(
@@ -62,6 +68,7 @@ class BoardBuild:
     def _start(self) -> list[Path]:
         """What starts the board, for every program of this folder."""
         start = "startup_riscv.c" if self.board.riscv else "startup_arm.c"
+        # the loops that are memset and memcpy would be turned into calls of themselves
         flags = ["-O1", "-fno-tree-loop-distribute-patterns"]
         return [self.object(path, flags) for path in (TEMPLATES / start, *self._library)]
 
@@ -75,6 +82,8 @@ class BoardBuild:
             [
                 self.board.emulator.command,
                 *("-M", self.board.machine, "-display", "none", "-monitor", "none"),
+                # semihosting writes the answer into a file of the host: no device of the board
+                # takes part
                 *("-serial", "none", "-semihosting-config", "enable=on,target=native"),
                 *(("-bios", "none") if self.board.riscv else ()),
                 *("-plugin", f"{plugin},begin={begin},end={end},out=counts.txt"),
@@ -94,9 +103,11 @@ class BoardBuild:
         """Flash, .data and .bss of a program with the model less those of one without."""
         full, empty = self._size("full", main, []), self._size("empty", main, ["-DEMPTY"])
         text, data, bss = (a - b for a, b in zip(full, empty, strict=True))
+        # initial values of .data lie in flash and are copied to RAM at start
         return text + data, data, bss
 
     def _size(self, name: str, main: Path, flags: list[str]) -> tuple[int, ...]:
+        # the linker keeps what main calls; EMPTY calls nothing of the model
         objects = [self.object(main, ["-Os", *flags], name), *self.objects]
         said = run_tool([f"{self.board.binutils}size", self.link(name, objects)], self.folder)
         return tuple(int(word) for word in said.splitlines()[1].split()[:3])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
 from msnn.verification.tools import ARM_GCC, ARM_QEMU, RISCV_GCC, RISCV_QEMU, Tool
@@ -60,6 +61,7 @@ BOARDS = (
         target="m0",
         core="Cortex-M0",
         machine="microbit",
+        # no FPU: every operation is a call of libgcc
         flags=("-mcpu=cortex-m0", "-mthumb"),
         code=(0x0, 256 * _KIB),
         ram=(0x20000000, 16 * _KIB),
@@ -69,6 +71,7 @@ BOARDS = (
         target="rv32",
         core="RV32IMAC",
         machine="virt",
+        # medany: code at 0x80000000 is beyond the ±2 GiB around 0 that medlow reaches
         flags=("-march=rv32imac", "-mabi=ilp32", "-misa-spec=2.2", "-mcmodel=medany"),
         code=_VIRT_CODE,
         ram=_VIRT_RAM,
@@ -84,3 +87,10 @@ BOARDS = (
         riscv=True,
     ),
 )
+
+LEVELS = ("-O2", "-Os")
+
+
+def board_levels(targets: Container[str]) -> Iterator[tuple[Board, str]]:
+    """Each board of the targets at each level of optimisation."""
+    return ((board, level) for board in BOARDS if board.target in targets for level in LEVELS)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 _NODE = re.compile(r'node: \{ title: "([^"]+)" label: "([^"]*)"')
 _EDGE = re.compile(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"')
+# "dynamic" without a bound does not match: such a function has no known need
 _BYTES = re.compile(r"(\d+) bytes \((static|dynamic,bounded)\)")
 _WITHOUT_STACK = ("memcpy", "memset", "memmove")
 """Written by the compiler for copies; leaf routines that need a few words at most."""
@@ -31,9 +32,11 @@ def stack_bound(graphs: Sequence[Path], function: str) -> int | None:
         calls.setdefault(_plain(caller), set()).add(_plain(called))
 
     def depth(name: str, above: tuple[str, ...]) -> int | None:
+        # calls through pointers go to a node `__indirect_call` of no size, and end here too
         if name in above or name not in own:
             return None
         below = [depth(called, (*above, name)) for called in sorted(calls.get(name, ()))]
+        # frames of callees never stand on the stack together
         known = [bytes for bytes in below if bytes is not None]
         return own[name] + max(known, default=0) if len(known) == len(below) else None
 

@@ -12,6 +12,7 @@ _SUMMARY = re.compile(r"differing ([0-9a-f]{8}) selftest ([0-9a-f]{8})")
 def differences(model: ExportedC, answer: str) -> list[str]:
     """What is wrong with the output of the harness, in sentences; empty if nothing is."""
     lines = [line.strip() for line in answer.splitlines() if line.strip()]
+    # printed last: a board that trapped or hung has answered steps and no summary
     summary = next((m for line in lines if (m := _SUMMARY.search(line))), None)
     if summary is None:
         return ["the program ended before its last golden step"]
@@ -22,6 +23,7 @@ def differences(model: ExportedC, answer: str) -> list[str]:
         found.append(f"{count} golden steps or starts differ by more than the export promises")
     if model.exact:
         answered = lines[: len(model.expected)]
+        # an answer that is too short meets the summary's line here, which is no step
         for step, (got, wanted) in enumerate(zip(answered, model.expected, strict=False)):
             if got != wanted:
                 found.append(f"step {step} answered {got}, not {wanted}")

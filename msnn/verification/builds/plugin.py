@@ -29,6 +29,7 @@ def instructions_plugin(folder: Path) -> Path:
     for place in candidates():
         with suppress(OSError):  # full or closed
             real, reason = opened(place)
+            # QEMU maps the library executable, which a file system mounted noexec refuses
             if reason is None and not os.statvfs(real).f_flag & os.ST_NOEXEC:
                 stored = StoredKernel(real, key)
                 if stored.whole() is None:

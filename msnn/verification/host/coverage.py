@@ -69,6 +69,8 @@ def coverage_check(model: ExportedC) -> ProofStep:
 def coverage(model: ExportedC, folder: Path) -> SourceCoverage:
     """Runs the test program of an export; the folder takes what gcov writes."""
     tests = sorted((model.folder / "test").glob("*.c"))
+    # -O0: an optimiser merges branches, and what is counted would no longer be the lines of the
+    # source
     flags = ["-std=c99", "-O0", "-ffp-contract=off", "--coverage"]
     sources = [*model.sources, *tests]
     run_tool([GCC.command, *flags, *includes(model), *sources, "-o", "covered", "-lm"], folder)
@@ -87,12 +89,14 @@ _Line = tuple[Path, str, dict[str, Any]]
 
 def _lines(source: Path, folder: Path) -> Iterator[_Line]:
     """Each line of a source that has code, with what gcov counted."""
+    # gcc names it after the program where several sources are compiled and linked at once
     data = folder / f"covered-{source.stem}.gcda"
     if not data.exists():
         return
     options = ["--branch-probabilities", "--json-format", "--stdout"]
     text = source.read_text(encoding="utf-8").splitlines()
     for file in json.loads(run_tool([GCOV.command, *options, data], folder))["files"]:
+        # headers with code are listed as well
         if Path(file["file"]).name == source.name:
             for line in file["lines"]:
                 number = int(line["line_number"])
@@ -104,6 +108,7 @@ def _unreached(lines: list[_Line]) -> Iterator[Unreached]:
         function = str(line["function_name"])
         if not line["count"]:
             yield Unreached(path.name, function, text, 0)
+        # a line that is never reached has branches without a count: both are told
         missed = sum(not branch["count"] for branch in line["branches"])
         if missed:
             yield Unreached(path.name, function, text, missed)

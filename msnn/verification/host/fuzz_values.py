@@ -17,6 +17,7 @@ _UNBOUNDED = 1e3
 def fuzz_facts(model: ExportedC) -> dict[str, Any]:
     """What `fuzz_main.c` is filled with."""
     reals = [member for member in model.inputs if not member.unsigned]
+    # after one of these bits a step has said that its answer may be anything
     told = ("STATE_OUT_OF_RANGE", "UNINITIALISED", "EQUATION_OUT_OF_RANGE")
     return {
         "held": [
@@ -63,6 +64,7 @@ def _replaced(member: RangedField, model: ExportedC) -> Iterator[str]:
     if member.policy == "clamp":
         yield _moved(member, "v", "u", limits, model)
     if member.policy == "hold":
+        # the last valid value is kept beside the model, as its step keeps it inside
         place, low, high = _place(member, "u"), *(_literal(x, model) for x in limits)
         kept = f"held_{member.field}[i]"
         loop = f"for (int i = 0; i < {member.size or 1}; i++)"
@@ -84,6 +86,7 @@ def _place(member: RangedField, struct: str) -> str:
 def _limits(member: RangedField, model: ExportedC) -> Range:
     """What is valid: the finite numbers within the range, as the policies of the spec say."""
     single = model.dtype == "float32"
+    # in C every comparison is of this type: a larger literal would be infinite
     largest = float(np.finfo(np.float32).max) if single else sys.float_info.max
     low, high = member.range or (-largest, largest)
     return low, high

@@ -35,6 +35,7 @@ def source_checks(model: Sources, accepted: Sequence[str] = ()) -> Iterator[Proo
     gcc, clang = [*GCC_WARNINGS, *accepted], [*CLANG_WARNINGS, *accepted]
     yield _compiling("warnings", "gcc", (GCC,), model, [*STANDARD, "-O2", *gcc])
     yield _compiling("warnings", "clang", (CLANG,), model, [*STANDARD, "-O2", *clang])
+    # headers and sources are also to be compiled as C++, as many firmwares do
     cpp = ["-x", "c++", "-std=c++17", "-ffp-contract=off", "-O1", *CPP_WARNINGS]
     yield _compiling("warnings", "g++", (GPP,), model, cpp)
     yield _compiling("analyzer", "gcc", (GCC,), model, [*STANDARD, "-O1", "-fanalyzer"])
@@ -45,6 +46,7 @@ def misra_check(model: Sources) -> ProofStep:
     """The MISRA addon of cppcheck, which checks a part of MISRA C:2012."""
 
     def run(folder: Path) -> Result:
+        # findings of the addon are of the severity style
         options = ["-q", "--addon=misra", "--std=c99", "--enable=style"]
         said = run_tool(
             [
@@ -59,6 +61,7 @@ def misra_check(model: Sources) -> ProofStep:
         found = [
             line.removeprefix(f"{model.folder}/")
             for line in said.splitlines()
+            # cppcheck itself says other things of style, which are not the question
             if "misra-c2012" in line
         ]
         version = run_tool([CPPCHECK.command, "--version"], folder).strip()
@@ -76,6 +79,7 @@ def _compiling(
     def run(folder: Path) -> Result:
         tests = sorted((model.folder / "test").glob("*.c"))
         said = run_tool([target, *flags, *includes(model), "-c", *model.sources, *tests], folder)
+        # read, not made errors by -Werror: all of them are wanted at once
         found = [line for line in said.splitlines() if "warning:" in line]
         shown = [line.removeprefix(f"{model.folder}/") for line in found]
         count = len([flag for flag in flags if flag.startswith("-W")])
@@ -92,6 +96,7 @@ _WRITABLE = re.compile(r"^(\S+?):.* [bBcCdDgGsS] (\S+)$", re.MULTILINE)
 
 def writable_objects(sources: Sequence[Path], options: Sequence[str], folder: Path) -> list[str]:
     """What memory the sources have besides the structs they are given, as `file: name`."""
+    # -O0: an object that an optimiser would drop is memory in the source all the same
     run_tool([GCC.command, *STANDARD, "-O0", *options, "-c", *sources], folder)
     objects = [f"{path.stem}.o" for path in sources]
     said = run_tool([NM.command, "-A", *objects], folder)
@@ -103,6 +108,7 @@ def _memory(model: Sources) -> ProofStep:
 
     def run(folder: Path) -> Result:
         all = writable_objects(model.model_sources, includes(model), folder)
+        # a tool changes it at run time, so that it has to be one object at a fixed address
         found = [line for line in all if line.rpartition(": ")[2] != model.calibration]
         wanted = " but the parameters for calibration" if len(found) < len(all) else ""
         return check.of(found, f"{len(found)} objects that all instances would share{wanted}")

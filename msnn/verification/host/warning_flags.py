@@ -7,6 +7,7 @@ GCC_WARNINGS = (
     "-Wconversion",
     "-Wsign-conversion",
     "-Wdouble-promotion",
+    # asked for, as generated code compares floats by < and > alone
     "-Wfloat-equal",
     "-Wshadow",
     "-Wstrict-prototypes",

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from msnn.verification.builds.golden_run import differences
 from msnn.verification.exported_c import ExportedC
 
+# searched for: bootloaders and earlier answers may stand before it
 _FRAME = re.compile(r"(model .*\n)end ([0-9a-f]{8})", re.DOTALL)
 _PARTS = re.compile(r"model (\w+) (\w+)\n(.*\n)cycles (.*)\n", re.DOTALL)
 END = re.compile(r"\nend [0-9a-f]{8}\s")
@@ -29,12 +30,14 @@ def read_answer(model: ExportedC, text: str) -> Answer:
     frame = _FRAME.search(text.replace("\r\n", "\n"))
     if frame is None:
         return Answer(("the answer has no beginning or no end",), None)
+    # the firmware computes the same CRC-32 (IEEE 802.3) over what it sends
     if zlib.crc32(frame[1].encode()) != int(frame[2], 16):
         return Answer(("the answer was damaged on its way: its checksum differs",), None)
     parts = _PARTS.fullmatch(frame[1])
     if parts is None:
         return Answer(("the answer is that of another version of msnn",), None)
     prefix, spec, lines, cycles = parts.groups()
+    # the hash of the spec: equal names of models say nothing about their versions
     if (prefix, spec) != (model.prefix, model.spec_hash):
         return Answer((f"the board runs `{prefix}` of the spec {spec[:12]}: other firmware",), None)
     return Answer(tuple(differences(model, lines)), _cycles(cycles))
@@ -45,4 +48,5 @@ def _cycles(text: str) -> tuple[int, float, int] | None:
     if text.strip() == "none":
         return None
     least, high, low, most, count = (int(word, 16) for word in text.split())
+    # a sum of 64 bits comes as two words
     return least, ((high << 32) | low) / max(count, 1), most

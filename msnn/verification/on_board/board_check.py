@@ -60,6 +60,7 @@ def _run(
 ) -> tuple[Core, Answer]:
     board = Debugger(Packets(connection))
     if not isinstance(link, Gdb):
+        # a server that runs already may serve a session of the user's, whose board is not reset
         board.monitor("reset halt")
     core = _core(board, link)
     program = build_ram_program(model, core, _LEVEL, ram, folder)
@@ -69,6 +70,7 @@ def _run(
 def _core(board: Debugger, link: Link) -> Core:
     try:
         identity = board.read_word(CPUID)
+        # by its registers: who calls need not say which core is behind the probe
         core = core_of(identity, board.read_word(FPU_FEATURES))
     except RefusedMemoryError:
         raise SpecError([unknown_core(words(link), None)]) from None

@@ -40,9 +40,11 @@ _FAMILIES = {
 
 def core_of(identity: int, fpu: int) -> Core | None:
     """The core of a CPUID; None for one that is not known. `fpu` is its MVFR0."""
+    # PARTNO of CPUID; variant and revision around it do not matter to a compiler
     family = _FAMILIES.get((identity >> 4) & 0xFFF)
     if family is None:
         return None
+    # MVFR0: fields of single and of double precision, 0 for none
     single, double = bool((fpu >> 4) & 0xF), bool((fpu >> 8) & 0xF)
     unit = (family.double if double else None) or (family.single if single else None)
     own = ("-mfloat-abi=soft",) if unit is None else ("-mfloat-abi=hard", f"-mfpu={unit}")

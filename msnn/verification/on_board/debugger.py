@@ -27,13 +27,16 @@ class Debugger:
 
     def __init__(self, packets: Packets) -> None:
         self._packets = packets
+        # before anything else: servers hand out their description only to a gdb that reads it
         packets.ask(b"qSupported:xmlRegisters=arm")
         self._registers = dict(self._numbered())
+        # Cortex-A and -R have cpsr
         if not {"sp", "lr", "pc", "xpsr"} <= set(self._registers):
             raise StubFailedError("the core is no ARM Cortex-M")
 
     def monitor(self, command: str) -> None:
         """Gives a command to the server itself."""
+        # the text of the command in hexadecimal digits
         self._packets.ask(b"qRcmd," + command.encode().hex().encode())
 
     def read(self, address: int, size: int) -> bytes:
@@ -54,6 +57,7 @@ class Debugger:
 
     def read_word(self, address: int) -> int:
         """A word of memory."""
+        # registers and memory of Cortex-M are little-endian, but for rare parts
         return int(struct.unpack("<I", self.read(address, 4))[0])
 
     def load(self, address: int, data: bytes) -> None:

@@ -50,6 +50,7 @@ def _connection(host: str, port: int) -> socket.socket:
 
 
 def _free_port() -> int:
+    # closed again: another process may take it before the server does, which then says so and ends
     with socket.socket() as any:
         any.bind(("127.0.0.1", 0))
         return int(any.getsockname()[1])
@@ -58,6 +59,7 @@ def _free_port() -> int:
 @contextmanager
 def _started(link: str, command: Sequence[str], port: int) -> Generator[socket.socket]:
     with (
+        # a file, no pipe: a server that talks much would stop when nobody reads
         tempfile.TemporaryFile() as output,
         subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
@@ -68,6 +70,7 @@ def _started(link: str, command: Sequence[str], port: int) -> Generator[socket.s
             with connection:
                 yield connection
         finally:
+            # the debug interface is released on SIGTERM; a killed server leaves probes claimed
             process.terminate()
             try:
                 process.wait(5.0)

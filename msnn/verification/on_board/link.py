@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 FORMS = "openocd:CFG, pyocd:ID, serial:PORT[@BAUD], gdb:HOST:PORT"
 _BAUD = 115200
+# VTOR wants a table of up to 128 words aligned to its size
 _ALIGNED = 512
 """A table of vectors stands at the beginning."""
 
@@ -88,6 +89,7 @@ def ram_of(text: str) -> Ram | None:
         ram = Ram(int(address, 0), int(size, 0))
     except ValueError:
         return None
+    # within 32 bits
     fits = ram.size > 0 and 0 <= ram.address <= 2**32 - ram.size and ram.address % _ALIGNED == 0
     return ram if fits else None
 

@@ -48,7 +48,9 @@ class Packets:
             raise StubFailedError(f"the connection is lost ({error})") from None
 
     def _packet(self, end: float) -> bytes:
+        # a damaged packet is asked for again by a minus
         for _ in range(_TRIES):
+            # searched for: acknowledgements of what was sent stand before it
             while (found := _PACKET.search(self._received)) is None:
                 self._receive(end)
             self._received = self._received[found.end() :]
@@ -80,8 +82,10 @@ def _expanded(text: bytes) -> bytes:
     letters = iter(text)
     for letter in letters:
         if letter == ord("}"):
+            # of `#`, `$`, `}` and `*`, which mean something between packets
             result.append(next(letters, 0) ^ 0x20)
         elif letter == ord("*") and result:
+            # the count is printable: a blank (32) for three more
             result += result[-1:] * max(0, next(letters, 29) - 29)
         else:
             result.append(letter)

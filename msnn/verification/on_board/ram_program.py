@@ -47,10 +47,12 @@ def build_ram_program(
         *includes(model),
         *(f"-I{folder}", f"-I{TEMPLATES}"),
     ]
+    # startup and harness at -O1 whatever is measured
     sources = [(path, level) for path in model.sources]
     sources += [(main, "-O1"), (TEMPLATES / "startup_arm.c", "-O1")]
     objects: list[Path] = []
     for source, flag in sources:
+        # libraries of the compiler for the core's float ABI are found by the flags of the core
         objects.append(folder / f"{source.stem}.o")
         own = (flag, "-fno-tree-loop-distribute-patterns")
         run_tool([*compiler, *own, "-c", source, "-o", objects[-1]], folder)
@@ -64,6 +66,7 @@ def build_ram_program(
             raise
         needed = ram.size + int(overflow[1])
         raise SpecError([no_room(model.prefix, needed, ram.size)]) from None
+    # without gaps: .bss is cleared by the program, so that less is sent over the probe
     run_tool([f"{_BINUTILS}objcopy", "-O", "binary", program, "ram.bin"], folder)
     listed = run_tool([f"{_BINUTILS}nm", program], folder)
     words = [line.split() for line in listed.splitlines()]

@@ -22,12 +22,15 @@ def run_in_ram(board: Debugger, program: RamProgram, link: str, begin: int) -> s
         board.load(begin, program.data)
         board.break_at(stops)
         board.set_register("sp", places["stack_top"])
+        # a core halted in a fault handler would go on as one: the exception number is 0 now as well
         board.set_register("xpsr", _THUMB)
         board.set_register("pc", places["start"] & ~1)
         while (at := board.run(_SECONDS)) == places["hand_over"] & ~1:
             letters = board.read_word(places["handed_letters"])
             text.append(board.read(places["handed_text"], letters))
+            # returns from the function that stands at the breakpoint: none of its code is needed
             board.set_register("pc", board.register("lr") & ~1)
+        # not after a failure: a core that ended somewhere else is reset by its owner
         board.go_by(stops)
     except RefusedMemoryError as error:
         raise SpecError([refused_memory(link, error.address)]) from None

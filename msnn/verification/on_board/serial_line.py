@@ -22,6 +22,8 @@ def ask_serial(link: Serial) -> str:
     if sys.platform == "win32":
         raise SpecError([unreachable(words(link), "serial lines need a POSIX system")])
     try:
+        # NOCTTY: a line must not become the terminal that sends Ctrl-C; NONBLOCK: open() would wait
+        # for a modem
         line = os.open(link.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError as error:
         raise SpecError([unreachable(words(link), str(error))]) from None
@@ -44,8 +46,10 @@ def _set_raw(line: int, link: Serial) -> None:
         raise SpecError([unreachable(words(link), f"no line runs at {link.baud} baud")])
     try:
         controls = termios.tcgetattr(line)[6]
+        # CLOCAL: a cable of three wires has no carrier to wait for
         flags = termios.CS8 | termios.CREAD | termios.CLOCAL
         termios.tcsetattr(line, termios.TCSANOW, [0, 0, flags, 0, speed, speed, controls])
+        # what a board said before it was asked
         termios.tcflush(line, termios.TCIOFLUSH)
     except termios.error as error:
         raise SpecError([unreachable(words(link), f"no serial line ({error})")]) from None
@@ -60,6 +64,7 @@ def _send(line: int) -> None:
 
 def _received(line: int, link: Serial) -> str:
     text, end = "", time.monotonic() + _SILENCE
+    # the end alone: an answer of many steps would be searched again for each part
     while END.search(text[-200:]) is None:
         ready, _, _ = select.select([line], [], [], max(0.0, end - time.monotonic()))
         part = os.read(line, 65536) if ready else b""

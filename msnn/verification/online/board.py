@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import median
 
 from msnn.verification.builds.board_build import BoardBuild
-from msnn.verification.builds.boards import BOARDS, Board
+from msnn.verification.builds.boards import Board, board_levels
 from msnn.verification.builds.call_graph import stack_bound
 from msnn.verification.builds.harness import write_template
 from msnn.verification.online.exported_controller import ExportedController
@@ -17,7 +17,6 @@ from msnn.verification.online.host import prefixes, promise, selftest_faults
 from msnn.verification.proof_step import Figures, ProofStep, Result, ToolFailedError
 from msnn.verification.tools import GCC
 
-LEVELS = ("-O2", "-Os")
 _SECONDS = 600.0
 _NOUNS = {"solve": "solve", "correct": "correction"}
 _CALL = re.compile(r"^call (\w+) ([0-9a-f]{8}) ([0-9a-f]{8}) ([0-9a-f]{8})", re.MULTILINE)
@@ -38,10 +37,7 @@ class _Call:
 
 def online_board_checks(model: ExportedController, targets: frozenset[str]) -> Iterator[ProofStep]:
     """One check for each board and optimisation level."""
-    for board in BOARDS:
-        if board.target in targets:
-            for level in LEVELS:
-                yield _on_board(board, level, model)
+    return (_on_board(board, level, model) for board, level in board_levels(targets))
 
 
 def _on_board(board: Board, level: str, model: ExportedController) -> ProofStep:
@@ -95,6 +91,7 @@ def _on_board(board: Board, level: str, model: ExportedController) -> ProofStep:
         flash, data, bss = build.added(size)
         figures: list[Figures] = []
         for call in calls:
+            # a call that refuses what it is given takes hardly any instructions
             own = [c for c in done if c.name == call["said"] and c.status < 3]
             if not own:
                 continue
@@ -136,6 +133,7 @@ def _worst(model: ExportedController, done: list[_Call]) -> str:
     }
     said = ""
     for name, cap in caps.items():
+        # the dearest one, as iterations differ by what of the limits is active
         own = [c.instructions / c.iterations for c in done if c.name == name and c.iterations]
         if cap and own:
             each = int(max(own))

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from msnn.verification.sources import CFolder
-
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+from msnn.verification.sources import CFolder, plain_name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,6 +80,7 @@ class ExportedController(CFolder):
     def has_bits(self) -> bool:
         """Whether its self-tests know the bits that every build gives."""
         tests = [path for path in self.sources if path not in self.model_sources]
+        # without a compiler at export no bits are recorded (decision 0268)
         return all("golden" in path.read_text(encoding="utf-8") for path in tests)
 
 
@@ -105,6 +103,7 @@ def read_exported_controller(folder: Path) -> ExportedController | None:
 
 
 def _about(folder: Path, kind: str) -> dict[str, Any] | None:
+    # a folder has one of each kind
     for path in sorted(folder.glob(f"*_{kind}.json")):
         about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         # from a file that anybody may have written: it names types and functions of C
@@ -116,7 +115,7 @@ def _about(folder: Path, kind: str) -> dict[str, Any] | None:
 
 def _controller(about: dict[str, Any]) -> ControllerPart:
     return ControllerPart(
-        prefix=_identifier(about["prefix"]),
+        prefix=plain_name(about["prefix"]),
         inputs=_numbers(about["in"]),
         states=sum(int(state["size"]) for state in about["states"]),
         iterations=int(about["iterations"]),
@@ -135,7 +134,7 @@ def _controller(about: dict[str, Any]) -> ControllerPart:
 
 def _filter(about: dict[str, Any]) -> FilterPart:
     return FilterPart(
-        prefix=_identifier(about["prefix"]),
+        prefix=plain_name(about["prefix"]),
         is_window="horizon" in about,
         iterations=int(about.get("iterations", 0)),
         tolerance=float(about.get("tolerance", 0)),
@@ -152,10 +151,3 @@ def _numbers(fields: list[dict[str, Any]]) -> int:
 
 def _number(value: float | None) -> float | None:
     return None if value is None else float(value)
-
-
-def _identifier(text: str) -> str:
-    """The text, which goes into C and into command lines, if it is a plain C name."""
-    if not _NAME.fullmatch(text):
-        raise ValueError(text)
-    return text

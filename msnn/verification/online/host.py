@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from msnn.verification.builds.harness import write_template
+from msnn.verification.host.fuzz import FUZZED, FuzzerFoundError, run_fuzzer
 from msnn.verification.host.host_checks import source_checks
 from msnn.verification.host.levels import (
     LEVELS,
@@ -23,7 +24,6 @@ from msnn.verification.proof_step import (
     ProofStep,
     Result,
     ToolFailedError,
-    ToolTimedOutError,
     run_tool,
 )
 from msnn.verification.sources import includes
@@ -33,7 +33,6 @@ _RUNS = 400
 """Of drawn numbers, of 8 calls each."""
 _ACCEPTED = ("-Wno-float-equal",)
 """`x * 0 == 0` is how the solver tells finite numbers from others."""
-_FUZZER_DONE = re.compile(r"Done (\d+) runs in (\d+) second")
 _SAID = re.compile(r"^(\w+) ([0-9a-f]{8})$", re.MULTILINE)
 
 
@@ -55,17 +54,14 @@ def online_fuzz_check(model: ExportedController, seconds: int) -> ProofStep:
     """The calls of `_drawn`, with numbers that libFuzzer looks for, for so many seconds."""
 
     def run(folder: Path) -> Result:
-        flags = ("-O1", "-g", "-DFUZZER", "-fsanitize=fuzzer,address,undefined,float-cast-overflow")
-        program = _drawn_program(model, folder, CLANG, (*flags, "-fno-sanitize-recover=all"))
-        options = (f"-max_total_time={seconds}", "-max_len=4096", "-seed=1", "-len_control=0")
+        flags = (*FUZZED, "-DFUZZER", "-fno-sanitize-recover=all")
+        program = _drawn_program(model, folder, CLANG, flags)
+        command = [program, f"-max_total_time={seconds}", "-max_len=4096"]
         try:
-            said = run_tool([program, *options], folder, seconds + 60.0)
-        except ToolTimedOutError:
-            raise
-        except ToolFailedError as error:
-            return check.of(_named(error), "the fuzzer found an input")
-        done = _FUZZER_DONE.search(said)
-        return check.of([], f"{int(done[1]) if done else 0:,} runs of up to 8 calls in {seconds} s")
+            runs = run_fuzzer(command, folder, seconds + 60.0)
+        except FuzzerFoundError as error:
+            return check.of(error.complaints, "the fuzzer found an input")
+        return check.of([], f"{runs:,} runs of up to 8 calls in {seconds} s")
 
     check = ProofStep("fuzz", "clang", (CLANG, LIBFUZZER), run)
     return check
@@ -113,10 +109,8 @@ def _drawn(model: ExportedController) -> ProofStep:
         program = _drawn_program(model, folder, GCC, SANITIZERS)
         try:
             run_tool([program], folder)
-        except ToolTimedOutError:
-            raise
         except ToolFailedError as error:
-            return check.of(_named(error), "drawn numbers broke a promise")
+            return check.of(error.complaints, "drawn numbers broke a promise")
         return check.of(
             [], f"{_RUNS} runs of 8 calls: limits and rates hold, no byte outside the structs"
         )
@@ -146,8 +140,8 @@ def _drawn_program(
         controller=controller,
         filter=model.filter,
         real=model.real,
-        tolerance=None if controller is None else _literal(controller.tolerance),
-        window_tolerance=None if model.filter is None else _literal(model.filter.tolerance),
+        tolerance=None if controller is None else repr(controller.tolerance),
+        window_tolerance=None if model.filter is None else repr(model.filter.tolerance),
         limits=[] if controller is None else [_limits(limit, model) for limit in controller.limits],
         # squares of these overflow, and these lie below the smallest normal number
         huge="1e30" if single else "1e300",
@@ -172,15 +166,6 @@ def _limits(limit: KnownLimits, model: ExportedController) -> dict[str, Any]:
     rounded = np.float32 if model.dtype == "float32" else np.float64
     numbers = {"low": limit.low, "high": limit.high, "rate": limit.rate}
     return {
-        **{key: None if x is None else _literal(float(rounded(x))) for key, x in numbers.items()},
+        **{key: None if x is None else repr(float(rounded(x))) for key, x in numbers.items()},
         "before": limit.before,
     }
-
-
-def _literal(value: float) -> str:
-    return repr(value)
-
-
-def _named(error: ToolFailedError) -> list[str]:
-    named = [line for line in error.lines if "error:" in line or "ERROR:" in line]
-    return named or error.lines or [str(error)]

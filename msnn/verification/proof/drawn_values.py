@@ -28,6 +28,7 @@ def drawn(struct: str, members: Iterable[RangedField], model: ExportedC) -> Iter
     """Any value of its range."""
     for member in members:
         if member.unsigned:
+            # its interval is of int: all bit patterns, as an index may have any
             value = "(uint32_t)Frama_C_interval(-2147483647 - 1, 2147483647)"
         else:
             value = _between(*assumed_range(member, model), model)
@@ -74,6 +75,8 @@ def _beyond(member: RangedField, model: ExportedC) -> Sequence[str]:
     low, high = member.range or (-math.inf, math.inf)
     found: list[str] = []
     if low > -largest:
+        # the neighbours of the limits in the type of the code: what is just outside is among the
+        # cases
         found.append(_between(-largest, float(np.nextafter(number(low), number(-np.inf))), model))
     if high < largest:
         found.append(_between(float(np.nextafter(number(high), number(np.inf))), largest, model))

@@ -67,7 +67,10 @@ def analysed(model: ExportedC, main: Path, *, infinite: bool, folder: Path) -> A
     said = run_tool(
         [
             *(FRAMA_C.command, "-eva", "-eva-precision", PRECISION),
+            # Eva's switch holds for all floats: it cannot allow infinite inputs and refuse infinite
+            # results
             *("-warn-special-float", "nan" if infinite else "non-finite"),
+            # int, pointers and size_t of 32 bits, as on the boards
             *("-machdep", "gcc_x86_32"),
             f"-cpp-extra-args=-I{model.include} -I{model.folder / 'src'}",
             *(main, *sources),
@@ -80,6 +83,7 @@ def analysed(model: ExportedC, main: Path, *, infinite: bool, folder: Path) -> A
 def _alarms(said: str) -> Iterator[Alarm]:
     for match in _ALARM.finditer(said):
         path, line, what, rest = match.groups()
+        # a claim goes over several lines, indented
         claim = " ".join((what + " " + rest).split())
         yield Alarm(Path(path).name, int(line), claim[:160])
 

@@ -60,6 +60,7 @@ def _check(function: str, model: ExportedC) -> ProofStep:
 
 def _proved(check: ProofStep, function: str, model: ExportedC, folder: Path) -> Result:
     results = model.outputs if function == "step" else model.slopes
+    # counters and heads of rings are integers, which have alarms of their own
     reals = [("result", m) for m in results if not m.unsigned]
     if function == "step":
         reals += [("left", m) for m in model.state if not m.unsigned]

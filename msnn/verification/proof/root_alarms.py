@@ -18,6 +18,7 @@ def roots_first(alarms: Sequence[Alarm], folder: Path) -> list[Alarm]:
     """
     suspect: dict[str, dict[str, int]] = {}
     roots: set[Alarm] = set()
+    # by lines, as code runs: a cause is met before what follows from it
     for alarm in sorted(alarms, key=lambda alarm: (alarm.file, alarm.line)):
         statements = _statements(folder / alarm.file)
         flow = suspect.setdefault(alarm.file, {})
@@ -55,6 +56,7 @@ _TARGET = re.compile(r"([A-Za-z_]\w*(?:->\w+)?)(?:\[[^=]*\])? [|+]?= ")
 def _statements(path: Path) -> list[_Statement]:
     """None of a file that is not there."""
     text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    # blanks for comments, so that lines keep their numbers
     code = _COMMENT.sub(lambda comment: re.sub(r"[^\n]", " ", comment[0]), text)
     found: list[_Statement] = []
     for match in _CODE.finditer(code):

@@ -93,6 +93,7 @@ def _what_and_place(said: str) -> tuple[str, str]:
     if not said.endswith(")"):
         return "", said
     depth = 0
+    # from the end, to the bracket that opens the last one: names of files may have brackets
     for position in range(len(said) - 1, -1, -1):
         depth += (said[position] == ")") - (said[position] == "(")
         if not depth:

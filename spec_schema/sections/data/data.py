@@ -20,7 +20,7 @@ from spec_schema.fields.plain import (
 )
 from spec_schema.fields.quantities import UnitField
 from spec_schema.sections.data.columns import Column, ColumnField
-from spec_schema.sections.data.splits import Split
+from spec_schema.sections.data.splits import SETS, Split
 from spec_schema.units.parser import parse_unit
 
 
@@ -129,3 +129,9 @@ class Data(Layout):
     """What becomes of records with missing inputs."""
     keep: Annotated[Literal["memory", "disk"], choice("memory", "disk")] = "memory"
     """Where signals lie while a command runs: data larger than memory lie on disk."""
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """The sets that it makes: its sources, and those of a split."""
+        split = SETS if self.split is not None else ()
+        return tuple(dict.fromkeys((*self.source, *split)))

@@ -51,6 +51,7 @@ class NamedArrays:
                 if self._is_double(key):
                     repair = "choose one by its index, counted from 0"
                     faults.append(errors.duplicate_column(str(key), self.file, None, repair))
+                # optional signals may have no column at all
                 elif key not in wanted.spare:
                     missing[str(key)] = user
                 continue
@@ -58,6 +59,7 @@ class NamedArrays:
             if unit is not None:
                 units[key] = unit
             array = self.get(name)
+            # only of columns of time: a date in a column of numbers is a fault like any text
             if key in wanted.moments and has_dates(array):
                 dates = dates_of(array, self.file, str(key), is_utc=name in self.zoned)
                 columns[key] = dates.seconds
@@ -106,6 +108,7 @@ class NamedArrays:
 
 def length_faults(file: str, columns: Mapping[ColumnKey, FloatArray]) -> list[Diagnostic]:
     """What is wrong with the lengths of columns that should be rows of one table."""
+    # arrays of a file are rows of one table only if they are alike long
     lengths = {str(key): len(column) for key, column in columns.items()}
     if len(set(lengths.values())) > 1:
         return [data_formats.unequal_columns(file, lengths)]
@@ -136,6 +139,7 @@ def _column(array: NDArray[Any], index: int | None) -> tuple[FloatArray | None, 
         array = (array - array.min(initial=array[0])) / np.timedelta64(1, "ns") * 1e-9
     elif array.dtype.kind == "m":
         array = array / np.timedelta64(1, "ns") * 1e-9
+    # b: True is 1. Complex numbers, texts and objects are none
     if array.dtype.kind not in "biuf":
         return None, "it does not hold real numbers"
     # MAT files have vectors as matrices of one row or column

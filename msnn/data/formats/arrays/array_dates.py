@@ -50,6 +50,7 @@ def dates_of(array: NDArray[Any], file: str, column: str, *, is_utc: bool) -> Da
     assert first is not None, "has_dates has seen it"
     no_dates = [row for row, moment in enumerate(moments) if moment is None]
     absent = [row for row in no_dates if str(array[row]).lower() in _MISSING]
+    # words for missing values are told apart from what is no date: the repairs differ
     others = [row for row in no_dates if row not in set(absent)]
     of_another_clock = [
         row
@@ -80,16 +81,19 @@ def _of_numpy(array: NDArray[Any], file: str, column: str, *, is_utc: bool) -> D
     if absent.all():
         return Dates(np.full(len(array), np.nan), None, faults)
     unit, count = np.datetime_data(array.dtype)
+    # `datetime64[10ms]` counts in tens; astype() brings it to single ticks
     if unit not in _PER_SECOND or count != 1:
         # seconds reach farther than any date, and nanoseconds farther than what is finer
         unit = "ns" if unit in ("ps", "fs", "as") else "s" if unit not in _PER_SECOND else unit
         array = array.astype(f"datetime64[{unit}]")
     ticks, length = array.astype(np.int64), 10**9 // _PER_SECOND[unit]
+    # before anything is multiplied: int64 nanoseconds overflow without a word
     far = ~absent & ((ticks <= -FARTHEST // length) | (ticks >= FARTHEST // length))
     if far.any():
         row, more = int(np.argmax(far)), int(far.sum()) - 1
         wild = data_units.too_far_a_moment(file, row, column, str(array[row]), more)
         return Dates(np.full(len(array), np.nan), None, (*faults, wild))
     first = int(ticks[~absent][0])
+    # subtracted as integers, so that the quotient is exact to the last digit that a log has
     seconds = np.where(absent, np.nan, (ticks - first) / _PER_SECOND[unit])
     return Dates(seconds, Moment(first * length, is_utc), faults)

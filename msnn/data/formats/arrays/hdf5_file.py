@@ -35,13 +35,16 @@ def read_datasets(
     try:
         with h5py.File(path, "r") as file:
             found = _datasets(file)
+            # a struct in MATLAB 7.3 is a group: `log.speed`, not `log/speed`
             names = {name.replace("/", separator): name for name in found}
 
             def get(name: str) -> NDArray[Any]:
                 array = np.asarray(found[names[name]][()])
                 return array.T if transposed else array
 
+            # inside `with`: datasets are read when they are asked for
             return NamedArrays(shown, tuple(names), get).table(wanted)
+    # what h5py raises for broken files, one for each layer of the C library
     except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as error:
         raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error
 
@@ -55,4 +58,5 @@ def _datasets(file: Any) -> dict[str, Any]:
             found[name] = entry
 
     file.visititems(visit)  # visits hard links only
+    # `#refs#` and `#subsystem#` are MATLAB's own
     return {name: entry for name, entry in found.items() if not name.startswith("#")}

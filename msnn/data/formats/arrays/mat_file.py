@@ -31,8 +31,10 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     if h5py.is_hdf5(path):
         return read_datasets(path, shown, wanted, transposed=True, separator=".")
     try:
+        # mat_dtype=False keeps integers small; structs as records have fields by name
         found = loadmat(path, mat_dtype=False, squeeze_me=False, struct_as_record=True)
     except (
+        # scipy parses without checking: broken files show as whatever came first
         *(OSError, ValueError, TypeError, NotImplementedError, MemoryError, IndexError, KeyError),
         *(MatReadError, struct.error, zlib.error),
     ) as error:
@@ -47,5 +49,6 @@ def _variables(prefix: str, values: dict[str, Any]) -> Iterator[tuple[str, NDArr
         if array.dtype.names is None:
             yield prefix + name, array
         elif array.size == 1:
+            # a struct of one element; arrays of structs are no columns
             fields = {field: array[field].item() for field in array.dtype.names}
             yield from _variables(f"{prefix}{name}.", fields)

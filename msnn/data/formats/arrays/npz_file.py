@@ -21,6 +21,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     try:
         # numpy leaves a broken file open that it opened itself
         with path.open("rb") as file:
+            # a pickle runs code when it is read
             archive = np.load(file, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise SpecError((errors.unreadable_file(shown, "it is a lone array"),))

@@ -47,10 +47,12 @@ def zoned_columns(schema: Any) -> frozenset[str]:
 
 def as_array(column: Any) -> NDArray[Any]:
     """The numbers or dates of a column; null is NaN."""
+    # numpy would make objects of them
     if arrow.types.is_decimal(column.type):
         column = column.cast(arrow.float64())
     if arrow.types.is_integer(column.type) and column.null_count:
         column = column.cast(arrow.float64())  # an integer cannot be NaN
     if arrow.types.is_boolean(column.type) and column.null_count:
+        # arrow casts no boolean to a float directly
         column = column.cast(arrow.int8()).cast(arrow.float64())
     return np.asarray(column.to_numpy())

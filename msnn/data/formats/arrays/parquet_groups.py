@@ -26,8 +26,10 @@ def row_groups(path: Path, shown: str) -> Sequence[NamedArrays]:
         source = dataset.dataset(
             str(path.absolute()),
             format="parquet",
+            # of a lone file the folders above are not read unless asked for
             partitioning=dataset.partitioning(flavor="hive"),
         )
+        # one file is one fragment
         (fragment,) = source.get_fragments()
         count = fragment.num_row_groups
     except (OSError, arrow.ArrowException) as error:
@@ -38,6 +40,7 @@ def row_groups(path: Path, shown: str) -> Sequence[NamedArrays]:
     def group(number: int) -> NamedArrays:
         def column(name: str) -> NDArray[Any]:
             part = fragment.subset(row_group_ids=[number])
+            # columns are few and groups many: threads of arrow would only add to the memory
             table = part.to_table(schema=source.schema, columns=[name], use_threads=False)
             return as_array(table.column(0))
 

@@ -30,6 +30,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
     del dialect  # lays out text
     try:
         with MDF(path) as file:
+            # an index counts along the values, not the channels that hold times
             names = [name for name in file.channels_db if name not in _masters(file)]
             return stream_columns(shown, wanted, names, lambda key: _channel(file, shown, key))
     except (OSError, MdfException, ValueError, IndexError, MemoryError) as error:
@@ -43,6 +44,7 @@ def _masters(file: Any) -> set[str]:
 
 def _channel(file: Any, shown: str, key: str) -> tuple[FloatArray, NamedArrays] | None:
     found = _IN_GROUP.fullmatch(key)
+    # a channel may have an `@` in its own name
     name = found["name"] if found and key not in file.channels_db else key
     places = list(file.channels_db.get(name, ()))
     if found and name != key:

@@ -35,6 +35,7 @@ class _Channel:
 
     def take(self, seconds: float, message: Any) -> None:
         for name, index in self.path:
+            # only names that `_channel` has admitted, none of which begins with an underscore
             message = getattr(message, name)
             if index is not None:
                 message = message[index]
@@ -58,6 +59,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
             _fill(bag, channels)
     except (OSError, AnyReaderError, TypesysError, ValueError, struct.error, KeyError) as error:
         raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error
+    # a field that the message does not have, or an index into what is no list
     except (AttributeError, TypeError, IndexError) as error:
         reason = f"a message has no such field: {error}"
         raise SpecError((errors.unreadable_file(shown, reason),)) from error
@@ -73,6 +75,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
 
 
 def _channel(key: str, topics: Sequence[str]) -> _Channel | None:
+    # the longest: `/imu` and `/imu.raw` may both be there
     topic = max((t for t in topics if key.startswith(f"{t}.")), key=len, default=None)
     if topic is None:
         return None
@@ -87,9 +90,11 @@ def _channel(key: str, topics: Sequence[str]) -> _Channel | None:
 
 def _fill(bag: AnyReader, channels: dict[str, _Channel]) -> None:
     topics = {channel.topic for channel in channels.values()}
+    # other topics are not even decoded: images are most of a bag
     connections = [c for c in bag.connections if c.topic in topics]
     for connection, nanoseconds, raw in bag.messages(connections) if connections else ():
         message = bag.deserialize(raw, connection.msgtype)
+        # subtracted as integers
         seconds = (nanoseconds - bag.start_time) * 1e-9
         for channel in channels.values():
             if channel.topic == connection.topic:

@@ -31,6 +31,7 @@ def stream_columns(file: str, wanted: WantedColumns, names: Sequence[str], find:
                     missing[str(key)] = user
                 continue
             time, values = found
+            # each stream is a table of one column, with the rules of tables
             optional = frozenset({name}) if key in wanted.optional else frozenset[ColumnKey]()
             columns[key] = (time, values.table(WantedColumns({name: user}, optional)).columns[name])
         except SpecError as error:

@@ -12,8 +12,8 @@ import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.table import ColumnKey, WantedColumns
-from msnn.data.formats.text.csv_header import Dialect, Header, Lines, is_number, split_cells
-from msnn.data.formats.written_units import MISSING
+from msnn.data.formats.text.csv_header import Dialect, Header, Lines, split_cells
+from msnn.data.formats.written_units import MISSING, is_number
 from msnn.errors.data import cells as cell_errors
 from msnn.errors.data import files as errors
 from msnn.errors.data import units as data_units
@@ -24,6 +24,7 @@ from spec_schema.expressions.moments import Moment, read_moment
 CellFault = Callable[[str, int, str, str, int, Span], Diagnostic]
 """A constructor of `errors`: (file, row, column, text, more of the kind, place)."""
 
+# `1,5` where the delimiter is no comma
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 """`1.500`, which is fifteen hundred where commas are decimal, and 1.5 where they are not."""
@@ -63,15 +64,18 @@ def checked_columns(
             faults.add("ragged", line.ragged_fault)
         else:
             for reader in readers:
+                # taken though faulty, so that rows keep their numbers
                 fault = reader.fault_of(line.cells[reader.index].strip())
                 if fault is not None:
                     faults.add((fault, reader.index), line.cell_fault(fault, reader.index))
     if line is None:
         raise SpecError((errors.empty_file(header.file, header=header.lines > 0),))
+    # all of the file first: who mends a log wants to know of every kind of fault at once
     faults.raise_found()
     begins = {
         key: Moment(reader.nanoseconds[0], reader.has_zone)
         for key, reader in zip(places, readers, strict=True)
+        # a column of time that has numbers begins nowhere
         if isinstance(reader, _Times) and reader.nanoseconds
     }
     return CheckedColumns([reader.column for reader in readers], begins)
@@ -79,6 +83,7 @@ def checked_columns(
 
 def line_of_row(lines: Lines, header: Header, row: int) -> int:
     """The line of the file, counted from 1, that holds a data row."""
+    # read again: places are asked for once or twice in a file of millions of lines
     for found, (number, _) in enumerate(lines()):
         if found == row + header.lines:
             return number
@@ -220,6 +225,7 @@ class _Faults:
         self._count: dict[object, int] = {}
 
     def add(self, kind: object, make: Callable[[int], Diagnostic]) -> None:
+        # made at the end, when it is known how many more there are
         self._first.setdefault(kind, make)
         self._count[kind] = self._count.get(kind, 0) + 1
 

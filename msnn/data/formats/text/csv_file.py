@@ -33,6 +33,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     An empty or NaN cell becomes NaN in optional columns and is an error in the others. `shown` is
     the file's name in messages. Raises SpecError with all faults of the file.
     """
+    # `log.csv` that is an Excel file: its bytes would be told of as text that is not UTF-8
     _refuse_workbooks(path, shown)
     try:
         return _table(path, shown, wanted, dialect)
@@ -98,6 +99,7 @@ def _refuse_workbooks(path: Path, shown: str) -> None:
 def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatArray] | None:
     """The columns as numpy reads them, None if the file has anything but plain rows of numbers."""
     dialect = header.dialect
+    # numpy knows neither commas as decimals nor lines of comments that count as none
     if dialect.decimal != "." or dialect.comment is not None:
         return None
     with warnings.catch_warnings():
@@ -135,6 +137,7 @@ def _delimiters(path: Path, header: Header) -> int:
     with path.open("rb") as file:
         for _ in range(header.skipped):
             file.readline()
+        # bytes: a delimiter is one byte in UTF-8, which no other letter contains
         while chunk := file.read(_CHUNK):
             total += chunk.count(sign)
     return total
@@ -144,6 +147,7 @@ def _complete(
     columns: Sequence[FloatArray], keys: Sequence[ColumnKey], optional: frozenset[ColumnKey]
 ) -> bool:
     for key, column in zip(keys, columns, strict=True):
+        # infinite is a fault even where a value may be missing
         fine = ~np.isinf(column) if key in optional else np.isfinite(column)
         if not fine.all():
             return False

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from msnn.data.formats.table import ColumnKey, WantedColumns
-from msnn.data.formats.written_units import column_and_unit, units_line
+from msnn.data.formats.written_units import column_and_unit, is_number, units_line
 from msnn.errors.data import files as errors
 from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
@@ -22,6 +22,7 @@ from spec_schema.yaml_tree.writer import scalar_text
 BLANKS = " "
 """The delimiter of tables whose cells stand apart by one or more blanks or tabs."""
 
+# ";" before ",": with decimal commas both are there
 _DELIMITERS = (";", ",", "\t", "|", BLANKS)
 _UNIT_ALONE = re.compile(r"[\[(].*[\])]")
 
@@ -78,6 +79,7 @@ class Header:
     @property
     def holds_numbers(self) -> bool:
         """Whether the line is one of data, by its looks."""
+        # a header of numbers is one that is missing
         return all(is_number(name.replace(self.dialect.decimal, ".")) for name in self.names)
 
     def label(self, index: int) -> str:
@@ -154,6 +156,7 @@ def read_header(lines: Lines, shown: str, dialect: Dialect, keys: Iterable[Colum
     (line, text), below = _first_two(lines)
     if not line:
         raise SpecError((errors.empty_file(shown, header=False),))
+    # only where no name is found: a header that has some is the right line with a wrong name
     if dialect.header and not _finds_any(text, keys):
         _refuse_late_header(lines, shown, dialect, keys)
     names = header_cells(text, dialect.delimiter)
@@ -163,12 +166,14 @@ def read_header(lines: Lines, shown: str, dialect: Dialect, keys: Iterable[Colum
         if meant is not None and not (dialect.is_usual and _finds_all(text, meant, keys)):
             place = Span(file=shown, line=line, column=1, end_line=line, end_column=len(text) + 1)
             raise SpecError((errors.wrong_delimiter(shown, dialect.delimiter, meant, place),))
+        # one that finds every name cannot be a mistake; another one is only proposed
         dialect = replace(dialect, delimiter=meant or dialect.delimiter)
         names = header_cells(text, dialect.delimiter)
     by_index = all(isinstance(key, int) for key in keys)
     header = Header(file=shown, dialect=dialect, line=line, text=text, names=names, lines=0)
     if not dialect.header or (by_index and header.holds_numbers):
         return header
+    # the line below may have units, as MATLAB and many loggers write them
     cells = split_cells(below[1], dialect.delimiter)
     units = units_line(cells) if len(cells) == len(names) else None
     if units is None:
@@ -184,6 +189,7 @@ def _first_two(lines: Lines) -> Sequence[tuple[int, str]]:
 def _meant_delimiter(text: str, keys: Iterable[ColumnKey]) -> str | None:
     """The sign that makes several columns of a header: one that finds all names, or most cells."""
     cells = {sign: len(header_cells(text, sign)) for sign in _DELIMITERS}
+    # a sign that separates nothing is none
     several = [sign for sign in _DELIMITERS if cells[sign] > 1]
     fitting = [sign for sign in several if _finds_all(text, sign, keys)]
     return max(fitting or several, key=lambda sign: cells[sign], default=None)
@@ -206,6 +212,7 @@ def _refuse_late_header(
 ) -> None:
     """SpecError where a line further down has every name: loggers write about themselves first."""
     signs = _DELIMITERS if dialect.is_usual else (dialect.delimiter,)
+    # a bound: a file of data without names would be searched to its end
     for line, text in islice(lines(), 1, _FURTHEST_HEADER):
         if any(_finds_all(text, sign, keys) for sign in signs):
             end = len(text) + 1
@@ -242,17 +249,9 @@ def header_cells(text: str, delimiter: str) -> tuple[str, ...]:
     """The names in a header; between blanks `F [N]` is one."""
     found: list[str] = []
     for cell in split_cells(text, delimiter):
+        # `[N]` alone is the unit of the column before
         if delimiter == BLANKS and found and _UNIT_ALONE.fullmatch(cell):
             found[-1] += f" {cell}"
         else:
             found.append(cell.strip())
     return tuple(found)
-
-
-def is_number(text: str) -> bool:
-    """Whether a cell holds a number; NaN and infinities count, `1_000` does not."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return "_" not in text

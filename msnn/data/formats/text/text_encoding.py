@@ -17,6 +17,7 @@ _EUROPEAN = "WINDOWS-1252"
 def not_utf8(path: Path, shown: str, error: UnicodeDecodeError) -> Diagnostic:
     """E0802, with the line that converts the file."""
     with path.open("rb") as file:
+        # a guess that the message shows as a command, not one that is read by
         encoding = _MARKS.get(file.read(2), _EUROPEAN)
     reason = f"it is not UTF-8 text (byte {error.start} is {error.object[error.start]:#04x})"
     name = shlex.quote(shown)

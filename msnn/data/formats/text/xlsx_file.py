@@ -26,6 +26,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     Numbers are the doubles of the workbook, formulas the values they had when it was saved. Raises
     SpecError with all faults of the sheet.
     """
+    # once: a workbook is unpacked and parsed each time it is opened
     found = list(sheet_lines(path, dialect, shown))
 
     def lines() -> Iterator[tuple[int, str]]:
@@ -49,6 +50,7 @@ def sheet_lines(
 
 def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
     """The rows of the first sheet with their numbers, cells apart by tabs."""
+    # an optional package without types
     openpyxl: Any = import_module("openpyxl")
     try:
         with warnings.catch_warnings():
@@ -69,6 +71,7 @@ def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
         raise SpecError((errors.unreadable_file(shown, reason),)) from error
     width = max(map(len, rows), default=0)
     return [
+        # rows end at their last cell; the table has as many columns as its longest row
         (number, _CELLS.join([*row, *[""] * (width - len(row))]))
         for number, row in enumerate(rows, start=1)
     ]
@@ -77,6 +80,8 @@ def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
 def _has_formulas(path: Path) -> bool:
     with zipfile.ZipFile(path) as book:
         sheets = (name for name in book.namelist() if name.startswith("xl/worksheets/"))
+        # an opening tag of a formula: opening the workbook twice takes twice as long, and few need
+        # it
         return any(b"<f" in book.read(name) for name in sheets)
 
 
@@ -105,11 +110,14 @@ def _text(cell: object) -> str:
     match cell:
         case None:
             return ""
+        # before numbers: True is an int in Python
         case bool():
             return str(int(cell))
         case float():
+            # the shortest text that reads back as the same double
             return repr(cell)
         case datetime() | date():
             return cell.isoformat()
         case _:
+            # what would be taken for a delimiter, a line or a quote
             return str(cell).replace(_CELLS, " ").replace("\n", " ").replace('"', "'").strip()
