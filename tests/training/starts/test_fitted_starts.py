@@ -178,7 +178,10 @@ def test_a_gradient_holds_the_starts(engine: str) -> None:
 @pytest.mark.parametrize(
     "stage",
     [
-        "epochs: 3, dtype: float64, optimizer: {adam: {lr: 0.05}}, rollout: {horizon: 60, stride: 7}",
+        (
+            "epochs: 3, dtype: float64, optimizer: {adam: {lr: 0.05}},"
+            " rollout: {horizon: 60, stride: 7}"
+        ),
         # with more epochs torch mixes slopes of one epoch's starts with those of the next (0363)
         "epochs: 1, dtype: float64, optimizer: {lbfgs: {iterations: 6}}, rollout: {horizon: 60}",
         "epochs: 3, optimizer: {levenberg_marquardt: {}}, rollout: {horizon: 60, stride: 30}",
