@@ -125,7 +125,7 @@ def two(tmp_path: Path) -> Iterator[Started]:
     found.end()
 
 
-LONG = 1200
+LONG = 600
 """Epochs of a training that is there to be killed: some seconds of two ranks."""
 
 
@@ -135,11 +135,11 @@ def run_of(folder: Path) -> Path:
 
 
 def wait_for(path: Path, process: subprocess.Popen[str], lines: int = 0) -> None:
-    for _ in range(1200):
+    for _ in range(6000):
         if path.is_file() and path.read_bytes().count(b"\n") >= lines:
             return
         assert process.poll() is None, process.communicate()
-        time.sleep(0.1)
+        time.sleep(0.02)
     pytest.fail(f"{path} was not written")
 
 
@@ -183,7 +183,7 @@ def test_a_rank_that_is_killed_ends_the_other_which_keeps_the_state(
     runs = folder / "runs/plant"
     while not runs.is_dir():
         assert two.processes[0].poll() is None, two.ended(0)
-        time.sleep(0.1)
+        time.sleep(0.02)
     run = run_of(folder)
     wait_for(run / "metrics.jsonl", two.processes[0], lines=5)
     two.processes[1].send_signal(signal.SIGKILL)
@@ -211,7 +211,7 @@ def test_the_death_of_the_first_rank_ends_the_others(two: Started, tmp_path: Pat
     runs = folder / "runs/plant"
     while not runs.is_dir():
         assert two.processes[0].poll() is None, two.ended(0)
-        time.sleep(0.1)
+        time.sleep(0.02)
     run = run_of(folder)
     wait_for(run / "checkpoint.safetensors", two.processes[0])
     two.processes[0].send_signal(signal.SIGKILL)

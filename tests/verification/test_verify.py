@@ -76,10 +76,17 @@ def unreached(results: Iterable[dict[str, Any]]) -> set[str]:
     return {note.split(": ", 1)[1] for note in coverage["notes"]}
 
 
+@pytest.fixture(autouse=True)
+def one_level(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All five have their turn with the reference model."""
+    monkeypatch.setattr(levels, "LEVELS", ("-O2",))
+
+
 def test_the_reference_model_on_every_target(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     require(*HOST, *BOARDS)
+    monkeypatch.setattr(levels, "LEVELS", LEVELS)
     folder = exported(spec_of(GALLERY, "reference"), tmp_path)
     code, said = verified(capsys, folder, "--targets", "all", "--proof", "--misra")
     assert code == 0, said

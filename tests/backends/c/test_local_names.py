@@ -72,12 +72,18 @@ def _declared(lines: list[str]) -> dict[str, str]:
     return found
 
 
+@pytest.fixture(scope="module")
+def taken(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """What the step of `TAKEN` declares."""
+    folder = tmp_path_factory.mktemp("taken")
+    return _declared(_step(_program(TAKEN, folder), folder / "c"))
+
+
 @pytest.mark.parametrize("name", ["z_1", "z_1_2", "z_for_k2", "z_der_part", "part", "z_next"])
 def test_an_equation_keeps_its_name_beside_what_an_integrator_names(
-    name: str, tmp_path: Path
+    name: str, taken: dict[str, str]
 ) -> None:
-    found = _declared(_step(_program(TAKEN, tmp_path), tmp_path / "c"))
-    assert re.search(rf"/\* spec: {name}( \[1\])? = ", found[name])
+    assert re.search(rf"/\* spec: {name}( \[1\])? = ", taken[name])
 
 
 def test_such_code_computes_what_it_did(tmp_path: Path) -> None:

@@ -17,6 +17,10 @@ HOST = Path(__file__).with_name("unit_host.c")
 LONGEST = 600
 """Seconds: what hangs is a failure."""
 
+BARE = "-s"
+"""Programs without symbols, as units are: zig compiles the C library of a system once for those
+with and once for those without, a minute of a processor each for Windows."""
+
 
 @dataclass(frozen=True)
 class Machine:
@@ -30,7 +34,7 @@ class Machine:
         """The program that loads units, which `unit_script.py` writes scripts for."""
         # Linux has had its loader in a library of its own
         loader = () if self.platform.suffix == "dll" else ("-ldl",)
-        options = ["-std=c99", "-O1", "-D_POSIX_C_SOURCE=200809L", f"-I{HEADERS}"]
+        options = ["-std=c99", "-O1", BARE, "-D_POSIX_C_SOURCE=200809L", f"-I{HEADERS}"]
         program = folder / f"{self.platform.fmi3}.exe"
         return compiled([*self.compiler, *options, str(HOST)], program, *loader)
 
@@ -41,7 +45,7 @@ class Machine:
 
     def program(self, folder: Path, texts: Sequence[Path], program: Path) -> Path:
         """A program of files that include headers of exported C."""
-        options = ["-std=c99", "-O2", "-ffp-contract=off", f"-I{folder / 'include'}"]
+        options = ["-std=c99", "-O2", BARE, "-ffp-contract=off", f"-I{folder / 'include'}"]
         return compiled([*self.compiler, *options, *map(str, texts)], program, "-lm")
 
     def said(self, program: Path, *arguments: str, script: str = "") -> str:
