@@ -32,6 +32,7 @@ def main() -> NoReturn:
         os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
         interrupt_on_signals()
+        _open_closed_streams()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, TextIOWrapper):
                 # a terminal without UTF-8 shows `?` for a Greek letter instead of failing
@@ -47,6 +48,14 @@ def main() -> NoReturn:
     if looks:
         _leave(code)
     sys.exit(code)
+
+
+def _open_closed_streams() -> None:
+    """Lets a stream that was closed (`>&-`) be read as empty, and written to nowhere."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            # takes the closed one's number, which would be that of the next file that is opened
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
 def _leave(code: int) -> None:

@@ -146,6 +146,25 @@ def test_a_reader_that_has_enough_is_no_error(project: Path):
     assert (found.returncode, found.stderr) == (0, "")
 
 
+@pytest.mark.parametrize("closed", ["<", "", "2"], ids=["stdin", "stdout", "stderr"])
+@pytest.mark.parametrize("words", [f"check {SPEC}", "check -", "schema"])
+def test_a_closed_stream_is_empty_and_takes_all(project: Path, words: str, closed: str):
+    command = f'"{sys.executable}" -c "from msnn.cli.main import main; main()" {words}'
+    shut = f"{closed}&-" if closed == "<" else f"{closed}>&-"
+    found = subprocess.run(
+        ["bash", "-c", f"{command} {shut}"],
+        cwd=project,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        input="",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert found.returncode == (ExitCode.DIAGNOSTICS if words == "check -" else ExitCode.OK)
+    assert "Traceback" not in found.stderr
+    assert "mistake of its own" not in found.stderr
+
+
 def test_a_terminal_without_greek_gets_question_marks(project: Path):
     change(project, "k: {init: 10", "κ: {init: 10")
     change(project, "k*x", "κ*x")
