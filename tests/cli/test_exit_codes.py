@@ -59,6 +59,14 @@ def test_arguments_that_cannot_be_meant_are_usage_errors(
     assert f"Usage: msnn {verb}" in said.err
 
 
+@pytest.mark.parametrize("option", ["-q", "--set=a=1", "--resume"])
+def test_an_option_before_its_verb_is_told_its_place(msnn: CommandLine, option: str):
+    said = msnn(option, "train", SPEC)
+    assert (said.code, said.out) == (ExitCode.USAGE, "")
+    assert f"`{option}` stands before its verb; write `msnn train {option}`" in said.err
+    assert "No such option: --foo" in msnn("--foo").err
+
+
 def test_version_and_help_end_with_0(msnn: CommandLine):
     assert msnn("--version").out.startswith("msnn ")
     said = msnn("--help")
