@@ -14,7 +14,7 @@ def no_run(folder: str, inside: Sequence[str]) -> Diagnostic:
 
 
 def unreadable_run(folder: str, writer: str | None) -> Diagnostic:
-    """E0981: a training run whose files another version, `writer`, or a hand has written."""
+    """E0981: a training run whose files another version or hand has written."""
     message = f"the run in {folder} cannot be read: its files are not as this version writes them"
     repair = (
         "its weights may be good all the same: `msnn validate SPEC --weights "
