@@ -1,7 +1,8 @@
 """Dataclasses whose methods are written when a class is first used, not when its file is imported.
 
 The standard library writes and compiles six functions for a class. A command imports many classes
-that it makes no object of: for a small spec they took a quarter of `msnn check`.
+that it makes no object of, and makes objects of many that it never compares or prints: for a small
+spec those functions took a quarter of `msnn check`.
 """
 
 from __future__ import annotations
@@ -13,13 +14,15 @@ from types import MethodType
 from typing import Any, ClassVar, TypeVar, cast, dataclass_transform, get_origin
 
 _Class = TypeVar("_Class", bound=type)
-_ALWAYS = ("__dataclass_fields__", "__dataclass_params__", "__match_args__", "__init__")
+_FOR_MAKING = ("__dataclass_fields__", "__match_args__", "__init__")
+"""What most classes are asked for: objects that nobody compares or prints need no more."""
 _OF_OPTION = {
     "repr": ("__repr__",),
     "eq": ("__eq__",),
     "order": ("__lt__", "__le__", "__gt__", "__ge__"),
     "frozen": ("__setattr__", "__delattr__"),
 }
+_PLACES = ("__dict__", "__weakref__")
 _WRITING = RLock()  # the standard library refuses a class that another thread has half written
 
 
@@ -46,7 +49,7 @@ def _waiting(written: type, options: Mapping[str, bool], *, slots: bool) -> type
     """A class like the written one that has, or waits for, all that makes it a dataclass."""
     content = dict(vars(written))
     own = _own_fields(content)
-    for name in ("__dict__", "__weakref__", *own):
+    for name in (*_PLACES, *own):
         content.pop(name, None)
     if slots:
         inherited = {name for base in written.__mro__ for name in vars(base).get("__slots__", ())}
@@ -56,13 +59,19 @@ def _waiting(written: type, options: Mapping[str, bool], *, slots: bool) -> type
             content.setdefault("__setstate__", _set_state)
     unfinished = _Unfinished(written, options)
     asked = [name for option, names in _OF_OPTION.items() if options[option] for name in names]
-    for name in (*_ALWAYS, *asked):
+    for name in (*_FOR_MAKING, "__dataclass_params__", *asked):
         content.setdefault(name, _Unwritten(name, unfinished))
     if options["eq"] and options["frozen"] and content.get("__hash__") is None:
         content["__hash__"] = _Unwritten("__hash__", unfinished)
-    unfinished.made = type(written)(written.__name__, written.__bases__, content)
-    unfinished.made.__qualname__ = written.__qualname__
+    unfinished.made = _like(written, content)
     return unfinished.made
+
+
+def _like(written: type, content: dict[str, Any]) -> type:
+    """A class of the same name and bases."""
+    made = type(written)(written.__name__, written.__bases__, content)
+    made.__qualname__ = written.__qualname__
+    return made
 
 
 def _own_fields(content: Mapping[str, Any]) -> list[str]:
@@ -89,26 +98,50 @@ def _set_state(self: Any, state: Sequence[Any]) -> None:
 class _Unfinished:
     """A class as it was written, and the one made of it that waits for its methods."""
 
-    __slots__ = ("_is_finished", "_options", "_written", "made")
+    __slots__ = ("_content", "_has_all", "_has_init", "_options", "_written", "made")
 
     made: type
 
     def __init__(self, written: type, options: Mapping[str, bool]) -> None:
-        self._written, self._options, self._is_finished = written, options, False
+        self._written, self._options = written, options
+        self._content = dict(vars(written))
+        self._has_init = self._has_all = False
 
-    def finish(self) -> None:
-        """Lets the standard library do its work on the written class, and takes it over."""
+    def write(self, name: str) -> None:
+        """Lets the standard library do its work on the written class, and takes it over.
+
+        First what makes objects, then all: its functions are compiled one by one.
+        """
         with _WRITING:
-            if self._is_finished:
+            if self._has_all or (self._has_init and name in _FOR_MAKING):
                 return
-            before = dict(vars(self._written))
-            dataclasses.dataclass(**self._options)(self._written)
-            fields = vars(self._written)["__dataclass_fields__"]
-            for name, value in vars(self._written).items():
-                if name not in fields and before.get(name) is not value:
-                    # put over what waits there, so that no thread finds a class without it
-                    setattr(self.made, name, value)
-            self._is_finished = True
+            if name in _FOR_MAKING:
+                self._take_over(self._written, _only_for_making(self._options))
+                self._has_init = True
+            else:
+                self._take_over(self._as_written(), self._options)
+                self._has_all = True
+
+    def _take_over(self, written: type, options: Mapping[str, bool]) -> None:
+        dataclasses.dataclass(**options)(written)
+        left = {*_PLACES, *vars(written)["__dataclass_fields__"]}
+        if options is not self._options:
+            left.add("__dataclass_params__")  # those of what was asked of the library here
+        for name, value in vars(written).items():
+            if name not in left and self._content.get(name) is not value:
+                # put over what waits there, so that no thread finds a class without it
+                setattr(self.made, name, value)
+
+    def _as_written(self) -> type:
+        """The written class; another one where the standard library has worked on that."""
+        if not self._has_init:
+            return self._written
+        content = {name: value for name, value in self._content.items() if name not in _PLACES}
+        return _like(self._written, content)
+
+
+def _only_for_making(options: Mapping[str, bool]) -> dict[str, bool]:
+    return {**options, "eq": False, "order": False, "repr": False}
 
 
 class _Unwritten:
@@ -120,6 +153,6 @@ class _Unwritten:
         self._name, self._unfinished = name, unfinished
 
     def __get__(self, instance: object, owner: type) -> Any:
-        self._unfinished.finish()
+        self._unfinished.write(self._name)
         found = getattr(self._unfinished.made, self._name)
         return found if instance is None or not callable(found) else MethodType(found, instance)

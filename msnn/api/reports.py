@@ -82,7 +82,7 @@ def report(
         warnings.append(_other_data(were_given=data is not None))
     live = live_model(model, chosen.weights, dataset)
     if isinstance(live, NotLive):
-        warnings.append(errors.no_part("running model", live.reason))
+        warnings.append(errors.no_part("running model", live.reason, live.repair))
     with sources_of(model):
         functions = learned_functions(model, chosen.weights, dataset)
     text = page_text(

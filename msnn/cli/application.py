@@ -15,7 +15,7 @@ import typer
 from msnn.cli.exit_codes import ExitCode
 from msnn.cli.interrupts import is_interrupt
 from msnn.cli.manners import NOW, forget_manners, terminal_width, with_manners
-from msnn.cli.verb_command import VerbCommand
+from msnn.cli.verb_command import VerbCommand, VerbGroup
 from msnn.errors.failures import ReaderGoneError
 from msnn.tables import LINE_WIDTH
 
@@ -53,6 +53,7 @@ def application(verbs: Sequence[str] = VERBS) -> typer.Typer:
     """The command line with these verbs: to read the options of all takes longer than to check."""
     app = typer.Typer(
         name="msnn",
+        cls=VerbGroup,
         help="Model-structured neural networks: check, train, validate and export a spec.",
         epilog="Exit codes: 0 fine, 1 spec or data wrong, 2 command line wrong, 3 limit broken, "
         "4 training diverged, 5 something optional missing, 70 a bug in msnn, 130 interrupted.",

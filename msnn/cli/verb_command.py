@@ -1,10 +1,23 @@
-"""A verb on the command line, which says what to do with a word that it has no place for."""
+"""Verbs on the command line, which say what to do with a word that they have no place for."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
+
+
+class VerbGroup(TyperGroup):
+    """Says where an option belongs that stands before its verb."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As typer does it, but for an option that a verb may know."""
+        first, *others = args or [""]
+        own = {option for parameter in self.get_params(ctx) for option in parameter.opts}
+        verb = next((word for word in others if word in self.commands), None)
+        if first.startswith("-") and first not in own and verb and not ctx.resilient_parsing:
+            ctx.fail(f"`{first}` stands before its verb; write `{ctx.command_path} {verb} {first}`")
+        return super().parse_args(ctx, args)
 
 
 class VerbCommand(TyperCommand):

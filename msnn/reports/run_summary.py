@@ -31,6 +31,7 @@ from msnn.training.records.progress import EpochEnd, StageEnd, leading_epochs
 from msnn.training.records.run_folder import METRICS, PARAMETERS
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.reading.settings import model_settings
+from spec_schema.version import __version__
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,16 @@ def read_run(folder: Path) -> Run:
     try:
         return _checked(folder, description)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SpecError((unreadable_run(str(folder)),)) from error
+        raise SpecError((unreadable_run(str(folder), _other_writer(description)),)) from error
+
+
+def _other_writer(description: Mapping[str, Any]) -> str | None:
+    """The version of msnn that wrote a run, where it is not this one and can be told."""
+    match description.get("versions"):
+        case {"msnn": str(version)} if version != __version__:
+            return version
+        case _:
+            return None
 
 
 def _checked(folder: Path, description: Mapping[str, Any]) -> Run:

@@ -59,6 +59,14 @@ def test_arguments_that_cannot_be_meant_are_usage_errors(
     assert f"Usage: msnn {verb}" in said.err
 
 
+@pytest.mark.parametrize("option", ["-q", "--set=a=1", "--resume"])
+def test_an_option_before_its_verb_is_told_its_place(msnn: CommandLine, option: str):
+    said = msnn(option, "train", SPEC)
+    assert (said.code, said.out) == (ExitCode.USAGE, "")
+    assert f"`{option}` stands before its verb; write `msnn train {option}`" in said.err
+    assert "No such option: --foo" in msnn("--foo").err
+
+
 def test_version_and_help_end_with_0(msnn: CommandLine):
     assert msnn("--version").out.startswith("msnn ")
     said = msnn("--help")
@@ -144,6 +152,25 @@ def test_a_reader_that_has_enough_is_no_error(project: Path):
         check=False,
     )
     assert (found.returncode, found.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("closed", ["<", "", "2"], ids=["stdin", "stdout", "stderr"])
+@pytest.mark.parametrize("words", [f"check {SPEC}", "check -", "schema"])
+def test_a_closed_stream_is_empty_and_takes_all(project: Path, words: str, closed: str):
+    command = f'"{sys.executable}" -c "from msnn.cli.main import main; main()" {words}'
+    shut = f"{closed}&-" if closed == "<" else f"{closed}>&-"
+    found = subprocess.run(
+        ["bash", "-c", f"{command} {shut}"],
+        cwd=project,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        input="",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert found.returncode == (ExitCode.DIAGNOSTICS if words == "check -" else ExitCode.OK)
+    assert "Traceback" not in found.stderr
+    assert "mistake of its own" not in found.stderr
 
 
 def test_a_terminal_without_greek_gets_question_marks(project: Path):

@@ -167,3 +167,19 @@ def test_a_report_takes_the_place_of_no_spec(msnn: CommandLine, project: Path) -
     assert found.code == 2
     assert "does not end with .html" in found.err
     assert Path(SPEC).read_bytes() == before
+
+
+@pytest.mark.parametrize(("writer", "is_told"), [("9.0.0", True), (None, False)])
+def test_a_run_of_another_version_names_the_one_that_reads_it(
+    writer: str | None, is_told: bool, msnn: CommandLine, run: Path
+):
+    file = run / "run.json"
+    description = json.loads(file.read_text(encoding="utf-8")) | {"format": 2}
+    if writer is not None:
+        description["versions"]["msnn"] = writer
+    file.write_text(json.dumps(description), encoding="utf-8")
+    said = msnn("show", str(run))
+    assert said.code == 1
+    assert "error[E0981]" in said.err
+    assert ("msnn 9.0.0 has written them, and reads them" in said.err) is is_told
+    assert ("has written" in said.err) is is_told

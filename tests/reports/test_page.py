@@ -92,6 +92,8 @@ def test_without_zig_the_model_does_not_run_and_the_page_says_so(
     assert not written.is_live
     (warning,) = [each for each in written.warnings if each.code == "W0809"]
     assert "ziglang" in warning.message
+    assert (warning.help or "").startswith("pip install ")
+    assert "[zig]'" in (warning.help or "")
     assert data_of(written.path.read_text(encoding="utf-8"))["live"] is None
 
 

@@ -13,6 +13,7 @@ from msnn.api.reports import WrittenReport
 from tests.conditions import require_package
 from tests.reports.browser import opened, wait
 
+NO_BARS = "[...document.querySelectorAll('.scroll')].every(e => e.offsetWidth - e.clientWidth < 3)"
 GOLDEN = "document.getElementById('golden').classList.contains('good')"
 
 
@@ -117,5 +118,6 @@ def test_nobody_is_shut_out(written: WrittenReport, width: int, dark: bool):
         violations = axe.run()["violations"]
         assert violations == [], axe.report(violations)
         assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+        assert browser.execute_script(f"return {NO_BARS}")  # what scrolls, scrolls aside
         assert browser.get_log("browser") == []
         assert browser.title.startswith("plant")  # what a doc says is no script

@@ -78,6 +78,17 @@ def test_whatever_is_used_first_is_as_in_the_standard_library(options: dict[str,
     assert _outcome(_USES[use], late) == _outcome(_USES[use], at_once)
 
 
+@pytest.mark.parametrize("first", _USES)
+@pytest.mark.parametrize("options", _OPTIONS, ids=" ".join)
+def test_whatever_is_used_second_too(options: dict[str, bool], first: str):
+    for second in _USES:
+        late, at_once = (_point(make, options) for make in (dataclass, dataclasses.dataclass))
+        for use in (first, second):
+            found, expected = (_outcome(_USES[use], point) for point in (late, at_once))
+            assert found == expected, (first, second)
+        assert repr(late.__dataclass_params__) == repr(at_once.__dataclass_params__)
+
+
 @dataclass(frozen=True, slots=True)
 class _Base:
     x: int
@@ -131,5 +142,8 @@ def test_threads_may_use_one_first_at_once():
 def test_nothing_is_written_before_it_is_used():
     made = _point(dataclass, {"frozen": True, "slots": True})
     assert not callable(vars(made)["__init__"])
-    made(1)
+    one = made(1, z=())
     assert callable(vars(made)["__init__"])
+    assert not callable(vars(made)["__eq__"])
+    assert one == one
+    assert callable(vars(made)["__hash__"])

@@ -1,4 +1,4 @@
-"""W0807-W0809: starts of runs that are found by least squares."""
+"""W0807 and W0808: starts of runs that are found by least squares."""
 
 from __future__ import annotations
 

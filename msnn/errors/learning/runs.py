@@ -13,14 +13,15 @@ def no_run(folder: str, inside: Sequence[str]) -> Diagnostic:
     return error("E0980", None, f"{folder} is no training run: there is no run.json", help=repair)
 
 
-def unreadable_run(folder: str) -> Diagnostic:
+def unreadable_run(folder: str, writer: str | None) -> Diagnostic:
     """E0981: a training run whose files another version or hand has written."""
     message = f"the run in {folder} cannot be read: its files are not as this version writes them"
     repair = (
         "its weights may be good all the same: `msnn validate SPEC --weights "
         f"{folder}/weights.safetensors`"
     )
-    return error("E0981", None, message, help=repair)
+    notes = () if writer is None else (f"msnn {writer} has written them, and reads them",)
+    return error("E0981", None, message, notes=notes, help=repair)
 
 
 def not_reproducible(stage: str, reason: str, span: Span | None) -> Diagnostic:

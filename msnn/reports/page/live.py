@@ -44,9 +44,10 @@ class LiveModel:
 
 @dataclass(frozen=True, slots=True)
 class NotLive:
-    """Why the page has no running model."""
+    """Why the page has no running model, and what gives it one."""
 
     reason: str
+    repair: str | None = None
 
 
 def live_model(
@@ -68,9 +69,9 @@ def live_model(
             exported = read_exported_c(folder)
             module = web_assembly(exported, build)
         except MissingExtraError as error:
-            return NotLive(str(error))
+            return NotLive(str(error), error.diagnostic.help)
         except SpecError as error:
-            return NotLive(error.diagnostics[0].message)
+            return NotLive(error.diagnostics[0].message, error.diagnostics[0].help)
         except CompilerFailedError as error:
             first = error.output.strip().partition("\n")[0]
             return NotLive(f"zig did not compile its C to WebAssembly: {first}")
