@@ -15,6 +15,7 @@ from msnn.importing.terms.terms import (
     call,
     exponential,
     infix,
+    minus,
     number,
     plus,
     quotient,
@@ -149,9 +150,11 @@ def matmul(left: Elements, right: Elements) -> Elements:
 
 
 def softmax(array: Elements, dim: int) -> Elements:
-    """Shares that sum to 1 along an axis."""
-    powers = elementwise(exponential, array)
-    return elementwise(quotient, powers, summed(powers, dim, keepdim=True))
+    """Shares that sum to 1 along an axis, 1 / Σⱼ exp(xⱼ − xᵢ): exp(xᵢ) / Σⱼ exp(xⱼ) overflows."""
+    moved = np.moveaxis(array, dim, -1)
+    above = elementwise(minus, moved[..., None, :], moved[..., :, None])
+    sums = summed(elementwise(exponential, above), -1, keepdim=False)
+    return np.moveaxis(elementwise(quotient, number(1.0), sums), -1, dim)
 
 
 def extreme(name: str, array: Elements, dim: int, keepdim: bool) -> Elements:
