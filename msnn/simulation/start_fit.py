@@ -54,7 +54,7 @@ class FoundStarts:
         for name, values in self.values.items():
             whole = np.zeros((rows, *values.shape[1:]))
             whole[self.t0] = values
-            found[f"{name}.start"] = whole
+            found[start_signal(name)] = whole
         return found
 
 
@@ -76,12 +76,13 @@ class StartFit:
     @property
     def signals(self) -> tuple[str, ...]:
         """The series that say where runs start."""
-        return tuple(start_signal(state) for state in self._states)
+        return tuple(start_signal(state.name) for state in self._states)
 
     def blank(self, rows: int) -> dict[str, FloatArray]:
         """These series before anything is found."""
         return {
-            start_signal(state): np.zeros((rows, *Type(state.axes).shape)) for state in self._states
+            start_signal(state.name): np.zeros((rows, *Type(state.axes).shape))
+            for state in self._states
         }
 
     def find(
@@ -111,7 +112,7 @@ class StartFit:
             some = runs.take(members)
             for name, part in self._parts(values):
                 # starts are series that the program reads in the row where a run begins
-                log[f"{name}.start"][some.t0] = part
+                log[start_signal(name)][some.t0] = part
             return self._products(judge, log, some, shares, rows)
 
         begin = Interpreter(self._program, weights).start(series, runs.t0)
