@@ -253,14 +253,10 @@ def uncertain_starts(found: FoundStarts, data: Dataset, wanted_by: str) -> list[
     lost = {name: one for name, one in found.undecided.items() if one.any()}
     if lost:
         some = np.any([*lost.values()], axis=0)
-        place = _place(data, int(found.t0[np.argmax(some)]))
+        place = data.place(int(found.t0[np.argmax(some)]))
         diagnostics.append(errors.undecided_start([*lost], wanted_by, place, int(some.sum())))
     if found.unsettled.any():
-        place = _place(data, int(found.t0[np.argmax(found.unsettled)]))
+        place = data.place(int(found.t0[np.argmax(found.unsettled)]))
         count = int(found.unsettled.sum())
         diagnostics.append(errors.unsettled_start([*found.values], wanted_by, place, count))
     return diagnostics
-
-
-def _place(data: Dataset, row: int) -> str:
-    return next(record.place(row) for record in data.records if record.start <= row < record.stop)
