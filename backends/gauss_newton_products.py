@@ -64,6 +64,9 @@ class Products:
         return self.left_out >= (1.0 - _ROUNDED) * self.count
 
     def __add__(self, other: Products) -> Products:
+        # starts of other runs are other unknowns: whoever has some joins them
+        assert self.starts is None
+        assert other.starts is None
         return Products(
             self.curvature + other.curvature,
             self.slope + other.slope,

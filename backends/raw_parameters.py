@@ -6,6 +6,7 @@ above one minimum + scale·softplus(raw); below one maximum − scale·softplus(
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from functools import lru_cache
 
@@ -97,10 +98,14 @@ def physical_slope(parameter: Parameter, raw: FloatArray) -> FloatArray:
 def _inside(parameter: Parameter, physical: FloatArray) -> FloatArray:
     low, high = parameter.minimum, parameter.maximum
     span = high - low if low is not None and high is not None else abs(parameter.scale)
+    # the margin of a range that is narrow beside its bounds is lost in their rounding: there the
+    # next number is off the bound
     if low is not None:
-        physical = np.maximum(physical, low + BOUND_MARGIN * span)
+        inner = max(low + BOUND_MARGIN * span, math.nextafter(low, math.inf))
+        physical = np.maximum(physical, inner)
     if high is not None:
-        physical = np.minimum(physical, high - BOUND_MARGIN * span)
+        inner = min(high - BOUND_MARGIN * span, math.nextafter(high, -math.inf))
+        physical = np.minimum(physical, inner)
     return physical
 
 

@@ -41,7 +41,7 @@ def _reduced_axes(
     over = option(call, "over")
     if over is None:
         if environment.window is not None:
-            context.findings.report(time.window_not_yet("a reduction", call.span))
+            context.findings.report(time.unkept_past("a reduction", call.span))
             raise LoweringFailed
         return [axis.name for axis in axes]
     chosen = over.elements if isinstance(over, ListLiteral) else (over,)

@@ -10,9 +10,9 @@ from compiler.ir.program import Parameter, Program, Role, Signal, State
 from compiler.ir.types import Type
 
 
-def start_signal(state: State) -> str:
-    """The series whose row t0 has the value from which a run at t0 starts."""
-    return f"{state.name}.start"
+def start_signal(state: str) -> str:
+    """The series whose row t0 has the value from which a state starts in a run at t0."""
+    return f"{state}.start"
 
 
 def offset_parameter(state: State) -> str:
@@ -62,7 +62,7 @@ def _with_starts(program: Program, offsets: Mapping[str, str]) -> Program:
             states.append(state)
             continue
         type = Type(state.axes, state.unit)
-        name = start_signal(state)
+        name = start_signal(state.name)
         start = builder.log(name, 0, 0, type)
         if state.name in offsets:
             start = builder.add(start, builder.parameter(offsets[state.name], type))

@@ -168,7 +168,7 @@ def _lower_contraction(
         left_type, right_type = builder.type(left), builder.type(right)
         # The window of the context is not the one that the user means to sum over.
         if left_type.window is not None or contracted(left_type.axes, right_type.axes)[1] == WINDOW:
-            context.findings.report(time.window_not_yet("a contraction over time", binary.span))
+            context.findings.report(time.unkept_past("a contraction over time", binary.span))
             raise LoweringFailed
     return builder.contract(left, right)
 

@@ -9,8 +9,9 @@ from compiler.linking.connected import Connected
 from compiler.lowering.context import Context
 from compiler.lowering.environment import STEP
 from compiler.lowering.failure import LoweringFailed
-from spec_schema.errors import schema, units
+from spec_schema.errors import schema
 from spec_schema.sections.signals import Equation
+from spec_schema.units.conversion import converted
 from spec_schema.units.quantity import Quantity, Range
 from spec_schema.units.unit import Unit
 
@@ -38,21 +39,18 @@ def range_in(
 
 def limit_in(context: Context, limit: Quantity, unit: Unit | None) -> float:
     """A limit in the unit of what it limits. Raises LoweringFailed as above."""
-    if limit.unit is None or unit is None:
-        return limit.value
-    if not limit.unit.same_dimension(unit):
-        context.findings.report(units.incomparable_unit(limit.unit.text, unit.text, limit.span))
+    number = converted(limit, unit, context.findings)
+    if number is None:
         raise LoweringFailed
-    return limit.unit.convert(limit.value, unit)
+    return number
 
 
 def width_in(context: Context, width: Quantity, unit: Unit | None) -> float:
     """A distance between two values in their unit, in which offsets of units have no part."""
-    limit_in(context, width, unit)  # reports what cannot be compared
-    if width.unit is None or unit is None:
-        return width.value
-    # scales alone: 10 K wide is 10 degC wide
-    return width.value * width.unit.factor_to(unit)
+    number = converted(width, unit, context.findings, is_distance=True)
+    if number is None:
+        raise LoweringFailed
+    return number
 
 
 def signal_ranges(context: Context) -> dict[str, tuple[float, float]]:

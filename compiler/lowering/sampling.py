@@ -31,7 +31,8 @@ class Sampling:
             case Duration():
                 found = self.from_seconds(length.seconds, length.quantity.text, length.span)
         if abs(found) > LONGEST_WINDOW:
-            self._findings.report(errors.window_too_long(found, LONGEST_WINDOW, length.span))
+            shown = f"{'at least ' if found == _BEYOND else ''}{found:,}"
+            self._findings.report(errors.window_too_long(shown, LONGEST_WINDOW, length.span))
             raise LoweringFailed
         return found
 

@@ -112,6 +112,10 @@ class Dataset:
         """The record that a row belongs to."""
         return next(record for record in self.records if record.start <= row < record.stop)
 
+    def place(self, row: int) -> str:
+        """`row 17 of train/a.csv`, for messages."""
+        return self.record_of(row).place(row)
+
     def has(self, name: str) -> bool:
         """Whether any row belongs to the set."""
         return bool(self.in_set(name).any())

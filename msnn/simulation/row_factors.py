@@ -1,4 +1,4 @@
-"""Looks at the factors of rows before anything is trained or measured by them."""
+"""Looks at the factors and classes of rows before anything is trained or measured by them."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.program import Loss, Output, Program
+from compiler.ir.program import Loss, Measure, Output, Program
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray
 from msnn.data.starts import Runs
-from msnn.errors.data.rows import unfit_factor
+from msnn.errors.data.rows import no_class, unfit_factor
 from spec_schema.diagnostics.diagnostic import Findings
 
 _AT_ONCE = 1 << 16
@@ -33,15 +33,26 @@ def check_row_factors(
         t = _evaluated(runs, data.rows)
         if rows is not None:
             t = t[rows[loss.name][t]]
-        factors = _factors(program, loss, loss.rows, data, t)
+        factors = _of_rows(program, loss, loss.rows, data, t)
         bad = np.flatnonzero(~(np.isfinite(factors) & (factors >= 0)))
         if len(bad):
-            row = int(t[bad[0]])
-            value = float(factors[bad[0]])
-            found = unfit_factor(
-                loss.entry, value, data.record_of(row).place(row), len(bad), loss.span
-            )
-            findings.report(found)
+            place, value = data.place(int(t[bad[0]])), float(factors[bad[0]])
+            findings.report(unfit_factor(loss.entry, value, place, len(bad), loss.span))
+
+
+def check_classes(program: Program, data: Dataset, runs: Runs, findings: Findings) -> None:
+    """Reports numbers that are no class of a cross-entropy, in rows that rollouts evaluate."""
+    for loss in program.losses:
+        # of the measures with a target a mean alone has marks: NaN is missing, 0 is a class
+        if loss.measure is not Measure.MEAN or loss.target is None:
+            continue
+        t = _evaluated(runs, data.rows)
+        marks = _of_rows(program, loss, loss.target, data, t).reshape(len(t), -1)
+        bad = np.argwhere((marks != 0) & ~np.isnan(marks))
+        if len(bad):
+            row, element = bad[0]
+            place, value = data.place(int(t[row])), float(marks[row, element])
+            findings.report(no_class(loss.entry, value, place, len(bad), loss.span))
 
 
 def _evaluated(runs: Runs, rows: int) -> IntArray:
@@ -54,7 +65,8 @@ def _evaluated(runs: Runs, rows: int) -> IntArray:
     return np.flatnonzero(np.cumsum(changes[:-1]))
 
 
-def _factors(program: Program, loss: Loss, node: int, data: Dataset, t: IntArray) -> FloatArray:
+def _of_rows(program: Program, loss: Loss, node: int, data: Dataset, t: IntArray) -> FloatArray:
+    """A value of the log alone, in each of these rows."""
     output = Output(loss.name, node)
     # factors read the log alone: nothing else of the step is computed
     alone = replace(program, outputs=(output,), losses=(), states=(), expected=(), fits=())
@@ -63,4 +75,4 @@ def _factors(program: Program, loss: Loss, node: int, data: Dataset, t: IntArray
         judge.step(data.series, t[begin : begin + _AT_ONCE], {}, losses=False).outputs[loss.name]
         for begin in range(0, len(t), _AT_ONCE)
     ]
-    return np.concatenate([np.zeros(0), *parts])
+    return np.concatenate(parts) if parts else np.zeros(0)

@@ -55,7 +55,7 @@ class FoundStarts:
             # only the rows t0 are ever read
             whole = np.zeros((rows, *values.shape[1:]))
             whole[self.t0] = values
-            found[f"{name}.start"] = whole
+            found[start_signal(name)] = whole
         return found
 
 
@@ -77,12 +77,13 @@ class StartFit:
     @property
     def signals(self) -> tuple[str, ...]:
         """The series that say where runs start."""
-        return tuple(start_signal(state) for state in self._states)
+        return tuple(start_signal(state.name) for state in self._states)
 
     def blank(self, rows: int) -> dict[str, FloatArray]:
         """These series before anything is found."""
         return {
-            start_signal(state): np.zeros((rows, *Type(state.axes).shape)) for state in self._states
+            start_signal(state.name): np.zeros((rows, *Type(state.axes).shape))
+            for state in self._states
         }
 
     def find(
@@ -113,7 +114,7 @@ class StartFit:
             some = runs.take(members)
             for name, part in self._parts(values):
                 # starts are series that the program reads in the row where a run begins
-                log[f"{name}.start"][some.t0] = part
+                log[start_signal(name)][some.t0] = part
             return self._products(judge, log, some, shares, rows)
 
         begin = Interpreter(self._program, weights).start(series, runs.t0)
@@ -255,12 +256,10 @@ def uncertain_starts(found: FoundStarts, data: Dataset, wanted_by: str) -> list[
     lost = {name: one for name, one in found.undecided.items() if one.any()}
     if lost:
         some = np.any([*lost.values()], axis=0)
-        row = int(found.t0[np.argmax(some)])
-        place = data.record_of(row).place(row)
+        place = data.place(int(found.t0[np.argmax(some)]))
         diagnostics.append(errors.undecided_start([*lost], wanted_by, place, int(some.sum())))
     if found.unsettled.any():
-        row = int(found.t0[np.argmax(found.unsettled)])
-        place = data.record_of(row).place(row)
+        place = data.place(int(found.t0[np.argmax(found.unsettled)]))
         count = int(found.unsettled.sum())
         diagnostics.append(errors.unsettled_start([*found.values], wanted_by, place, count))
     return diagnostics

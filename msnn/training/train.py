@@ -86,7 +86,6 @@ def train(
         folder=folder,
         curves=curves,
         progress=noted,
-        warnings=findings.in_order,
         options=options,
         safe=Safekeeping(folder, noted, options.most_lost),
         reached=Reached(begin),

@@ -21,6 +21,7 @@ class TrainingResult:
     stages: tuple[StageResult, ...]
     folder: Path | None
     warnings: tuple[Diagnostic, ...]
+    """Of the data, of the stages, and of what happened while they ran; each once."""
     standard_errors: StandardErrors | None = None
     """Of a run that is kept in a folder and came to its end."""
 

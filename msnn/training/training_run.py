@@ -58,7 +58,6 @@ class TrainingRun:
     folder: RunFolder | None
     curves: Curves | None
     progress: NotedProgress
-    warnings: tuple[Diagnostic, ...]
     options: TrainingOptions
     safe: Safekeeping
     reached: Reached
@@ -221,5 +220,5 @@ class TrainingRun:
     def _result(self, weights: Mapping[str, FloatArray], now: Checkpoint) -> TrainingResult:
         path = None if self.folder is None else self.folder.path
         return TrainingResult(
-            weights=weights, stages=now.ended, folder=path, warnings=self.warnings
+            weights=weights, stages=now.ended, folder=path, warnings=self.progress.said
         )

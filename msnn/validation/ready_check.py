@@ -9,7 +9,7 @@ from compiler.ir.liveness import Extent
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
-from msnn.simulation.row_factors import check_row_factors
+from msnn.simulation.row_factors import check_classes, check_row_factors
 from msnn.simulation.start_fit import with_starts
 from msnn.validation.plan import CheckPlan, default_set
 from spec_schema.diagnostics.diagnostic import Findings
@@ -61,6 +61,7 @@ def ready_check(
     if plan.metric is None:
         counted = counted_rows(plan.rollout, measured, name)
         check_row_factors(plan.rollout.program, measured, runs, counted, findings)
+        check_classes(plan.rollout.program, measured, runs, findings)
     return ReadyCheck(plan=plan, name=name, runs=runs, data=measured, series=measured.series)
 
 

@@ -34,10 +34,14 @@ def window_of_window(span: Span) -> Diagnostic:
     return error("E0604", span, "a window of a window", "this is a window already", help=repair)
 
 
-def window_not_yet(what: str, span: Span) -> Diagnostic:
-    """E0605: a window that this version cannot take."""
-    message = f"a window of {what} is not in this version of msnn"
-    return error("E0605", span, message, "planned, not available yet")
+def unkept_past(what: str, span: Span) -> Diagnostic:
+    """E0605: a window of a formula with a part whose past is not kept."""
+    message = f"the past of {what} is not kept for the window around it"
+    repair = (
+        "give it a name in `equations:`, with a `history:`, and take the window of that name: "
+        "`e: {expr: sum(x), history: 0}` and `e.past(3)`"
+    )
+    return error("E0605", span, message, "has no name", help=repair)
 
 
 def future_of(what: str, span: Span) -> Diagnostic:
@@ -53,10 +57,11 @@ def bad_length(span: Span) -> Diagnostic:
     return error("E0607", span, "a window needs at least one sample", "too short")
 
 
-def window_too_long(samples: int, limit: int, span: Span) -> Diagnostic:
+def window_too_long(samples: str, limit: int, span: Span) -> Diagnostic:
     """E0608: a window beyond any use, most likely a wrong unit."""
-    message = f"a window of {samples} samples; at most {limit} are allowed"
-    return error("E0608", span, message, "too long", help="check the unit of the duration")
+    message = f"the window has {samples} samples; at most {limit:,} are allowed"
+    repair = "check the unit of the duration, or count the samples: `window: 20`, `x.past(20)`"
+    return error("E0608", span, message, "too long", help=repair)
 
 
 def target_in_step(name: str, output: str, span: Span) -> Diagnostic:

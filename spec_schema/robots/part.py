@@ -9,7 +9,6 @@ from typing import cast
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText, Span
 from spec_schema.errors import robots as errors
-from spec_schema.errors import units as unit_errors
 from spec_schema.fields.located import Located
 from spec_schema.robots.bodies import Tree, tree_of
 from spec_schema.robots.geometry import Vector, cholesky, multiple, product, times, transposed
@@ -18,6 +17,7 @@ from spec_schema.robots.robot import BASE_JOINTS, Body, BodyPoint, Robot
 from spec_schema.robots.urdf import Urdf, read_urdf
 from spec_schema.sections import robots as sections
 from spec_schema.sections.spec import Spec
+from spec_schema.units.conversion import converted
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import Unit
@@ -161,13 +161,8 @@ def _armature(
 
 
 def _in(quantity: Quantity, unit: Unit, findings: Findings) -> float:
-    if quantity.unit is None:
-        return quantity.value
-    if not quantity.unit.same_dimension(unit):
-        wanted, found = unit.text, quantity.unit.text
-        findings.report(unit_errors.incomparable_unit(found, wanted, quantity.span))
-        return quantity.value
-    return quantity.unit.convert(quantity.value, unit)
+    number = converted(quantity, unit, findings)
+    return quantity.value if number is None else number
 
 
 def _frames(entry: sections.Robot, tree: Tree, findings: Findings) -> Mapping[str, BodyPoint]:

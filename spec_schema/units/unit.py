@@ -107,27 +107,30 @@ class Unit:
 
     def in_si(self, value: float) -> float:
         """The number in SI units, rounded once: 10 us is 1e-05 s, which 10 · 1e-06 is not."""
-        # a scale such as 1e-6 is a decimal number that no float is: the product of the decimal
-        # texts is exact, and so is that of the rounded floats only for some
-        exact = Decimal(repr(value)) * Decimal(repr(self.scale))
-        return float(exact) + self.offset
+        return float(_exact(value) * _exact(self.scale)) + self.offset
 
-    def convert(self, value: float, target: "Unit") -> float:
-        """The number in `target` that means `value` in this unit; ValueError if not comparable."""
+    def convert(self, value: float, target: "Unit", *, is_distance: bool = False) -> float:
+        """The number in `target` that means `value` in this unit; ValueError if not comparable.
+
+        A distance between two values has no part in the offsets of units. Beyond floats: infinite.
+        """
         if not self.same_dimension(target):
             message = f"{self.text} does not convert to {target.text}"
             raise ValueError(message)
         # to the bit: a unit written in another way must not round the number
         if self.same_as(target):
             return value
-        return (value * self.scale + self.offset - target.offset) / target.scale
+        base = _exact(value) * _exact(self.scale)
+        if not is_distance:
+            base += _exact(self.offset) - _exact(target.offset)
+        return float(base / _exact(target.scale))
 
     def factor_to(self, target: "Unit") -> float:
         """The factor from differences in this unit to differences in `target`."""
         if not self.same_dimension(target):
             message = f"{self.text} does not convert to {target.text}"
             raise ValueError(message)
-        return self.scale / target.scale
+        return float(_exact(self.scale) / _exact(target.scale))
 
 
 ONE = Unit(_NO_EXPONENTS, 1.0)
@@ -152,6 +155,11 @@ def _unit_of_row(symbol: str, row: UnitRow, prefix_scale: float) -> Unit:
 
 def _without_angle(exponents: Exponents) -> Exponents:
     return exponents[:_ANGLE] + exponents[_ANGLE + 1 :]
+
+
+def _exact(number: float) -> Decimal:
+    """The decimal number that is meant: no float is 1e-6, and products would show it."""
+    return Decimal(repr(number))
 
 
 def _reduced(number: Rational) -> Rational:

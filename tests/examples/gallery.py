@@ -8,6 +8,13 @@ import sys
 from pathlib import Path
 
 GALLERY = Path(__file__).resolve().parents[2] / "examples" / "gallery"
+EXAMPLES = sorted(
+    path
+    for path in GALLERY.parent.glob("**/*.msnn.yaml")
+    # what was trained there keeps specs of its own
+    if "runs" not in path.relative_to(GALLERY.parent).parts
+)
+"""The specs of all examples."""
 NAMES = sorted(path.name.removesuffix(".msnn.yaml") for path in GALLERY.glob("*.msnn.yaml"))
 
 

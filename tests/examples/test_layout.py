@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from spec_schema.editors.format_spec import format_spec
+from tests.examples.gallery import EXAMPLES
 
 ROOT = Path(__file__).parents[2]
-SHOWN = sorted([*ROOT.glob("examples/**/*.msnn.yaml"), *ROOT.glob("tests/language/drafts/*.yaml")])
+SHOWN = [*EXAMPLES, *sorted(ROOT.glob("tests/language/drafts/*.yaml"))]
 
 
 @pytest.mark.parametrize("path", SHOWN, ids=lambda path: path.name)

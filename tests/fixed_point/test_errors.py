@@ -79,6 +79,16 @@ def test_the_export_shows_its_error(tmp_path: Path) -> None:
     assert "| input | `u` | 10 | -20480 | 20480 |" in readme
 
 
+def test_without_a_compiler_fewer_steps_are_run_and_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", "no-such-compiler")
+    plan = planned(fixed_model(tmp_path, gallery_text("reference"), "q15"))
+    write_export(plan, {}, tmp_path / "c")
+    table = plan.target.tell(plan, tmp_path / "c")
+    assert table.startswith("Error of q15 against float64, seen over 10,000 steps:")
+
+
 @pytest.mark.parametrize("dtype", ["q15", "q31"])
 @pytest.mark.parametrize(
     "formula", ["where(u <= 0.5, 1, -1)", "where(u <= 0.5, 1.3, 0.3)", "sign(u) + 0.001"]

@@ -50,6 +50,11 @@ def _formula(body: str) -> str:
         ("    return torch.stack([x, x * 2])[1]\n", "x * 2"),
         ("    return (x.unsqueeze(-1) @ torch.tensor([[2.0]])).squeeze(-1)\n", "x * 2"),
         ("    return torch.einsum('bwi,io->bwo', x, torch.eye(1) * 2)\n", "x * 2"),
+        # exp(x) / (exp(x) + exp(2 x)) is NaN from x = 355 on
+        (
+            "    return torch.softmax(torch.cat((x, x * 2), dim=2), dim=2)[:, :, 1:]\n",
+            "1 / (exp(x - x * 2) + exp(x * 2 - x * 2))",
+        ),
         ("    return x.expand(-1, -1, 3).mean(dim=-1, keepdim=True)\n", "(x + x + x) / 3"),
         # names of a comprehension end with it
         ("    i = 5\n    y = [x + i for i in range(2)]\n    return y[0] * i\n", "x * 5"),

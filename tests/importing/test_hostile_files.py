@@ -170,7 +170,10 @@ def test_a_spec_that_does_not_compile_is_not_written(tmp_path: Path) -> None:
     file.write_text(json.dumps(saved(Inputs=inputs, Relations=relations)), encoding="utf-8")
     with pytest.raises(SpecError) as caught:
         import_nnodely(file)
-    assert caught.value.diagnostics[0].code == "E1317"
+    (found,) = caught.value.diagnostics
+    assert found.code == "E1317"
+    assert found.help is not None
+    assert found.help.startswith("where the reason is a limit, make the model smaller")
     assert [path.name for path in tmp_path.iterdir()] == ["model.json"]
 
 

@@ -25,7 +25,7 @@ from tests.language_server.test_diagnostics import SPECS, text_of
 
 ROOT = Path(__file__).parents[2]
 GOOD = sorted((ROOT / "tests" / "spec_schema" / "good").glob("*.*"))
-GALLERY = sorted((ROOT / "examples" / "gallery").rglob("*.msnn.yaml"))
+GALLERY = sorted((ROOT / "examples" / "gallery").glob("*.msnn.yaml"))
 _PLACES = 12
 
 

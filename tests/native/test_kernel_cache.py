@@ -163,6 +163,12 @@ def test_a_sticky_folder_protects_what_lies_in_it(tmp_path: Path) -> None:
     assert why_folder_is_not_trusted(shared / "mine") is None
     assert why_folder_is_not_trusted(shared) == f"others may write to {shared}"
     assert why_folder_is_not_trusted(shared, is_above=True) is None
+    # but somebody may replace the shared folder with all that lies in it
+    (outer := tmp_path / "outer").mkdir()
+    outer.chmod(0o777)
+    (outer / "shared" / "mine").mkdir(parents=True)
+    (outer / "shared").chmod(0o1777)
+    assert why_folder_is_not_trusted(outer / "shared" / "mine") == f"others may write to {outer}"
     (shared / "mine").chmod(0o702)
     assert why_folder_is_not_trusted(shared / "mine") == f"others may write to {shared / 'mine'}"
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from backends.gauss_newton_products import Products
 from backends.native.kernel import Kernel
-from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
+from backends.native.rollouts.sensitivity_kernel import STACK, SensitivityKernel, with_stack
 from compiler.differentiation.sensitivities import Sensitivities, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.interpreter.interpreter import Interpreter
@@ -156,3 +156,14 @@ def test_some_parameters_and_missing_targets() -> None:
         assert products.count == there.sum()
         if measure is Measure.MSE:
             assert products.squares == pytest.approx(products.cost, rel=1e-13)
+
+
+@pytest.mark.parametrize("needed", [STACK, STACK + 1])
+def test_what_runs_on_a_stack_of_its_own_raises_here(needed: int) -> None:
+    """The exception of a thread that is only joined leaves sums of nothing."""
+
+    def fail() -> None:
+        raise MemoryError
+
+    with pytest.raises(MemoryError):
+        with_stack(needed, fail)

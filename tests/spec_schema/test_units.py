@@ -116,7 +116,10 @@ def test_conversion(value: float, unit: str, target: str, expected: float) -> No
 @pytest.mark.parametrize(("unit", "exponent"), [("us", -6), ("ms", -3)])
 def test_short_times_are_the_nearest_number(text: str, unit: str, exponent: int) -> None:
     """10 us was 9.999999999999999e-06 s."""
-    assert parse_unit(unit).in_si(float(text)) == float(Decimal(text).scaleb(exponent))
+    nearest = float(Decimal(text).scaleb(exponent))
+    assert parse_unit(unit).in_si(float(text)) == nearest
+    assert parse_unit(unit).convert(float(text), parse_unit("s")) == nearest
+    assert parse_unit(unit).convert(float(text), parse_unit("s"), is_distance=True) == nearest
 
 
 def test_incomparable_units_do_not_convert() -> None:

@@ -69,7 +69,7 @@ def filter_unit(
     ]
     # C has no empty struct: without inputs there is no member
     members = [f"{prefix}_in_t u;"] if given else []
-    members += [f"{prefix}_measured_t measured;", "bool has_begun;"]
+    members += [f"{prefix}_measured_t measured;", "uint8_t has_begun;"]
     return OnlineUnit(
         kind="window" if is_window else "filter",
         prefix=prefix,

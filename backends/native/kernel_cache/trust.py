@@ -13,7 +13,7 @@ def why_folder_is_not_trusted(folder: Path, *, is_above: bool = False) -> str | 
     """Who but this user and root may change what lies in a folder; None where nobody may.
 
     `folder` has no symbolic link in it (`os.path.realpath`) and exists. It and every folder above
-    it belong to the user or to root and are closed to others, up to one with the sticky bit
+    it belong to the user or to root and are closed to others, but for those with the sticky bit
     (`/tmp`), in which nobody can replace what belongs to somebody else. Such a one will do itself
     where it only `is_above` the folder that is meant. Raises OSError. Windows keeps the folders of
     a user's profile from others by lists that are not read here.
@@ -30,8 +30,6 @@ def why_folder_is_not_trusted(folder: Path, *, is_above: bool = False) -> str | 
         sticky = bool(found.st_mode & stat.S_ISVTX) and (is_above or place != folder)
         if not sticky and _others_may_write(found):
             return f"others may write to {place}"
-        if sticky:
-            return None
     return None
 
 

@@ -6,6 +6,7 @@ import ctypes
 import re
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +73,7 @@ class SensitivityKernel(LaneLibrary):
                 pointer(found),
             )
 
-        _with_stack(self._stack, add)
+        with_stack(self._stack, add)
         # a mark is 0 or √ of the factor of its row, so that the sum of its squares counts
         marks = found[:, numbers + 1, numbers + 1] if self._marked else np.zeros(losses)
         # the kernel sums blocks up to the diagonal: what is above comes by symmetry
@@ -91,7 +92,7 @@ class SensitivityKernel(LaneLibrary):
         }
 
 
-def _with_stack(needed: int, run: Callable[[], None]) -> None:
+def with_stack(needed: int, run: Callable[[], None]) -> None:
     """Runs it with twice as much stack as its arrays need: here, or in a thread that has so much.
 
     What a thread was not given it does not take: pages of a stack are there when they are touched.
@@ -100,13 +101,14 @@ def _with_stack(needed: int, run: Callable[[], None]) -> None:
         run()
         return
     # a setting of the process, for threads to come: taken back once this one has started
-    usual = threading.stack_size(2 * needed)
-    try:
-        thread = threading.Thread(target=run)
-        thread.start()
-    finally:
-        threading.stack_size(usual)
-    thread.join()
+    with ThreadPoolExecutor(1) as alone:
+        usual = threading.stack_size(2 * needed)
+        try:
+            done = alone.submit(run)
+        finally:
+            threading.stack_size(usual)
+        # what it raises would end the thread alone, and leave sums of nothing
+        done.result()
 
 
 def _stack(text: str, lanes: int) -> int:

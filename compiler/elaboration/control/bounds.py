@@ -19,6 +19,7 @@ from spec_schema.errors import control as errors
 from spec_schema.errors import shapes, units
 from spec_schema.expressions.tree import Expression
 from spec_schema.sections.optimal_control import ControlBound, OptimalControl
+from spec_schema.units.conversion import converted
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import Unit
@@ -38,7 +39,8 @@ def scales_of(section: OptimalControl, program: Program) -> dict[str, float]:
         # an end that is a formula of references has no size before the controller runs
         if bound is None or not (_is_number(bound.min) and _is_number(bound.max)):
             continue
-        ends = [_in_unit(end, entry.unit) for end in (bound.min, bound.max)]
+        # what does not compare is reported where limits are read
+        ends = [converted(end, entry.unit, Findings()) for end in (bound.min, bound.max)]
         if ends[0] is not None and ends[1] is not None and ends[0] < ends[1]:
             found[entry.name] = (ends[1] - ends[0]) / 2
     return found
@@ -127,13 +129,9 @@ def _limits(
             ends.append(None)
             continue
         if _is_number(end):
-            number = _in_unit(end, type.unit)
+            number = converted(end, type.unit, findings)
             if number is None:
-                assert end.unit is not None
-                assert type.unit is not None
-                fault = units.incomparable_unit(end.unit.text, type.unit.text, end.span)
                 # any number: the report ends the compilation, and the other end is still to be read
-                findings.report(fault)
                 number = 0.0
             # a number is an output too: whoever solves reads each limit in one way
             program = _with_number(program, limit(name, key), number, type.unit)
@@ -193,28 +191,14 @@ def _rate(
     """Most change from sample to sample, in the unit of the control."""
     if bound.rate is None or program.sample_time is None:
         return None
-    rate = bound.rate
-    number = rate.value
-    if rate.unit is not None and unit is not None:
-        per_second = unit / _SECOND
-        if not rate.unit.same_dimension(per_second):
-            fault = units.incomparable_unit(rate.unit.text, per_second.text, rate.span)
-            findings.report(fault)
-            return None
-        number *= rate.unit.factor_to(per_second)
+    per_second = None if unit is None else unit / _SECOND
+    number = converted(bound.rate, per_second, findings, is_distance=True)
     # a spec gives it per second, the solver moves once a sample
-    return number * program.sample_time
+    return None if number is None else number * program.sample_time
 
 
 def _is_number(end: Quantity | Expression | None) -> TypeGuard[Quantity]:
     return isinstance(end, Quantity)
-
-
-def _in_unit(end: Quantity, unit: Unit | None) -> float | None:
-    """The number in this unit, None where the two do not compare; a bare one is in it already."""
-    if end.unit is None or unit is None:
-        return end.value
-    return end.unit.convert(end.value, unit) if end.unit.same_dimension(unit) else None
 
 
 def _number(program: Program, end: str | None) -> float | None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from compiler.ir.liveness import needed, needed_over_time
-from compiler.ir.ops import ReadSignal
+from compiler.ir.ops import Apply, Compare, ReadSignal
 from compiler.ir.program import NodeId, Output, Program
 
 
@@ -22,13 +22,17 @@ def signals_in_step(program: Program, node: NodeId) -> set[str]:
 
     A window that holds the newest sample is looked into: its older samples are not of this step.
     """
-    if not _read(program, needed(program.step, [node])):
+    live = needed(program.step, [node])
+    if not _read(program, live):
         return set()
     # specs without such formulas are checked without derivatives
     from compiler.jacobian.jacobian import jacobian
 
-    # ∂/∂u with the states held: what moves those was decided in earlier steps
-    found = jacobian(replace(program, states=(), outputs=(Output("value", node),)))
+    # ∂/∂u with the states held: what moves those was decided in earlier steps. A jump has no slope
+    # and depends all the same: what it is of counts in its place
+    values = [node, *_jumping(program, live)]
+    outputs = tuple(Output(f"value {i}", value) for i, value in enumerate(values))
+    found = jacobian(replace(program, states=(), outputs=outputs))
     # of A, B, C and D the last, ∂y/∂u
     slopes = next(matrix for matrix in found.matrices if matrix.name == "D")
     rows, columns = slopes.shape
@@ -42,6 +46,16 @@ def signals_in_step(program: Program, node: NodeId) -> set[str]:
             for number in range(member.size)
         )
     }
+
+
+def _jumping(program: Program, live: list[bool]) -> Iterator[NodeId]:
+    """What comparisons and signs among these nodes are taken of."""
+    for index, node in program.step:
+        match node.op:
+            case Compare() | Apply(function="sign") if live[index]:
+                yield from node.args
+            case _:
+                pass
 
 
 def _read(program: Program, live: list[bool]) -> set[str]:

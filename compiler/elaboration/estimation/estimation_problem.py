@@ -23,6 +23,7 @@ from spec_schema.errors.control import reversed_bound
 from spec_schema.errors.states import not_closable
 from spec_schema.sections.estimation import Estimator, KalmanFilter, MovingHorizon
 from spec_schema.sections.spec import Spec
+from spec_schema.units.conversion import converted
 from spec_schema.units.quantity import Quantity
 from spec_schema.units.unit import Unit
 
@@ -227,28 +228,26 @@ def _parameters(
 
 def _in_unit(name: str, std: Quantity, unit: Unit | None, findings: Findings) -> float:
     """A deviation in the unit of what deviates; a bare number is in it already."""
-    own = _comparable(name, std, unit, findings)
     # a deviation of 1 °C is one of 1 K: the factor counts, not the offset as it does in `_limit`
-    return std.value if own is None or unit is None else std.value * own.factor_to(unit)
+    number = _converted(name, std, unit, findings, is_distance=True)
+    # any number after a report, which ends the compilation
+    return std.value if number is None else number
 
 
 def _limit(
     name: str, limit: Quantity | None, unit: Unit | None, findings: Findings
 ) -> float | None:
-    if limit is None:
-        return None
-    own = _comparable(name, limit, unit, findings)
-    return limit.value if own is None or unit is None else own.convert(limit.value, unit)
+    return None if limit is None else _converted(name, limit, unit, findings)
 
 
-def _comparable(name: str, written: Quantity, unit: Unit | None, findings: Findings) -> Unit | None:
-    """The unit of what is written; None for a bare number, and for one that says nothing here."""
-    if written.unit is None:
-        return None
-    if unit is None:
+def _converted(
+    name: str,
+    written: Quantity,
+    unit: Unit | None,
+    findings: Findings,
+    *,
+    is_distance: bool = False,
+) -> float | None:
+    if unit is None and written.unit is not None:
         findings.report(units.unit_of_none(name, written.text, written.span))
-        return None
-    if not written.unit.same_dimension(unit):
-        findings.report(units.incomparable_unit(written.unit.text, unit.text, written.span))
-        return None
-    return written.unit
+    return converted(written, unit, findings, is_distance=is_distance)

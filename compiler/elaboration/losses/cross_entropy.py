@@ -24,7 +24,7 @@ def lower_cross_entropy(
 
     z are logits, before any softmax, along their last axis besides the window. The target is p
     along the same axis, or without it the number of the class, counted from 0. Returns the cost
-    and what is NaN where the target is missing, else 0.
+    and what is NaN where the target is missing, a number that is no class where it is one, else 0.
     """
     builder = context.builder(environment)
     logits, target = lower_all(context, call.arguments, environment)
@@ -55,7 +55,7 @@ def lower_cross_entropy(
 def _shares(
     builder: GraphBuilder, target: NodeId, axes: tuple[Axis, ...], classes: Axis
 ) -> tuple[NodeId, NodeId]:
-    """p with the axes of the logits, 0 where it is missing; and the mark of what is missing."""
+    """p with the axes of the logits, 0 where it is missing; and the mark of what is no class."""
     zero = builder.constant(0.0)
     missing = builder.multiply(zero, target)  # NaN stays NaN
     if classes in builder.type(target).axes:
@@ -68,4 +68,9 @@ def _shares(
     away = builder.apply("abs", builder.subtract(repeated, numbers))
     # recorded classes are real numbers; NaN is near none of them, and all shares are 0
     near = builder.compare(Relation.LESS, away, builder.constant(0.5))
-    return builder.broadcast(builder.select(near, builder.constant(1.0), zero), axes), missing
+    shares = builder.select(near, builder.constant(1.0), zero)
+    # what is no class would have no share at all, and lead training astray: data are looked at
+    nowhere = builder.compare(
+        Relation.LESS, builder.sum(shares, classes.name), builder.constant(0.5)
+    )
+    return builder.broadcast(shares, axes), builder.select(nowhere, target, missing)

@@ -101,7 +101,7 @@ def _in_the_step(context: LayerContext) -> LayerContext:
         where = environment.part.value
         context.refuse(names.misplaced(context.name, where, call.function.span, repair))
     if environment.window is not None or environment.shift:
-        context.refuse(time.window_not_yet(f"{layer}, which has memory,", call.span))
+        context.refuse(time.unkept_past(layer, call.span))
     if environment.stage is None:
         return context
     if environment.arguments:

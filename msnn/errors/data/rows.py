@@ -1,4 +1,4 @@
-"""E0811-E0850, E0958, W0801-W0811: rows of data, their times, the sets that they form."""
+"""E0811-E0850, E0958, E1131, W0801-W0811: rows of data, their times, the sets that they form."""
 
 from collections.abc import Iterable, Sequence
 
@@ -118,6 +118,17 @@ def unfit_factor(loss: str, value: float, place: str, count: int, span: Span | N
     message = f"`rows` of the loss `{loss}` is {found} in {place}{more}"
     repair = "a factor is a number ≥ 0; `rows: where(s > 0, s, 0)` leaves out what is not"
     return error("E0850", span, message, "how much does such a row count?", help=repair)
+
+
+def no_class(loss: str, value: float, place: str, count: int, span: Span | None) -> Diagnostic:
+    """E1131: the number of a class that a cross-entropy does not have."""
+    more = f", one of {count} such numbers" if count > 1 else ""
+    message = f"{value:g} is no class of the loss `{loss}`, in {place}{more}"
+    repair = (
+        "classes are counted from 0, one for each element of the first argument; "
+        "a cell that is empty is not scored"
+    )
+    return error("E1131", span, message, "of which class is such a row?", help=repair)
 
 
 def no_time_column(what: str, span: Span | None) -> Diagnostic:

@@ -65,7 +65,8 @@ def file_exists(file: str) -> Diagnostic:
 def does_not_compile(reason: str) -> Diagnostic:
     """E1317: a model that is read, and whose spec then is refused."""
     message = "the model is read, but its spec does not compile"
-    return error("E1317", None, message, notes=(reason,), help="please report the model")
+    repair = "where the reason is a limit, make the model smaller; else please report it"
+    return error("E1317", None, message, notes=(reason,), help=repair)
 
 
 def fed_back_late(name: str, samples: int, place: Span) -> Diagnostic:

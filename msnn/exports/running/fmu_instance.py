@@ -113,6 +113,10 @@ class FmuInstance:
         """Step number `number` since the start."""
         self._fmu.doStep(number * seconds, seconds)
 
+    def end(self) -> None:
+        """Ends the simulation: only a reset begins another."""
+        self._fmu.terminate()
+
     def slopes(self, unknowns: Mapping[int, int], knowns: Mapping[int, Array]) -> Array:
         """How unknowns of so many numbers change with knowns that change so."""
         rows = [r for first, size in unknowns.items() for r in self._references(first, size)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import zlib
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -114,28 +116,33 @@ class _FmuModel:
         # of an instance that has begun: token and what is behind stay as they are
         parts, memory = self._state()
         self._memory.fill(memory, values)
-        self._third.state = parts.before + memory.tobytes() + parts.behind
+        self._third.state = parts.replaced(memory.tobytes())
 
 
 @dataclass(frozen=True, slots=True)
 class _Serialised:
-    """A token that ends with a zero, the state struct, and what else an instance remembers."""
+    """A token that ends with a zero, a checksum of all that follows, the state struct, and what
+    else an instance remembers."""
 
     data: bytes
     size: int
 
     @property
-    def _begin(self) -> int:
+    def _checksum(self) -> int:
+        """Where it begins."""
         return self.data.index(b"\0") + 1
 
     @property
-    def before(self) -> bytes:
-        return self.data[: self._begin]
-
-    @property
     def memory(self) -> bytes:
-        return self.data[self._begin : self._begin + self.size]
+        """The state struct."""
+        begin = self._checksum + _CHECKSUM_BYTES
+        return self.data[begin : begin + self.size]
 
-    @property
-    def behind(self) -> bytes:
-        return self.data[self._begin + self.size :]
+    def replaced(self, memory: bytes) -> bytes:
+        """The same with another state struct."""
+        behind = self.data[self._checksum + _CHECKSUM_BYTES + self.size :]
+        checksum = zlib.crc32(memory + behind).to_bytes(_CHECKSUM_BYTES, sys.byteorder)
+        return self.data[: self._checksum] + checksum + memory + behind
+
+
+_CHECKSUM_BYTES = 4

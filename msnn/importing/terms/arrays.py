@@ -14,6 +14,7 @@ from msnn.importing.terms.terms import (
     Term,
     call,
     infix,
+    minus,
     number,
     plus,
     quotient,
@@ -151,10 +152,11 @@ def matmul(left: Elements, right: Elements) -> Elements:
 
 
 def softmax(array: Elements, dim: int) -> Elements:
-    """Shares that sum to 1 along an axis."""
-    # without the shift by the largest that torch takes: the same value, but for inputs beyond 88
-    powers = elementwise(partial(call, "exp"), array)
-    return elementwise(quotient, powers, summed(powers, dim, keepdim=True))
+    """Shares that sum to 1 along an axis, 1 / Σⱼ exp(xⱼ − xᵢ): exp(xᵢ) / Σⱼ exp(xⱼ) overflows."""
+    moved = np.moveaxis(array, dim, -1)
+    above = elementwise(minus, moved[..., None, :], moved[..., :, None])
+    sums = summed(elementwise(partial(call, "exp"), above), -1, keepdim=False)
+    return np.moveaxis(elementwise(quotient, number(1.0), sums), -1, dim)
 
 
 def extreme(name: str, array: Elements, dim: int, keepdim: bool) -> Elements:

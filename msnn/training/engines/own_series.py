@@ -20,7 +20,7 @@ def own_series(plan: StagePlan, series: Mapping[str, FloatArray]) -> dict[str, F
     """
     rows = len(next(iter(series.values()), np.zeros(0)))
     states = () if plan.rollout.starts is None else estimated_states(plan.rollout.starts.program)
-    blank = {start_signal(s): np.zeros((rows, *Type(s.axes).shape)) for s in states}
+    blank = {start_signal(s.name): np.zeros((rows, *Type(s.axes).shape)) for s in states}
     return {**with_all_kept(series, plan.masks), **blank}
 
 

@@ -11,7 +11,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import BoolArray, Dataset
 from msnn.data.starts import Runs, reach
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
-from msnn.simulation.row_factors import check_row_factors
+from msnn.simulation.row_factors import check_classes, check_row_factors
 from msnn.training.plans.disk_checks import check_on_disk
 from msnn.training.plans.fixed_starts import fixed_starts
 from msnn.training.plans.stage_plan import StagePlan
@@ -72,8 +72,10 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
     train_rows = counted_rows(rollout, data, TRAIN)
     watched_rows = counted_rows(rollout, data, watched_set)
     check_row_factors(rollout.program, data, train, train_rows, findings)
+    check_classes(rollout.program, data, train, findings)
     if watched_set != TRAIN:
         check_row_factors(rollout.program, data, watched, watched_rows, findings)
+        check_classes(rollout.program, data, watched, findings)
     if findings.failed:
         return None
     if _starts_inside(rollout.program, data, train):

@@ -98,6 +98,11 @@ class NotedProgress:
         self._note(diagnostic)
         self._shown.warned(diagnostic)
 
+    @property
+    def said(self) -> tuple[Diagnostic, ...]:
+        """All warnings of this run so far, each once."""
+        return tuple(self._said)
+
     def run_ended(
         self,
         state: Literal["finished", "interrupted", "diverged"],

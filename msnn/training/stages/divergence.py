@@ -48,7 +48,7 @@ def explain_divergence(
             if member is not None:
                 origin, inside = _origin(program, moment, node, member)
                 start = int(moment.t[min(member, len(moment.t) - 1)]) - moment.number
-                begin = dataset.record_of(start).place(start)
+                begin = dataset.place(start)
                 place = f"at step {moment.number} of a rollout from {begin}"
                 what = _described(origin) + ("" if inside is None else f" in `{inside}`")
                 return errors.diverged(

@@ -71,7 +71,7 @@ def test_training_finds_the_parameters() -> None:
 def test_a_stage_begins_with_the_best_of_the_one_before() -> None:
     """docs/language.md, Training (R12)."""
     recorder = Recorder()
-    run(
+    result = run(
         f"  - {{epochs: 20, batch: 16, {FAST}}}\n"
         # far too fast to improve anything: its best is what it began with
         "  - {epochs: 3, dtype: float64, optimizer: {sgd: {lr: 30}}, clip: 1}\n",
@@ -81,6 +81,8 @@ def test_a_stage_begins_with_the_best_of_the_one_before() -> None:
     assert recorder.ends[1].best_epoch == 0
     (said,) = (warning for warning in recorder.warnings if warning.code == "W0912")
     assert said.message.startswith("stage `stage_2` has learned nothing: no epoch is better than")
+    # who trains from Python without lines of progress is told too
+    assert result.warnings == tuple(recorder.warnings)
 
 
 def test_frozen_parameters_keep_every_bit_and_only_in_their_stage() -> None:

@@ -56,7 +56,7 @@ class JointStarts:
 
     def flat(self, series: Weights, t0: IntArray) -> FloatArray:
         """The starts of runs, one after the other."""
-        parts = [series[start_signal(s)][t0].reshape(len(t0), -1) for s in self._states]
+        parts = [series[start_signal(s.name)][t0].reshape(len(t0), -1) for s in self._states]
         return np.concatenate(parts, axis=1).ravel()
 
     def series(self, flat: FloatArray, t0: IntArray) -> dict[str, FloatArray]:
@@ -68,7 +68,7 @@ class JointStarts:
             # runs read their start at row t0 of a series; the other rows are never read
             whole = np.zeros((self._rows, *shape))
             whole[t0] = part.reshape(len(t0), *shape)
-            found[start_signal(state)] = whole
+            found[start_signal(state.name)] = whole
         return found
 
     def products(self, squares: SlopedSquares, runs: Runs, weights: Weights) -> dict[str, Products]:
@@ -97,7 +97,8 @@ def _apart(run: Products, numbers: int) -> Products:
 
 def _joined(runs: Sequence[Products]) -> Products:
     """The products of all runs, each with its start."""
-    return replace(sum(runs[1:], runs[0]), starts=joined_blocks(runs))
+    shared = [replace(run, starts=None) for run in runs]
+    return replace(sum(shared[1:], shared[0]), starts=joined_blocks(runs))
 
 
 def joined_blocks(runs: Sequence[Products]) -> StartBlocks:

@@ -1,0 +1,30 @@
+"""Brings a quantity of a spec into the unit of what it is said of."""
+
+import math
+
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.errors import schema, units
+from spec_schema.units.quantity import Quantity
+from spec_schema.units.unit import Unit
+
+
+def converted(
+    quantity: Quantity, unit: Unit | None, findings: Findings, *, is_distance: bool = False
+) -> float | None:
+    """The number in this unit; a bare one, and one of what has no unit, is in it already.
+
+    Of a distance between two values scales alone count: 10 K wide is 10 degC wide. Gives None
+    after reporting a unit of another dimension, or a number that is beyond floats there.
+    """
+    if quantity.unit is None or unit is None:
+        return quantity.value
+    if not quantity.unit.same_dimension(unit):
+        fault = units.incomparable_unit(quantity.unit.text, unit.text, quantity.span)
+        findings.report(fault)
+        return None
+    number = quantity.unit.convert(quantity.value, unit, is_distance=is_distance)
+    if not math.isfinite(number):
+        wanted = f"a number that is finite in {unit.text} too"
+        findings.report(schema.out_of_range(quantity.text, quantity.span, wanted))
+        return None
+    return number
