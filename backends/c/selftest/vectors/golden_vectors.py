@@ -74,18 +74,6 @@ class GoldenRun:
     """What stands in the struct before the first step."""
 
 
-def golden_vectors(
-    program: Program,
-    interface: Interface,
-    weights: Mapping[str, Array],
-    steps: int,
-    seed: int = 0,
-) -> GoldenVectors:
-    """`steps` steps from a drawn past, each from the states that the one before left."""
-    (run,) = golden_runs(program, interface, weights, steps, [GoldenRun(seed)])
-    return run
-
-
 def golden_runs(
     program: Program,
     interface: Interface,
