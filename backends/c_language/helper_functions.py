@@ -83,6 +83,7 @@ def _selecting(calls: Calls, name: str, type: c.CType, written: str, doc: str) -
 def _outside(calls: Calls) -> c.Function:
     x, low, high = c.Name("x"), c.Name("low"), c.Name("high")
     above, below = (calls.truth(c.Binary(*test)) for test in ((">=", x, low), ("<=", x, high)))
+    # 1 and 1 by bits: `&&` would skip the second comparison
     inside = c.Binary("&", one_if(above), one_if(below))
     doc = "1 if x is not within low .. high, NaN included, else 0."
     real = f"{calls.prefix}_real"
@@ -130,6 +131,7 @@ def _sign(calls: Calls) -> c.Function:
 def _square_root(calls: Calls) -> c.Function:
     x, zero = c.Name("x"), c.Real(0.0)
     valid = calls.truth(c.Binary(">=", x, zero))
+    # of 0 where x has no root: what the library does about errors would take its time
     root = calls.library("sqrt", (calls.select("real", valid, x, zero),))
     value = calls.select("real", valid, root, c.Real(math.nan))
     doc = "The square root; libraries take longer to report that a number has none."

@@ -108,6 +108,7 @@ class Printer:
             case c.Unary() | c.Binary() | c.Conditional() | c.Convert():
                 return f"({text})"
             # `a - -1` is legal, `a--1` is not, and readers stop at both
+            # "(" begins a cast: doubles have `(double)NAN`
             case c.Real() | c.Integer() if text.startswith(("-", "(")):
                 return f"({text})"
             case _:

@@ -40,6 +40,7 @@ class LocalNames:
         """A new name like the given one; the spec's own at its first use."""
         if isinstance(name, str):
             return self._new(name)
+        # once: a second value under that name, such as the row of a loop, gets a number
         return self._kept.pop(name.text, None) or self._new(name.text)
 
     def reserve(self, name: str) -> None:
@@ -115,6 +116,7 @@ class BlockScope:
     @contextmanager
     def loop(self, count: int, step: int = 1) -> Generator[tuple[Index, BlockScope]]:
         """A loop over 0, step … below count: its counter and its body."""
+        # by depth, not fresh: loops beside each other may share theirs, nested ones may not
         counter = _COUNTERS[self._depth]
         inner = BlockScope(self._names, self._depth + 1, self._note)
         yield variable(counter), inner
@@ -141,6 +143,7 @@ class BlockScope:
     ) -> None:
         if not rest:
             body(outer, self)
+        # an axis of one element takes no counter, of which there are eight
         elif rest[0] == 1:
             self._nest((*outer, Index()), rest[1:], body)
         else:

@@ -31,9 +31,11 @@ def constant_time_check(policy: InvalidPolicy, table: FunctionTable) -> tuple[c.
     unordered = bits(StatusBit.NOT_A_NUMBER, _UNORDERED)
     match policy:
         case "flag":
+            # NaN is outside as well: it has a bit of its own and not that of numbers
             ordered = c.Binary("-", _OUTSIDE, _UNORDERED)
             return (*found, bits(StatusBit.OUT_OF_RANGE, ordered), unordered)
         case "clamp":
+            # NaN is less than neither limit and would come through both choices below
             number = select(c.Binary("!=", _UNORDERED, c.Unsigned(0)), _INSTEAD, _X)
             raised = select(table.truth(c.Binary("<", _X, _LOW)), _LOW, number)
             result = c.Return(select(table.truth(c.Binary(">", _X, _HIGH)), _HIGH, raised))

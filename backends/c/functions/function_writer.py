@@ -91,6 +91,7 @@ class FunctionWriter:
 
     def push(self, op: Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
         memory = self._memory[op.state]
+        # these do not hold the newest sample beside the others: the window is made elsewhere
         if isinstance(memory, PlainState | DelayLine):
             return None
         self.before_push(memory, newest)

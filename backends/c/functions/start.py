@@ -70,6 +70,7 @@ def restart_functions(program: Program, model: ControllerCode) -> tuple[c.Functi
             writer.set_states(program, {memory.state.name: None})
             doc = f"Resets {memory.state.name} to what it is before the first step."
             function = writer.finished(f"restart_{memory.identifier}", "void", (), doc)
+            # only the step calls it: the header shows none
             found.append(replace(function, static=True))
     return tuple(found)
 
@@ -78,6 +79,7 @@ class _StartWriter(FunctionWriter):
     def set_states(self, program: Program, starts: dict[str, ArrayView | None]) -> None:
         """Sets the named states to a place, or where it is None to what the start graph says."""
         computed = [s.start for s in program.states if s.name in starts and starts[s.name] is None]
+        # of the named states alone: what others begin with is neither computed nor read
         lowered = GraphLowering(program.start, computed, self, self.scope, self.locals)
         for memory in self.interface.states:
             name = memory.state.name
@@ -90,6 +92,7 @@ class _StartWriter(FunctionWriter):
         interface = self.interface
         checked = [f for f, port in interface.windows if port.signal.on_invalid != "trust"]
         ok = c.Name(f"{interface.prefix.upper()}_OK")
+        # without a check nothing sets a bit
         constant = not (checked or interface.checks)
         self.scope.add(c.Declare(c.CType.STATUS, "status", ok, constant=constant))
         for field, port in interface.windows:

@@ -40,6 +40,7 @@ def report_unready(writer: FunctionWriter) -> None:
 
 def report_not_a_number(writer: FunctionWriter, values: ArrayView) -> None:
     """Sets a bit where the next value of a saturated state is NaN."""
+    # an infinity is within: it is kept at its end of the range, and only NaN has no end
     report_outside(writer, values, (-math.inf, math.inf), StatusBit.STATE_OUT_OF_RANGE)
 
 
@@ -113,6 +114,7 @@ def _restart_in_constant_time(
         inner.assign(now, functions.select("real", inside, kept.element(indices), now))
 
     scope.each(memory.shape, writer.unroll, look)
+    # before `restart` writes over them
     copy_value(values, kept, scope, writer.unroll)
     scope.add(restart)
     scope.each(memory.shape, writer.unroll, choose)

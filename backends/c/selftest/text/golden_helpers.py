@@ -53,6 +53,7 @@ def helper_functions(
 def resumed_step(interface: Interface, golden: GoldenVectors) -> int | None:
     """The first golden step but one that needs nothing of before it but the state: all inputs that
     are held when they are invalid are valid in it."""
+    # not the first: golden vectors have states after steps, and it goes on from none of these
     for step in range(1, len(golden.status)):
         held = [input for input in interface.inputs if input.held is not None]
         if all(_valid(input.field.name, golden, step) for input in held):

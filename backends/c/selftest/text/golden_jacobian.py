@@ -31,6 +31,7 @@ def slopes_function(
     scope = BlockScope(LocalNames(prefix))
     scope.reserve(OUT)
     bits = [
+        # linearize computes neither next states nor equations and cannot report on them
         float((status & ~_OF_RESULTS) | infinite)
         for status, infinite in zip(
             golden.status.tolist(), _infinite(jacobian, golden.slopes).tolist(), strict=True
@@ -82,6 +83,7 @@ def _compare_numbers(
         _compare(interface, field, golden.slopes[field.matrix.name][::every], inner)
     row = c.Binary("/", c.Name("step"), c.Unsigned(every))
     scope.add(c.Declare(c.CType.UNSIGNED, _ROW, row, constant=True))
+    # unsigned division cuts off, so that only multiples come back as themselves
     chosen = c.Binary("==", c.Binary("*", c.Name(_ROW), c.Unsigned(every)), c.Name("step"))
     scope.add(c.If(chosen, tuple(inner.statements)))
 
@@ -143,6 +145,7 @@ def _compare(
         elif computed:
             inner.add(c.Declare(c.CType.REAL, "expected", expected))
             expected = c.Name("expected")
+            # computed entries ascend: one counter walks through them beside the loop over all
             left = c.Binary("<", c.Name(reached), c.Unsigned(count))
             here = c.Binary("==", c.Element(c.Name(places), c.Name(reached)), at)
             number = c.Element(c.Name(table), row.plus(variable(reached)).expression())

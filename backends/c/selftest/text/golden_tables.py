@@ -123,6 +123,7 @@ class GoldenTables:
     ) -> c.Function:
         prefix = self.prefix
         scope = BlockScope(LocalNames(prefix))
+        # tables hold doubles, in which every word of 32 bits is exact
         bits = tuple(float(status) for status in self.status)
         scope.add(c.ConstantTable("golden_status", bits, c.CType.UNSIGNED))
         if self.outputs:
