@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import robots as errors
+from spec_schema.robots.elements import LARGEST
 from spec_schema.robots.urdf import Joint, Urdf
 
 
@@ -20,8 +21,13 @@ def held_positions(urdf: Urdf, moving: Collection[str], findings: Findings) -> d
         if not joint.moves or (joint.name in moving and joint.mimic is None):
             continue
         position = _position(joint, urdf, moving)
-        if position is not None:
+        if position is not None and abs(position) <= LARGEST:
             found[joint.name] = position
+        elif position is not None and joint.mimic is not None:
+            # along a chain of joints numbers of which each is small enough multiply
+            wanted = f"a position up to {LARGEST:g}"
+            place = joint.mimic.span
+            findings.report(errors.malformed_number("<mimic>", f"{position:g}", wanted, place))
         elif joint.mimic is not None:
             report = errors.mimicking_joint(joint.name, joint.mimic.joint, joint.mimic.span)
             findings.report(report)
