@@ -18,6 +18,7 @@ def held_positions(urdf: Urdf, moving: Collection[str], findings: Findings) -> d
     """
     found: dict[str, float] = {}
     for joint in urdf.joints.values():
+        # a moving joint that mimics is left to be reported: it cannot follow and be driven
         if not joint.moves or (joint.name in moving and joint.mimic is None):
             continue
         position = _position(joint, urdf, moving)
@@ -43,7 +44,9 @@ def _position(joint: Joint, urdf: Urdf, moving: Collection[str]) -> float | None
             return None
         if joint.mimic is None:
             return position
+        # joints that follow each other in a circle stand nowhere
         passed.add(joint.name)
+        # m₁ (m₂ q + o₂) + o₁: offsets further on are multiplied by all factors before them
         position += factor * joint.mimic.offset
         factor *= joint.mimic.multiplier
         leader = urdf.joints.get(joint.mimic.joint)
