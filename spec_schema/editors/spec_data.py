@@ -50,6 +50,7 @@ def _plain(value: Any) -> Any:
         case None | bool() | int() | str():
             return value
         case float():
+            # `1` and not `1.0`: people read it, and some keys take integers alone
             return int(value) if value.is_integer() and abs(value) < _EXACT else value
         case Entry():
             return entry_data(value)

@@ -33,6 +33,7 @@ def expression_mathml(expression: tree.Expression) -> str:
         case tree.Name(name=name):
             return name_mathml(name)
         case tree.Member(base=base, name=name):
+            # above, as the place below is that of samples
             return f"<msup>{name_mathml(base)}{_text(name)}</msup>"
         case tree.Call():
             return _call(expression)
@@ -131,6 +132,7 @@ def _binary(operator: tree.Operator, left: tree.Expression, right: tree.Expressi
         above, below = expression_mathml(left), expression_mathml(right)
         return f"<mfrac><mrow>{above}</mrow><mrow>{below}</mrow></mfrac>"
     if operator is tree.Operator.POWER:
+        # an exponent stands apart by itself and needs no parentheses
         return f"<msup>{_within(left, ATOM)}<mrow>{expression_mathml(right)}</mrow></msup>"
     least = binding_of_operands(operator)
     return f"<mrow>{_within(left, least)}{_JOINTS[operator]}{_within(right, least + 1)}</mrow>"

@@ -120,6 +120,7 @@ class Unit:
         # to the bit: a unit written in another way must not round the number
         if self.same_as(target):
             return value
+        # offsets are in SI and before the division: degF to degC passes through kelvin
         return (value * self.scale + self.offset - target.offset) / target.scale
 
     def factor_to(self, target: "Unit") -> float:
