@@ -89,6 +89,7 @@ class IntegerNodes:
                 self._write_sum(c.Name(f"n{index}"), node.op, node.args)
             else:
                 value = self._expression(node)
+                # by the number of the node: a word of the spec may be many nodes of other scales
                 self._scope.add(c.Declare(c.CType.SUM, f"n{index}", value, constant=True))
 
     def node(self, index: int) -> IntegerNode:
@@ -99,6 +100,7 @@ class IntegerNodes:
         """A node where it is used, as a sum."""
         if index in self._rows:
             first, place = self._rows[index]
+            # rows of a product are elements of the array that the first of them declared
             return c.Element(c.Name(f"n{first}"), c.Unsigned(place))
         return self._leaf(self._nodes[index]) if self.is_inline(index) else c.Name(f"n{index}")
 
@@ -124,6 +126,7 @@ class IntegerNodes:
     def is_inline(self, index: int) -> bool:
         """Whether a node is written where it is used."""
         op = self._nodes[index].op
+        # once its memory has moved a read would find the next state: those are kept in a constant
         if isinstance(op, ReadMemory):
             return index not in self._surroundings.loaded
         return isinstance(op, Literal | ReadWord)
@@ -214,6 +217,7 @@ class IntegerNodes:
     ) -> None:
         """Adds elements that lie next to each other in a loop."""
         total.begin()
+        # equal weights, as of a mean, need no table
         table = self._table(weights) if len(set(weights)) > 1 else None
 
         def add(along: Index, inner: BlockScope) -> None:

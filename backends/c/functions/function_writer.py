@@ -125,6 +125,7 @@ class FunctionWriter:
         One that `reads_only` takes a state that it cannot change.
         """
         prefix = self.interface.prefix
+        # of every function, one without states too: callers are written once for all models
         arguments = [Argument(f"{'const ' if reads_only else ''}{prefix}_state_t *", "s")]
         unused: list[Statement] = []
         if self.interface.takes_parameters:

@@ -87,6 +87,7 @@ def golden_runs(
     """
     dtype = interface.options.dtype
     knots = knots_of(program, dtype)
+    # in the arithmetic of the C: in float32 its answers are the bits that are promised
     interpreter = Interpreter(with_checked(program), weights, dtype)
     linearized = interface.jacobian and JacobianInterpreter(
         interface.jacobian.jacobian, program, weights, dtype
