@@ -68,10 +68,10 @@ class Products:
         assert self.starts is None
         assert other.starts is None
         return Products(
-            self.curvature + other.curvature,
-            self.slope + other.slope,
-            self.squares + other.squares,
-            self.cost + other.cost,
-            self.count + other.count,
-            self.left_out + other.left_out,
+            curvature=self.curvature + other.curvature,
+            slope=self.slope + other.slope,
+            squares=self.squares + other.squares,
+            cost=self.cost + other.cost,
+            count=self.count + other.count,
+            left_out=self.left_out + other.left_out,
         )

@@ -45,6 +45,7 @@ def knots_of(parameter: Parameter, grids: dict[str, Knots]) -> tuple[Knots, ...]
     if not 1 <= len(axes) <= 2 or any(axis.name not in grids for axis in axes):
         return ()
     found = tuple(grids[axis.name] for axis in axes)
+    # one name may have two sizes, where layers cut an axis
     fits = all(len(knots.values) == axis.size for knots, axis in zip(found, axes, strict=True))
     return found if fits else ()
 

@@ -167,6 +167,7 @@ def _limits(entry: MemoryObject) -> str:
 
 def _dims(entry: MemoryObject) -> str:
     """Three lengths, x first; more axes than three are one after the other along x."""
+    # ASAP2 counts x first, and x runs fastest: C has the last axis so
     shape = entry.shape[::-1] if len(entry.shape) <= 3 else (entry.size,)
     return "MATRIX_DIM " + " ".join(str(size) for size in (*shape, 1, 1)[:3])
 
@@ -187,12 +188,14 @@ def _characteristic(
     names: dict[tuple[Struct, str], str],
     methods: dict[Scale, str],
 ) -> list[str]:
+    # by axes that have knots: a matrix without them is a block of values to tools
     kind = {0: "VAL_BLK" if entry.shape else "VALUE", 1: "CURVE", 2: "MAP"}[len(entry.knots)]
     layout = _layout(model, entry.storage, _order(entry))
     lines = [
         f"/begin CHARACTERISTIC {names[entry.struct, entry.member]} {_about(entry)}",
         f"  {kind} 0x0 {layout} 0 {methods[entry.scale]} {_limits(entry)}",
     ]
+    # what a tool can show on the axis while the unit runs: a step reads these
     read = {o.name: names[o.struct, o.member] for o in model.objects if o.struct in ("in", "state")}
     for knots in entry.knots:
         lines += _axis(knots, read, methods[Scale(knots.unit)])

@@ -19,6 +19,7 @@ from compiler.kernels.trace.statements import (
 
 def operands(block: Block) -> Iterator[Operand]:
     """Every use of an operand in a block and in those within it."""
+    # results are uses too: without them the last statement would look unused
     yield from block.values
     for statement in block.statements:
         match statement:

@@ -80,6 +80,7 @@ class RoutineLowering:
         else:
             result = "void"
             named = list(zip(routine.results, kinds, strict=True))
+            # C returns one value: several go through pointers
             arguments += [c.Argument(f"{type(kind)} *", name) for name, kind in named]
             targets = [c.Unary("*", c.Name(name)) for name in routine.results]
             body += [c.Assign(target, value) for target, value in zip(targets, values, strict=True)]
@@ -137,6 +138,7 @@ class RoutineLowering:
         name = self._called(routine)
         if len(targets) == 1:
             return [self._declared(targets[0], c.Call(name, tuple(arguments)))]
+        # no initial values: the call writes each, and analysers see one that it would forget
         declared = [c.Declare(self.type(target.kind), self.name(target)) for target in targets]
         results = [c.Unary("&", c.Name(self.name(target))) for target in targets]
         return [*declared, c.Evaluate(c.Call(name, (*arguments, *results)))]

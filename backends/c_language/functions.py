@@ -30,6 +30,7 @@ class FunctionNames:
 
     def kernel(self, function: str) -> str | None:
         """The project's kernel that computes a scalar function, None where a library does."""
+        # functions that libm lacks, such as softplus, have their kernel even with `math: libm`
         row = SCALAR_FUNCTIONS[function]
         if row.kernel is None or (self.math == "libm" and function in _IN_LIBM):
             return None
@@ -100,6 +101,7 @@ class FunctionTable:
     def definitions(self) -> tuple[Function, ...]:
         """The helpers that were called, in the order in which they may call each other."""
         made: list[Function] = []
+        # from the last on: making one may add what it calls, which stands before it in the table
         for name, make in reversed(tuple(HELPERS.items())):
             if name in self.helpers:
                 made.append(make(self))

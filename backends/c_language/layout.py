@@ -27,6 +27,7 @@ def wrapped(line: str) -> list[str]:
     """
     body = line.lstrip(" ")
     indent = line[: len(line) - len(body)]
+    # parts of a comment need no operator to break at
     if len(line) > WIDTH and body.startswith("/*"):
         return comment(body.removeprefix("/*").removesuffix("*/"), indent).split("\n")
     parts: list[str] = []

@@ -38,6 +38,7 @@ def hex_literals(values: Sequence[float], dtype: Dtype) -> list[str]:
 
 def exact_literal(value: float, dtype: Dtype) -> str:
     """A number of dtype as it is: short ones in decimals, others in hexadecimal."""
+    # multiples of 1/64 below 1000 have at most six decimals, all of them exact
     if abs(value) < 1000 and value == int(value * 64) / 64:
         return f"{value!r}{suffix(dtype)}"
     return hex_literal(value, dtype)

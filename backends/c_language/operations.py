@@ -4,44 +4,30 @@ from __future__ import annotations
 
 from typing import assert_never
 
+from backends.c_language import tree as c
 from backends.c_language.functions import FunctionTable
-from backends.c_language.tree import (
-    Binary,
-    Call,
-    Conditional,
-    Convert,
-    Element,
-    Expression,
-    Integer,
-    Member,
-    Name,
-    Real,
-    Truth,
-    Unary,
-    Unsigned,
-)
 from compiler.ir import ops
 from compiler.ir.types import Kind
 
 
 def scalar_operation(
     op: ops.Computed,
-    operands: tuple[Expression, ...],
+    operands: tuple[c.Expression, ...],
     functions: FunctionTable,
     kind: Kind = "real",
-) -> Expression:
+) -> c.Expression:
     """One element of the operation's value, which is of that kind."""
     match op:
         case ops.Add():
-            return Binary("+", *operands)
+            return c.Binary("+", *operands)
         case ops.Subtract():
-            return Binary("-", *operands)
+            return c.Binary("-", *operands)
         case ops.Multiply():
-            return Binary("*", *operands)
+            return c.Binary("*", *operands)
         case ops.Divide():
-            return Binary("/", *operands)
+            return c.Binary("/", *operands)
         case ops.Negate():
-            return Unary("-", *operands)
+            return c.Unary("-", *operands)
         case ops.Minimum():
             return functions.helper("minimum", operands)
         case ops.Maximum():
@@ -50,7 +36,7 @@ def scalar_operation(
             return functions.helper("clamp", operands)
         case ops.Compare(relation):
             # in constant time a comparison is a word of its own, that no branch may be made of
-            return functions.truth(Binary(relation.value, *operands))
+            return functions.truth(c.Binary(relation.value, *operands))
         case ops.Select():
             return functions.select(kind, *operands)
         case ops.Apply(function):
@@ -59,18 +45,20 @@ def scalar_operation(
             assert_never(op)
 
 
-def expression_size(expression: Expression) -> int:
+def expression_size(expression: c.Expression) -> int:
     """Number of operations and calls in an expression; indexing counts nothing."""
     match expression:
-        case Name() | Real() | Integer() | Unsigned() | Truth() | Member() | Element():
+        case (
+            c.Name() | c.Real() | c.Integer() | c.Unsigned() | c.Truth() | c.Member() | c.Element()
+        ):
             return 0
-        case Unary(_, operand) | Convert(_, operand):
+        case c.Unary(_, operand) | c.Convert(_, operand):
             return 1 + expression_size(operand)
-        case Binary(_, left, right):
+        case c.Binary(_, left, right):
             return 1 + expression_size(left) + expression_size(right)
-        case Conditional(condition, then, otherwise):
+        case c.Conditional(condition, then, otherwise):
             return 1 + sum(map(expression_size, (condition, then, otherwise)))
-        case Call(_, arguments):
+        case c.Call(_, arguments):
             return 1 + sum(map(expression_size, arguments))
         case _:
             assert_never(expression)

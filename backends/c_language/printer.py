@@ -6,38 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Literal, assert_never
 
+from backends.c_language import tree as c
 from backends.c_language.comments import comment_text
 from backends.c_language.layout import WIDTH, comment, wrapped
 from backends.c_language.literals import Dtype, exact_literal, hex_literals, real_literal
-from backends.c_language.tree import (
-    Argument,
-    Assign,
-    Binary,
-    Call,
-    Comment,
-    Conditional,
-    ConstantTable,
-    Convert,
-    CType,
-    Declare,
-    Discard,
-    Element,
-    Evaluate,
-    Expression,
-    Function,
-    If,
-    Integer,
-    Loop,
-    Member,
-    Name,
-    Real,
-    Return,
-    SetBits,
-    Statement,
-    Truth,
-    Unary,
-    Unsigned,
-)
 
 _INDENT = "    "
 
@@ -59,20 +31,20 @@ class Printer:
     def real(self) -> str:
         return f"{self.prefix}_real"
 
-    def type(self, type: CType) -> str:
+    def type(self, type: c.CType) -> str:
         match type:
-            case CType.REAL:
+            case c.CType.REAL:
                 return self.real
-            case CType.STATUS | CType.WORD | CType.SUM:
+            case c.CType.STATUS | c.CType.WORD | c.CType.SUM:
                 return f"{self.prefix}_{type.value}_t"
-            case CType.BITS:
+            case c.CType.BITS:
                 return f"uint{self.sum_bits}_t"
-            case CType.BOOL | CType.UNSIGNED | CType.WIDE:
+            case c.CType.BOOL | c.CType.UNSIGNED | c.CType.WIDE:
                 return type.value
             case _:
                 assert_never(type)
 
-    def function(self, function: Function) -> str:
+    def function(self, function: c.Function) -> str:
         """The definition, after its doc comment."""
         doc = f"{comment(function.doc)}\n" if function.doc else ""
         head = self.prototype(function)
@@ -81,7 +53,7 @@ class Printer:
         body = "\n".join(lines)
         return f"{doc}{head}\n{{\n{body}\n}}\n"
 
-    def prototype(self, function: Function) -> str:
+    def prototype(self, function: c.Function) -> str:
         """The head of the function, without a semicolon, wrapped where it is long."""
         storage = f"{'static ' if function.static else ''}{'inline ' if function.inline else ''}"
         head = f"{storage}{function.result} {function.name}("
@@ -91,36 +63,36 @@ class Printer:
             return line
         return f"{head}\n{_INDENT}" + f",\n{_INDENT}".join(arguments) + ")"
 
-    def expression(self, expression: Expression) -> str:
+    def expression(self, expression: c.Expression) -> str:
         match expression:
-            case Name(text):
+            case c.Name(text):
                 return text
-            case Real(value):
+            case c.Real(value):
                 return self.number(value)
-            case Integer(value):
+            case c.Integer(value):
                 # an int of 16 bits would cut constants of 64-bit sums: INT64_C gives them their
                 # type
                 return str(value) if self.sum_bits == 32 else _wide_literal(value)
-            case Unsigned(value, wide):
+            case c.Unsigned(value, wide):
                 # masks and bit patterns of kernels are read in hexadecimal, counters in decimal
                 digits = f"0x{value:X}" if self.exact and value >= 1000 else str(value)
                 return f"{digits}{'ULL' if wide else 'U'}"
-            case Truth(value):
+            case c.Truth(value):
                 return "true" if value else "false"
-            case Member(base, field, pointer):
+            case c.Member(base, field, pointer):
                 return f"{base}{'->' if pointer else '.'}{field}"
-            case Element(array, index):
+            case c.Element(array, index):
                 return f"{self.operand(array)}[{self.expression(index)}]"
-            case Unary(operator, operand):
+            case c.Unary(operator, operand):
                 return f"{operator}{self.operand(operand)}"
-            case Binary(operator, left, right):
+            case c.Binary(operator, left, right):
                 return f"{self.operand(left)} {operator} {self.operand(right)}"
-            case Conditional(condition, then, otherwise):
+            case c.Conditional(condition, then, otherwise):
                 chosen = f"{self.operand(then)} : {self.operand(otherwise)}"
                 return f"{self.operand(condition)} ? {chosen}"
-            case Convert(type, operand):
+            case c.Convert(type, operand):
                 return f"({self.type(type)}){self.operand(operand)}"
-            case Call(function, arguments):
+            case c.Call(function, arguments):
                 return f"{function}({', '.join(self.expression(a) for a in arguments)})"
             case _:
                 assert_never(expression)
@@ -129,28 +101,29 @@ class Printer:
         """The literal of a real."""
         return (exact_literal if self.exact else real_literal)(value, self.dtype)
 
-    def operand(self, expression: Expression) -> str:
+    def operand(self, expression: c.Expression) -> str:
         """The expression as a part of another one: in parentheses unless it holds together."""
         text = self.expression(expression)
         match expression:
-            case Unary() | Binary() | Conditional() | Convert():
+            case c.Unary() | c.Binary() | c.Conditional() | c.Convert():
                 return f"({text})"
             # `a - -1` is legal, `a--1` is not, and readers stop at both
-            case Real() | Integer() if text.startswith(("-", "(")):
+            # "(" begins a cast: doubles have `(double)NAN`
+            case c.Real() | c.Integer() if text.startswith(("-", "(")):
                 return f"({text})"
             case _:
                 return text
 
-    def table(self, table: ConstantTable) -> str:
+    def table(self, table: c.ConstantTable) -> str:
         """The definition of a constant array, several numbers a line."""
-        if table.type is CType.REAL:
+        if table.type is c.CType.REAL:
             numbers = (
                 hex_literals(table.values, self.dtype)
                 if table.hexadecimal
                 else [self.number(value) for value in table.values]
             )
-        elif table.type is CType.UNSIGNED:
-            numbers = [self.expression(Unsigned(int(value))) for value in table.values]
+        elif table.type is c.CType.UNSIGNED:
+            numbers = [self.expression(c.Unsigned(int(value))) for value in table.values]
         else:
             numbers = [str(int(value)) for value in table.values]
         head = f"static const {self.type(table.type)} {table.name}[{len(numbers)}]"
@@ -168,15 +141,15 @@ class Printer:
         lines.append(current.rstrip().rstrip(","))
         return "{\n" + "\n".join(lines) + f"\n{indent}}}"
 
-    def _block(self, statements: Iterable[Statement], depth: int) -> Iterable[str]:
+    def _block(self, statements: Iterable[c.Statement], depth: int) -> Iterable[str]:
         for statement in statements:
             for line in self.statement(statement):
                 yield f"{_INDENT * depth}{line}"
 
-    def statement(self, statement: Statement) -> Iterable[str]:
+    def statement(self, statement: c.Statement) -> Iterable[str]:
         """The lines of a statement."""
         match statement:
-            case Declare(type, name, value, size, elements, constant, volatile, static):
+            case c.Declare(type, name, value, size, elements, constant, volatile, static):
                 words = "static " if static else ""
                 words += f"{'const ' if constant else ''}{'volatile ' if volatile else ''}"
                 head = f"{words}{self.type(type)} {name}"
@@ -185,39 +158,39 @@ class Printer:
                 if elements:
                     head = f"{head} = {{{', '.join(map(self.expression, elements))}}}"
                 yield f"{head};" if value is None else f"{head} = {self.expression(value)};"
-            case ConstantTable():
+            case c.ConstantTable():
                 yield from self.table(statement).split("\n")
-            case Assign(target, value):
+            case c.Assign(target, value):
                 yield f"{self.expression(target)} = {self.expression(value)};"
-            case SetBits(target, bits):
+            case c.SetBits(target, bits):
                 yield f"{self.expression(target)} |= {self.expression(bits)};"
-            case Evaluate(value):
+            case c.Evaluate(value):
                 yield f"{self.expression(value)};"
-            case Discard(name):
+            case c.Discard(name):
                 # unused arguments would be warnings, which strict builds make errors
                 yield f"(void){name};"
-            case Loop(variable, start, stop, body, step):
+            case c.Loop(variable, start, stop, body, step):
                 counter = f"uint32_t {variable} = {start}U"
                 onward = f"{variable}++" if step == 1 else f"{variable} += {step}U"
                 yield f"for ({counter}; {variable} < {stop}U; {onward}) {{"
                 yield from self._block(body, 1)
                 yield "}"
-            case If():
+            case c.If():
                 yield from self._if(statement)
-            case Return(value):
+            case c.Return(value):
                 yield f"return {self.expression(value)};"
-            case Comment(text):
+            case c.Comment(text):
                 yield f"/* {comment_text(text)} */"
             case _:
                 assert_never(statement)
 
-    def _if(self, choice: If) -> Iterable[str]:
+    def _if(self, choice: c.If) -> Iterable[str]:
         yield f"if ({self.expression(choice.condition)}) {{"
         yield from self._block(choice.then, 1)
         match choice.otherwise:
             case ():
                 yield "}"
-            case (If() as following,):
+            case (c.If() as following,):
                 # `else if` on one line: chains of ranges do not wander to the right
                 first, *rest = self._if(following)
                 yield f"}} else {first}"
@@ -233,6 +206,6 @@ def _wide_literal(value: int) -> str:
     return f"-{text}" if value < 0 else text
 
 
-def _argument(argument: Argument) -> str:
+def _argument(argument: c.Argument) -> str:
     space = "" if argument.type.endswith("*") else " "
     return f"{argument.type}{space}{argument.name}"

@@ -64,6 +64,7 @@ def render(template: str, interface: Generated, title: str, folder: str = "c", *
 
 def _fitted(line: str) -> list[str]:
     """The line broken where a long name made it too long; directives cannot be broken."""
+    # a directive ends with its line
     return [line] if line.startswith("#") else wrapped(line)
 
 

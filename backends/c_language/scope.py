@@ -9,17 +9,8 @@ from dataclasses import dataclass
 from itertools import product
 from typing import TypeAlias
 
+from backends.c_language import tree as c
 from backends.c_language.places import Index, variable
-from backends.c_language.tree import (
-    Assign,
-    Comment,
-    CType,
-    Declare,
-    Expression,
-    Loop,
-    Name,
-    Statement,
-)
 from backends.ports.identifiers import c_identifier
 
 _COUNTERS = ("i", "j", "k", "m", "n", "i5", "i6", "i7")
@@ -49,6 +40,7 @@ class LocalNames:
         """A new name like the given one; the spec's own at its first use."""
         if isinstance(name, str):
             return self._new(name)
+        # once: a second value under that name, such as the row of a loop, gets a number
         return self._kept.pop(name.text, None) or self._new(name.text)
 
     def reserve(self, name: str) -> None:
@@ -72,7 +64,7 @@ class BlockScope:
     """Statements of a block; inner blocks are made by `loop`."""
 
     def __init__(self, names: LocalNames, depth: int = 0, note: str = "") -> None:
-        self.statements: list[Statement] = []
+        self.statements: list[c.Statement] = []
         self._names = names
         self._depth = depth
         self._note = note
@@ -85,7 +77,7 @@ class BlockScope:
         """Takes exactly this name."""
         self._names.reserve(name)
 
-    def add(self, statement: Statement) -> None:
+    def add(self, statement: c.Statement) -> None:
         self.statements.append(statement)
 
     def note(self, text: str, about: str = "") -> bool:
@@ -94,26 +86,28 @@ class BlockScope:
         if not text or about == self._note:
             return False
         self._note = about
-        self.add(Comment(text))
+        self.add(c.Comment(text))
         return True
 
-    def constant(self, name: LocalName, value: Expression, type: CType = CType.REAL) -> Name:
+    def constant(
+        self, name: LocalName, value: c.Expression, type: c.CType = c.CType.REAL
+    ) -> c.Name:
         """A new constant with that value."""
         local = self._names.fresh(name)
-        self.add(Declare(type, local, value, constant=True))
-        return Name(local)
+        self.add(c.Declare(type, local, value, constant=True))
+        return c.Name(local)
 
-    def variable(self, name: LocalName, value: Expression) -> Name:
+    def variable(self, name: LocalName, value: c.Expression) -> c.Name:
         """A new real variable that begins with that value."""
         local = self._names.fresh(name)
-        self.add(Declare(CType.REAL, local, value))
-        return Name(local)
+        self.add(c.Declare(c.CType.REAL, local, value))
+        return c.Name(local)
 
-    def array(self, name: LocalName, size: int, type: CType = CType.REAL) -> Name:
+    def array(self, name: LocalName, size: int, type: c.CType = c.CType.REAL) -> c.Name:
         """A new array, not yet filled."""
         local = self._names.fresh(name)
-        self.add(Declare(type, local, size=size))
-        return Name(local)
+        self.add(c.Declare(type, local, size=size))
+        return c.Name(local)
 
     def inner(self) -> BlockScope:
         """A block inside this one."""
@@ -122,10 +116,11 @@ class BlockScope:
     @contextmanager
     def loop(self, count: int, step: int = 1) -> Generator[tuple[Index, BlockScope]]:
         """A loop over 0, step … below count: its counter and its body."""
+        # by depth, not fresh: loops beside each other may share theirs, nested ones may not
         counter = _COUNTERS[self._depth]
         inner = BlockScope(self._names, self._depth + 1, self._note)
         yield variable(counter), inner
-        self.add(Loop(counter, 0, count, tuple(inner.statements), step))
+        self.add(c.Loop(counter, 0, count, tuple(inner.statements), step))
 
     def each(
         self,
@@ -148,11 +143,17 @@ class BlockScope:
     ) -> None:
         if not rest:
             body(outer, self)
+        # an axis of one element takes no counter, of which there are eight
         elif rest[0] == 1:
             self._nest((*outer, Index()), rest[1:], body)
         else:
             with self.loop(rest[0]) as (index, inner):
                 inner._nest((*outer, index), rest[1:], body)
 
-    def assign(self, target: Expression, value: Expression) -> None:
-        self.add(Assign(target, value))
+    def assign(self, target: c.Expression, value: c.Expression) -> None:
+        self.add(c.Assign(target, value))
+
+    def function(self, name: str, result: str, arguments: tuple[c.Argument, ...]) -> c.Function:
+        """A static function whose body is this block."""
+        body = tuple(self.statements)
+        return c.Function(name=name, result=result, arguments=arguments, body=body, static=True)

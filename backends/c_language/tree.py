@@ -2,6 +2,8 @@
 
 Numbers have no size here: the printer gives every literal and declaration the type of the program
 (`float` or `double`, in fixed point words and sums), so that two sizes are never mixed.
+
+A file that builds a good part of it imports it as `c`, so that what becomes C shows as such.
 """
 
 from __future__ import annotations

@@ -33,12 +33,14 @@ def even_points(points: Sequence[float], dtype: Dtype) -> EvenPoints | None:
     count = len(rounded) - 1
     if count < 2 or not np.all(np.diff(rounded) > 0):
         return None
+    # the highest number below each upper end: the end itself belongs to the next interval
     lowest, highest = rounded[:-1], np.nextafter(rounded[1:], real(-np.inf))
     intervals = np.arange(count)
     quotient = real(count) / (rounded[-1] - rounded[0])
     for larger in _LARGER:
         factor = quotient + real(larger) * np.spacing(quotient)
         first, last = (np.floor((x - rounded[0]) * factor) for x in (lowest, highest))
+        # one too high is mended by a comparison; one too low would need a second one
         if np.all(first == intervals) and np.all(last <= intervals + 1):
             exact = bool(np.all(last == intervals))
             return EvenPoints(float(rounded[0]), float(factor), exact)

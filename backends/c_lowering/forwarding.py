@@ -40,6 +40,7 @@ def _taken(nodes: list[Node], node: Node, source: NodeId, start: int) -> Node:
     assert isinstance(node.op, Slice)
     size = node.op.stop - node.op.start
     whole = nodes[source].type.axes == node.type.axes
+    # ids stay, so that the node stays: a reshape of the same shape costs nothing
     op = Reshape() if whole else Slice(node.op.axis, start, start + size)
     return replace(node, op=op, args=(source,))
 

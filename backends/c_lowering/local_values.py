@@ -4,20 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from backends.c_language import tree as c
 from backends.c_language.functions import FunctionTable
 from backends.c_language.operations import expression_size
 from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import BlockScope, LocalName, SpecName
-from backends.c_language.tree import (
-    Comment,
-    ConstantTable,
-    CType,
-    Declare,
-    Expression,
-    Name,
-    Real,
-    Statement,
-)
 from backends.c_language.used_names import used_names
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.c_lowering.values import Computed, Value, copy_value
@@ -51,7 +42,7 @@ class LocalValues:
         """Terms of a long sum that one turn of its loop adds."""
         self.names_constants = names_constants
         """Whether numbers that the spec names have their name in the text too."""
-        self._known: dict[str, ConstantTable | Declare] = {}
+        self._known: dict[str, c.ConstantTable | c.Declare] = {}
         """By their names in the text: constants that statements may use."""
         self._units: dict[str, str] = {}
         """Of constants of the spec."""
@@ -60,10 +51,10 @@ class LocalValues:
         """The spec's for what it names; for others one of the equation and their kind."""
         return SpecName(node.label) if node.label else self.notes.part_name(node, kind)
 
-    def finished(self, node: Node, value: Expression, scope: BlockScope) -> Expression:
+    def finished(self, node: Node, value: c.Expression, scope: BlockScope) -> c.Expression:
         """The expression, or a constant for it where the spec names it or it grows long."""
         # it has a name already, and a copy of it would say nothing
-        if isinstance(value, Name):
+        if isinstance(value, c.Name):
             return value
         if node.label is None and expression_size(value) <= _LONGEST_EXPRESSION:
             return value
@@ -83,7 +74,7 @@ class LocalValues:
         indices = [Index()] * len(node.type.shape)
         # a scalar may have axes of length 1: an index for each
         made = value.make(indices, scope) if isinstance(value, Computed) else value.element(indices)
-        if isinstance(value, ArrayView) or not isinstance(made, Name):
+        if isinstance(value, ArrayView) or not isinstance(made, c.Name):
             self.notes.write(node, scope)
             made = scope.constant(name, made, _c_type(node))
         return ArrayView.single(made, boolean).reshaped_single(node.type.shape)
@@ -92,12 +83,12 @@ class LocalValues:
         """A new local array for the value, not yet filled."""
         return ArrayView.array(scope.array(name, node.type.size, _c_type(node)), node.type.shape)
 
-    def constants(self, statements: Sequence[Statement]) -> tuple[Statement, ...]:
+    def constants(self, statements: Sequence[c.Statement]) -> tuple[c.Statement, ...]:
         """Constants that the statements use, to be declared before them."""
         used = used_names(statements)
         known = [(name, each) for name, each in self._known.items() if name in used]
         shown = [f"{name} [{self._units[name]}]" for name, _ in known if name in self._units]
-        comment = (Comment(f"constants of the spec: {', '.join(shown)}"),) if shown else ()
+        comment = (c.Comment(f"constants of the spec: {', '.join(shown)}"),) if shown else ()
         return (*comment, *(each for _, each in known))
 
     def known(
@@ -116,25 +107,25 @@ class LocalValues:
         # by their bits: 0.0 and -0.0 compare equal and are two numbers
         if len({value.hex() for value in values}) == 1 and type.kind == "real":
             if not (of_spec and self.names_constants):
-                return ArrayView.single(Real(values[0])).reshaped_single(type.shape)
-            local = Name(scope.fresh(name))
-            self._known[local.text] = Declare(
-                CType.REAL, local.text, Real(values[0]), constant=True, static=True
+                return ArrayView.single(c.Real(values[0])).reshaped_single(type.shape)
+            local = c.Name(scope.fresh(name))
+            self._known[local.text] = c.Declare(
+                c.CType.REAL, local.text, c.Real(values[0]), constant=True, static=True
             )
             if type.unit is not None:
                 self._units[local.text] = type.unit.text
             return ArrayView.single(local).reshaped_single(type.shape)
-        declared: list[Name] = []
+        declared: list[c.Name] = []
 
         # declared at its first use: numbers that are read one by one are literals in the text
-        def table() -> Expression:
+        def table() -> c.Expression:
             if not declared:
-                declared.append(Name(scope.fresh(name)))
-                self._known[declared[0].text] = ConstantTable(declared[0].text, values)
+                declared.append(c.Name(scope.fresh(name)))
+                self._known[declared[0].text] = c.ConstantTable(declared[0].text, values)
             return declared[0]
 
         return ArrayView.array(values, type.shape, table).of_kind(boolean=type.kind == "bool")
 
 
-def _c_type(node: Node) -> CType:
-    return CType.BOOL if node.type.kind == "bool" else CType.REAL
+def _c_type(node: Node) -> c.CType:
+    return c.CType.BOOL if node.type.kind == "bool" else c.CType.REAL

@@ -5,20 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from backends.c_language import tree as c
 from backends.c_language.places import ArrayView, Index, c_strides, variable
 from backends.c_language.scope import BlockScope
-from backends.c_language.tree import (
-    Assign,
-    Binary,
-    Conditional,
-    CType,
-    Declare,
-    Expression,
-    Member,
-    Name,
-    Real,
-    Unsigned,
-)
 from backends.c_lowering.options import Ring
 from backends.c_lowering.values import copy_value
 from compiler.ir.liveness import needed
@@ -73,7 +62,7 @@ class DelayLine:
 
     @property
     def samples(self) -> ArrayView:
-        return ArrayView.array(Member("s", self.identifier), self.shape)
+        return ArrayView.array(c.Member("s", self.identifier), self.shape)
 
     @property
     def last_sample(self) -> ArrayView:
@@ -111,7 +100,7 @@ class ShiftBuffer:
     def window(self) -> ArrayView:
         """All samples with the newest one."""
         *rows, kept = self.shape
-        return ArrayView.array(Member("s", self.identifier), (*rows, kept + 1))
+        return ArrayView.array(c.Member("s", self.identifier), (*rows, kept + 1))
 
     @property
     def samples(self) -> ArrayView:
@@ -163,11 +152,11 @@ class DoubledRing:
 
     @property
     def _storage(self) -> ArrayView:
-        return ArrayView.array(Member("s", self.identifier), (*self.shape[:-1], 2 * self.length))
+        return ArrayView.array(c.Member("s", self.identifier), (*self.shape[:-1], 2 * self.length))
 
     def _from(self, offset: Index, count: int) -> ArrayView:
         strides = c_strides((*self.shape[:-1], 2 * self.length))
-        return ArrayView(Member("s", self.identifier), (*self.shape[:-1], count), strides, offset)
+        return ArrayView(c.Member("s", self.identifier), (*self.shape[:-1], count), strides, offset)
 
     @property
     def window(self) -> ArrayView:
@@ -185,22 +174,22 @@ class DoubledRing:
         return _last(self.window, self.shape[:-1])
 
     def write_start(self, start: ArrayView, scope: BlockScope, unroll: int) -> None:
-        scope.add(Assign(Member("s", self.head), Unsigned(0)))
+        scope.add(c.Assign(c.Member("s", self.head), c.Unsigned(0)))
         for offset in (1, 1 + self.length):
             copy_value(start, self._from(Index(offset), self.shape[-1]), scope, unroll)
         # the two places of the newest sample are written by the step before anything reads them
-        zero = ArrayView.single(Real(0.0)).reshaped_single(self.shape[:-1])
+        zero = ArrayView.single(c.Real(0.0)).reshaped_single(self.shape[:-1])
         for offset in (0, self.length):
             copy_value(zero, _last(self._from(Index(offset), 1), zero.shape), scope, unroll)
 
     def begin(self, scope: BlockScope) -> None:
         """Reads the head, which wraps here; memory errors cannot make it leave the ring."""
-        stored = Member("s", self.head)
-        inside = Binary("<", stored, Unsigned(self.length))
+        stored = c.Member("s", self.head)
+        inside = c.Binary("<", stored, c.Unsigned(self.length))
         # compared, not taken modulo: Cortex-M0 has no division, and a spoiled head ends at 0 too
-        head = Conditional(inside, stored, Unsigned(0))
+        head = c.Conditional(inside, stored, c.Unsigned(0))
         scope.reserve(self.head)
-        scope.add(Declare(CType.UNSIGNED, self.head, head, constant=True))
+        scope.add(c.Declare(c.CType.UNSIGNED, self.head, head, constant=True))
 
     def push(self, newest: ArrayView, scope: BlockScope, unroll: int) -> None:
         for offset in (0, self.length):
@@ -212,7 +201,7 @@ class DoubledRing:
 
     def commit(self, scope: BlockScope, unroll: int) -> None:
         # `length` itself is stored once a turn; `begin` makes 0 of it, so that one place wraps
-        scope.assign(Member("s", self.head), Binary("+", Name(self.head), Unsigned(1)))
+        scope.assign(c.Member("s", self.head), c.Binary("+", c.Name(self.head), c.Unsigned(1)))
 
 
 Buffer = ShiftBuffer | DoubledRing
@@ -282,7 +271,7 @@ def member_place(
     base: str, identifier: str, shape: tuple[int, ...], *, pointer: bool = True
 ) -> ArrayView:
     """A field of a struct as a value of the given shape; a scalar field where there is none."""
-    field: Expression = Member(base, identifier, pointer)
+    field: c.Expression = c.Member(base, identifier, pointer)
     return ArrayView.array(field, shape) if shape else ArrayView.single(field)
 
 

@@ -28,7 +28,11 @@ def find_compiler() -> tuple[str, ...]:
 
     Raises CompilerMissingError.
     """
-    chosen = shlex.split(os.environ.get("CC", ""))
+    try:
+        chosen = shlex.split(os.environ.get("CC", ""))
+    except ValueError as error:
+        why = f"`CC` cannot be split into words ({error})"
+        raise CompilerMissingError(why, "write it as in a shell, quotation marks closed") from None
     if chosen:
         if shutil.which(chosen[0]) is None:
             raise CompilerMissingError

@@ -33,5 +33,6 @@ def safetensors_bytes(arrays: Mapping[str, NDArray[Any]], metadata: Mapping[str,
         parts.append(data)
         start += len(data)
     text = json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode()
+    # so that numbers begin at a multiple of their size and files can be mapped into memory
     text += b" " * (-len(text) % 8)
     return b"".join([len(text).to_bytes(8, "little"), text, *parts])

@@ -27,5 +27,6 @@ def signals_wait() -> Generator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        # with all handlers back: the first signal may raise, and ours must not stay then
         for number in came:
             signal.raise_signal(number)

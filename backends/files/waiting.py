@@ -40,6 +40,7 @@ def wait_until(done: Callable[[], bool], limit: float) -> bool:
 def _heard_interrupts() -> Generator[list[float]]:
     """When interrupts were heard; whoever handled them before still does."""
     heard: list[float] = []
+    # Python lets no other thread set handlers
     if threading.current_thread() is not threading.main_thread():
         yield heard
         return
@@ -51,6 +52,7 @@ def _heard_interrupts() -> Generator[list[float]]:
         if callable(handler):
             handler(number, frame)
 
+    # SIG_DFL and SIG_IGN are no functions: what the system does by itself stays as it is
     handled = {number: handler for number, handler in before.items() if callable(handler)}
     for number in handled:
         signal.signal(number, hear)

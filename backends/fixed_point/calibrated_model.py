@@ -38,6 +38,7 @@ def _objects(program: IntegerProgram, names: FixedNames) -> Iterable[MemoryObjec
 
 
 def _object(port: WordPort | IntegerMemory, struct: Struct, member: str, bits: int) -> MemoryObject:
+    # a power of two: physical limits below are exact
     factor = math.ldexp(1.0, -port.fraction)
     return MemoryObject(
         name=port.name,

@@ -2,88 +2,83 @@
 
 from __future__ import annotations
 
+from backends.c_language import tree as c
 from backends.c_language.places import Index
 from backends.c_language.scope import BlockScope
-from backends.c_language.tree import (
-    Binary,
-    Convert,
-    CType,
-    Declare,
-    Element,
-    Expression,
-    If,
-    Member,
-    Name,
-    Statement,
-)
 from backends.fixed_point.helpers import FixedHelpers
 from backends.fixed_point.memories import element
 from backends.fixed_point.names import FixedNames
 from compiler.fixed_point.integers.program import CheckedInput, WordPort
 
 
-def word_of(port: WordPort, field: str, at: Index) -> Expression:
+def word_of(port: WordPort, field: str, at: Index) -> c.Expression:
     """An element of the local that holds the words of a port."""
-    return element(Name(f"w_{field}"), port.axes, at)
+    return element(c.Name(f"w_{field}"), port.axes, at)
 
 
 def check_window(
-    port: WordPort, field: str, report: Statement, helpers: FixedHelpers, scope: BlockScope
+    port: WordPort, field: str, report: c.Statement, helpers: FixedHelpers, scope: BlockScope
 ) -> None:
     """Words of a window for `reset`, moved into their range; `report` says that one was."""
-    _check(port, Member("x0", field), field, None, (report, helpers, scope))
+    _check(port, c.Member("x0", field), field, None, (report, helpers, scope))
 
 
 def check_input(
     entry: CheckedInput,
     names: FixedNames,
-    report: Statement,
+    report: c.Statement,
     helpers: FixedHelpers,
     scope: BlockScope,
 ) -> None:
     """Words of an input for `step`: `report` says that one was outside its range."""
     port, field = entry.port, names.inputs[entry.port.name]
     held = names.held.get(port.name)
-    kept = None if held is None else Member("s", held)
-    _check(port, Member("u", field), field, kept, (report, helpers, scope))
+    kept = None if held is None else c.Member("s", held)
+    _check(port, c.Member("u", field), field, kept, (report, helpers, scope))
 
 
 def _check(
     port: WordPort,
-    given: Expression,
+    given: c.Expression,
     field: str,
-    held: Expression | None,
-    writing: tuple[Statement, FixedHelpers, BlockScope],
+    held: c.Expression | None,
+    writing: tuple[c.Statement, FixedHelpers, BlockScope],
 ) -> None:
     report, helpers, scope = writing
     local = f"w_{field}"
     if port.axes:
-        scope.add(Declare(CType.WORD, local, size=port.size))
+        scope.add(c.Declare(c.CType.WORD, local, size=port.size))
         with scope.loop(port.size) as (along, inner):
             word = word_of(port, field, along)
-            raw = Element(given, along.expression())
+            raw = c.Element(given, along.expression())
             inner.assign(word, _limited(raw, port, helpers))
-            kept = None if held is None else Element(held, along.expression())
+            kept = None if held is None else c.Element(held, along.expression())
             _replace(word, raw, kept, report, inner)
         return
     limited = _limited(given, port, helpers)
-    scope.add(Declare(CType.WORD, local, limited, constant=held is None))
-    _replace(Name(local), given, held, report, scope)
+    scope.add(c.Declare(c.CType.WORD, local, limited, constant=held is None))
+    _replace(c.Name(local), given, held, report, scope)
 
 
 def _replace(
-    word: Expression, raw: Expression, held: Expression | None, report: Statement, scope: BlockScope
+    word: c.Expression,
+    raw: c.Expression,
+    held: c.Expression | None,
+    report: c.Statement,
+    scope: BlockScope,
 ) -> None:
     """Reports a word that was moved, and takes the last valid one instead where one is held."""
     inner = scope.inner()
     if held is not None:
         inner.assign(word, held)
     inner.add(report)
-    scope.add(If(Binary("!=", word, raw), tuple(inner.statements)))
+    scope.add(c.If(c.Binary("!=", word, raw), tuple(inner.statements)))
     if held is not None:
         # in any case: a valid word is what the next step holds, an invalid one was replaced by it
         scope.assign(held, word)
 
 
-def _limited(raw: Expression, port: WordPort, helpers: FixedHelpers) -> Expression:
-    return Convert(CType.WORD, helpers.limited(Convert(CType.SUM, raw), port.low, port.high))
+def _limited(raw: c.Expression, port: WordPort, helpers: FixedHelpers) -> c.Expression:
+    return c.Convert(
+        c.CType.WORD, helpers.limited(c.Convert(c.CType.SUM, raw), port.low, port.high)
+    )

@@ -54,6 +54,7 @@ def file_texts(
             names,
             "Self-test",
             steps=SELFTEST_STEPS,
+            # a seed of its own: the test program replays other numbers than the self-test
             functions=_golden(program, names, [golden_run(program, SELFTEST_STEPS, 1)]),
         ),
         **_test_texts(program, names),
@@ -292,4 +293,5 @@ def _metadata(
             for e in program.step_errors
         ],
     }
+    # JSON has no infinity: what is not proved is null above
     return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

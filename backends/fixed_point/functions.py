@@ -5,26 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from backends.c.interface.structs import step_text
+from backends.c_language import tree as c
 from backends.c_language.places import Index
 from backends.c_language.scope import BlockScope, LocalNames
-from backends.c_language.tree import (
-    Argument,
-    Binary,
-    Convert,
-    CType,
-    Declare,
-    Discard,
-    Expression,
-    Function,
-    If,
-    Integer,
-    Member,
-    Name,
-    Return,
-    SetBits,
-    Statement,
-    Unsigned,
-)
 from backends.fixed_point.checked_words import check_input, check_window, word_of
 from backends.fixed_point.helpers import FixedHelpers
 from backends.fixed_point.integer_nodes import IntegerLeafSource, IntegerNodes
@@ -51,11 +34,11 @@ class FixedFunctions:
         self._fills = [m for m in program.memories if m.first_fills is not None]
         self._waits = any(m.from_record and m.first_fills is None for m in program.memories)
 
-    def all(self) -> dict[str, Function]:
+    def all(self) -> dict[str, c.Function]:
         """By name; what they call is known afterwards."""
         return {"init": self._init(), "reset": self._reset(), "step": self._step()}
 
-    def definitions(self) -> tuple[Function, ...]:
+    def definitions(self) -> tuple[c.Function, ...]:
         """The helpers that they call."""
         return self._helpers.definitions()
 
@@ -79,23 +62,23 @@ class FixedFunctions:
     def _has_state(self) -> bool:
         return bool(self._program.memories or self._names.held)
 
-    def _init(self) -> Function:
+    def _init(self) -> c.Function:
         scope, state = self._scope(), initial(self._program)
         for memory in self._program.memories:
             self._memories(scope).set(memory, state.memories[memory.name])
         self._set_held(scope, state.held)
         ready = _INITIALISED + (_FILLS if self._fills else 0) + (_WAITS if self._waits else 0)
-        scope.assign(self._ready, Unsigned(ready))
+        scope.assign(self._ready, c.Unsigned(ready))
         doc = "Initialises the state without history."
         return self._function("init", "void", (), scope, doc)
 
-    def _reset(self) -> Function:
+    def _reset(self) -> c.Function:
         scope, program = self._scope(), self._program
         ports = {port.name: port for port in program.windows}
         if not ports:
             # the signature is the same for all models, used or not
-            scope.add(Discard("x0"))
-        scope.add(Declare(CType.STATUS, "status", Name(f"{self._names.macro}_OK")))
+            scope.add(c.Discard("x0"))
+        scope.add(c.Declare(c.CType.STATUS, "status", c.Name(f"{self._names.macro}_OK")))
         clamped = self._bits(FixedStatus.CLAMPED)
         for port in program.windows:
             check_window(port, self._names.windows[port.name], clamped, self._helpers, scope)
@@ -114,23 +97,23 @@ class FixedFunctions:
             self._memories(scope).start(memory, nodes, self._bits(FixedStatus.STATE_SATURATED))
         self._set_held(scope, initial(program).held)
         # every memory has its start: nothing waits any more
-        scope.assign(self._ready, Unsigned(_INITIALISED))
-        scope.add(Return(Name("status")))
+        scope.assign(self._ready, c.Unsigned(_INITIALISED))
+        scope.add(c.Return(c.Name("status")))
         prefix = self._names.prefix
-        arguments = (Argument(f"const {prefix}_init_t *", "x0"),)
+        arguments = (c.Argument(f"const {prefix}_init_t *", "x0"),)
         doc = "Initialises the state from a known past; returns what was out of order."
         return self._function("reset", f"{prefix}_status_t", arguments, scope, doc)
 
-    def _step(self) -> Function:
+    def _step(self) -> c.Function:
         program, names, scope = self._program, self._names, self._scope()
         ports = {entry.port.name: entry.port for entry in program.inputs}
         if not ports:
-            scope.add(Discard("u"))
+            scope.add(c.Discard("u"))
         if not program.outputs:
-            scope.add(Discard("y"))
+            scope.add(c.Discard("y"))
         if not program.memories and not names.held:
-            scope.add(Discard("s"))
-        scope.add(Declare(CType.STATUS, "status", Name(f"{names.macro}_OK")))
+            scope.add(c.Discard("s"))
+        scope.add(c.Declare(c.CType.STATUS, "status", c.Name(f"{names.macro}_OK")))
         for entry in program.inputs:
             bits = _POLICY_BITS.get(entry.policy, FixedStatus.CLAMPED)
             check_input(entry, names, self._bits(bits), self._helpers, scope)
@@ -151,7 +134,7 @@ class FixedFunctions:
         nodes.write()
         for port, results in program.outputs:
             for index, node in enumerate(results):
-                field = Member("y", names.outputs[port.name])
+                field = c.Member("y", names.outputs[port.name])
                 scope.assign(element(field, port.axes, Index(index)), nodes.as_word(node))
         for entry in program.expected:
             self._expected(entry, nodes, scope)
@@ -160,20 +143,23 @@ class FixedFunctions:
         for memory in program.memories:
             restart = initial(program).memories[memory.name] if memory.restarts else None
             memories.commit(memory, nodes, saturated, restart)
-        scope.add(Return(Name("status")))
+        scope.add(c.Return(c.Name("status")))
         prefix = names.prefix
-        arguments = (Argument(f"const {prefix}_in_t *", "u"), Argument(f"{prefix}_out_t *", "y"))
+        arguments = (
+            c.Argument(f"const {prefix}_in_t *", "u"),
+            c.Argument(f"{prefix}_out_t *", "y"),
+        )
         doc = step_text(self._program.late)
         return self._function("step", f"{prefix}_status_t", arguments, scope, doc)
 
     def _first_step(self, scope: BlockScope) -> None:
         """Buffers that `init` could not fill take the first sample for all samples."""
-        statements: list[Statement] = []
+        statements: list[c.Statement] = []
         if self._has_state:
             # states wait for `reset`, or nobody has called `init`
-            begun = Binary("&", self._ready, Unsigned(_WAITS | _INITIALISED))
-            waits = Binary("!=", begun, Unsigned(_INITIALISED))
-            statements.append(If(waits, (self._bits(FixedStatus.UNINITIALISED),)))
+            begun = c.Binary("&", self._ready, c.Unsigned(_WAITS | _INITIALISED))
+            waits = c.Binary("!=", begun, c.Unsigned(_INITIALISED))
+            statements.append(c.If(waits, (self._bits(FixedStatus.UNINITIALISED),)))
         if self._fills:
             inner = scope.inner()
             for memory in self._fills:
@@ -185,15 +171,15 @@ class FixedFunctions:
                     for element in elements
                 ]
                 self._memories(inner).fill(memory, words)
-            filled = Unsigned(_WAITS | _INITIALISED)
+            filled = c.Unsigned(_WAITS | _INITIALISED)
             # the bit of filling goes out, the others stay
-            inner.assign(self._ready, Binary("&", self._ready, filled))
-            empty = Binary("!=", Binary("&", self._ready, Unsigned(_FILLS)), Unsigned(0))
-            statements.append(If(empty, tuple(inner.statements)))
+            inner.assign(self._ready, c.Binary("&", self._ready, filled))
+            empty = c.Binary("!=", c.Binary("&", self._ready, c.Unsigned(_FILLS)), c.Unsigned(0))
+            statements.append(c.If(empty, tuple(inner.statements)))
         if statements:
             # one comparison in every later step, however much there is to do in the first
-            unready = Binary("!=", self._ready, Unsigned(_INITIALISED))
-            scope.add(If(unready, tuple(statements)))
+            unready = c.Binary("!=", self._ready, c.Unsigned(_INITIALISED))
+            scope.add(c.If(unready, tuple(statements)))
 
     def _expected(self, entry: ExpectedWords, nodes: IntegerNodes, scope: BlockScope) -> None:
         """Reports an equation that is outside its range; the step uses the end of the range."""
@@ -201,8 +187,11 @@ class FixedFunctions:
         report = self._bits(FixedStatus.EQUATION_OUT_OF_RANGE)
         for node, low, high in zip(entry.nodes, entry.low, entry.high, strict=True):
             value = nodes.value(node)
-            below, above = Binary("<", value, Integer(low)), Binary(">", value, Integer(high))
-            scope.add(If(Binary("||", below, above), (report,)))
+            below, above = (
+                c.Binary("<", value, c.Integer(low)),
+                c.Binary(">", value, c.Integer(high)),
+            )
+            scope.add(c.If(c.Binary("||", below, above), (report,)))
 
     def _loaded(self) -> frozenset[int]:
         """Reads that the commits need, but for those that move a buffer by samples in place."""
@@ -222,8 +211,8 @@ class FixedFunctions:
         for name, words in values.items():
             port = next(e.port for e in self._program.inputs if e.port.name == name)
             for index, word in enumerate(words):
-                field = Member("s", self._names.held[name])
-                value = Convert(CType.WORD, Integer(word))
+                field = c.Member("s", self._names.held[name])
+                value = c.Convert(c.CType.WORD, c.Integer(word))
                 scope.assign(element(field, port.axes, Index(index)), value)
 
     def _memories(self, scope: BlockScope) -> MemoryWriter:
@@ -232,29 +221,29 @@ class FixedFunctions:
     def _named(self, name: str) -> IntegerMemory:
         return next(memory for memory in self._program.memories if memory.name == name)
 
-    def _no_memory(self, name: str, at: Index) -> Expression:
+    def _no_memory(self, name: str, at: Index) -> c.Expression:
         raise AssertionError("the start reads the record alone")
 
-    def _bits(self, bits: FixedStatus) -> Statement:
-        first, *others = (Name(self._names.status(bit)) for bit in bits)
-        value: Expression = first
+    def _bits(self, bits: FixedStatus) -> c.Statement:
+        first, *others = (c.Name(self._names.status(bit)) for bit in bits)
+        value: c.Expression = first
         for bit in others:
-            value = Binary("|", value, bit)
-        return SetBits(Name("status"), value)
+            value = c.Binary("|", value, bit)
+        return c.SetBits(c.Name("status"), value)
 
     @property
-    def _ready(self) -> Member:
-        return Member("s", self._names.ready)
+    def _ready(self) -> c.Member:
+        return c.Member("s", self._names.ready)
 
     def _scope(self) -> BlockScope:
         return BlockScope(LocalNames(self._names.prefix))
 
     def _function(
-        self, name: str, result: str, structs: tuple[Argument, ...], scope: BlockScope, doc: str
-    ) -> Function:
+        self, name: str, result: str, structs: tuple[c.Argument, ...], scope: BlockScope, doc: str
+    ) -> c.Function:
         prefix = self._names.prefix
-        arguments = (Argument(f"{prefix}_state_t *", "s"), *structs)
-        return Function(
+        arguments = (c.Argument(f"{prefix}_state_t *", "s"), *structs)
+        return c.Function(
             name=f"{prefix}_{name}",
             result=result,
             arguments=arguments,

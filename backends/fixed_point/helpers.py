@@ -4,23 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from backends.c_language.tree import (
-    Argument,
-    Binary,
-    Call,
-    Conditional,
-    Convert,
-    CType,
-    Declare,
-    Element,
-    Expression,
-    Function,
-    Integer,
-    Name,
-    Return,
-    Statement,
-    Unsigned,
-)
+from backends.c_language import tree as c
 
 
 class FixedHelpers:
@@ -28,87 +12,89 @@ class FixedHelpers:
 
     def __init__(self, prefix: str) -> None:
         self._prefix = prefix
-        self._used: dict[str, Callable[[], Function]] = {}
+        self._used: dict[str, Callable[[], c.Function]] = {}
 
-    def limited(self, x: Expression, low: int, high: int) -> Expression:
+    def limited(self, x: c.Expression, low: int, high: int) -> c.Expression:
         """x moved to the nearest limit."""
-        return self._call("limited", self._limited, (x, Integer(low), Integer(high)))
+        return self._call("limited", self._limited, (x, c.Integer(low), c.Integer(high)))
 
-    def rounded(self, x: Expression, bits: int) -> Expression:
+    def rounded(self, x: c.Expression, bits: int) -> c.Expression:
         """x / 2^bits, rounded."""
         return self._call(f"rounded_{bits}", lambda: self._rounded(bits), (x,))
 
-    def interpolated(self, table: Expression, distance: Expression, bits: int) -> Expression:
+    def interpolated(self, table: c.Expression, distance: c.Expression, bits: int) -> c.Expression:
         """The value of a table with cells of 2^bits, at a distance from its first place."""
         if bits > 0:
             self.rounded(distance, bits)  # the definition calls it: it is to stand before
         name = f"interpolated_{bits}"
         return self._call(name, lambda: self._interpolated(bits), (table, distance))
 
-    def definitions(self) -> tuple[Function, ...]:
+    def definitions(self) -> tuple[c.Function, ...]:
         """What was called, each after what it calls."""
         return tuple(make() for make in self._used.values())
 
     def _call(
-        self, name: str, make: Callable[[], Function], arguments: tuple[Expression, ...]
-    ) -> Expression:
+        self, name: str, make: Callable[[], c.Function], arguments: tuple[c.Expression, ...]
+    ) -> c.Expression:
         self._used.setdefault(name, make)
-        return Call(f"{self._prefix}_{name}", arguments)
+        return c.Call(f"{self._prefix}_{name}", arguments)
 
-    def _limited(self) -> Function:
-        x, low, high, above = (Name(text) for text in ("x", "low", "high", "above"))
+    def _limited(self) -> c.Function:
+        x, low, high, above = (c.Name(text) for text in ("x", "low", "high", "above"))
         body = (
-            _constant(CType.SUM, above, Conditional(Binary(">", x, low), x, low)),
-            Return(Conditional(Binary("<", above, high), above, high)),
+            _constant(c.CType.SUM, above, c.Conditional(c.Binary(">", x, low), x, low)),
+            c.Return(c.Conditional(c.Binary("<", above, high), above, high)),
         )
-        arguments = tuple(Argument(self._sum, name.text) for name in (x, low, high))
+        arguments = tuple(c.Argument(self._sum, name.text) for name in (x, low, high))
         return self._function("limited", arguments, body, "x moved to the nearest limit.")
 
-    def _rounded(self, bits: int) -> Function:
+    def _rounded(self, bits: int) -> c.Function:
         """A right shift of a negative number would be each compiler's own affair; the division is
         exact, so that compilers make it that shift."""
         x, raised, pattern, low_bits, rest = (
-            Name(text) for text in ("x", "raised", "pattern", "low_bits", "rest")
+            c.Name(text) for text in ("x", "raised", "pattern", "low_bits", "rest")
         )
         unit = 1 << bits
         body = (
             # half a unit more, without its low bits: a multiple of the unit, halves upwards
-            _constant(CType.SUM, raised, Binary("+", x, Integer(unit >> 1))),
+            _constant(c.CType.SUM, raised, c.Binary("+", x, c.Integer(unit >> 1))),
             # modulo 2ⁿ by the standard: the low bits of a negative number are those of two's
             # complement
-            _constant(CType.BITS, pattern, Convert(CType.BITS, raised)),
-            _constant(CType.BITS, low_bits, Binary("&", pattern, Unsigned(unit - 1))),
-            _constant(CType.SUM, rest, Convert(CType.SUM, low_bits)),
-            Return(Binary("/", Binary("-", raised, rest), Integer(unit))),
+            _constant(c.CType.BITS, pattern, c.Convert(c.CType.BITS, raised)),
+            _constant(c.CType.BITS, low_bits, c.Binary("&", pattern, c.Unsigned(unit - 1))),
+            _constant(c.CType.SUM, rest, c.Convert(c.CType.SUM, low_bits)),
+            c.Return(c.Binary("/", c.Binary("-", raised, rest), c.Integer(unit))),
         )
         doc = f"x / 2^{bits}, rounded to the nearest number, halves upwards."
-        arguments = (Argument(self._sum, x.text),)
+        arguments = (c.Argument(self._sum, x.text),)
         return self._function(f"rounded_{bits}", arguments, body, doc)
 
-    def _interpolated(self, bits: int) -> Function:
+    def _interpolated(self, bits: int) -> c.Function:
         table, distance, place, cell, inside, part, left, right = (
-            Name(text)
+            c.Name(text)
             for text in ("table", "distance", "place", "cell", "inside", "part", "left", "right")
         )
-        body: tuple[Statement, ...] = (_constant(CType.BITS, place, Convert(CType.BITS, distance)),)
+        body: tuple[c.Statement, ...] = (
+            _constant(c.CType.BITS, place, c.Convert(c.CType.BITS, distance)),
+        )
         if bits == 0:
-            body = (*body, Return(Convert(CType.SUM, Element(table, place))))
+            body = (*body, c.Return(c.Convert(c.CType.SUM, c.Element(table, place))))
         else:
-            after = Element(table, Binary("+", cell, Unsigned(1)))
-            rise = Binary("*", Binary("-", right, left), part)
+            after = c.Element(table, c.Binary("+", cell, c.Unsigned(1)))
+            rise = c.Binary("*", c.Binary("-", right, left), part)
             body = (
                 *body,
-                _constant(CType.BITS, cell, Binary(">>", place, Unsigned(bits))),
-                _constant(CType.BITS, inside, Binary("&", place, Unsigned((1 << bits) - 1))),
-                _constant(CType.SUM, part, Convert(CType.SUM, inside)),
-                _constant(CType.SUM, left, Convert(CType.SUM, Element(table, cell))),
-                _constant(CType.SUM, right, Convert(CType.SUM, after)),
-                Return(Binary("+", left, self.rounded(rise, bits))),
+                _constant(c.CType.BITS, cell, c.Binary(">>", place, c.Unsigned(bits))),
+                _constant(c.CType.BITS, inside, c.Binary("&", place, c.Unsigned((1 << bits) - 1))),
+                _constant(c.CType.SUM, part, c.Convert(c.CType.SUM, inside)),
+                _constant(c.CType.SUM, left, c.Convert(c.CType.SUM, c.Element(table, cell))),
+                _constant(c.CType.SUM, right, c.Convert(c.CType.SUM, after)),
+                c.Return(c.Binary("+", left, self.rounded(rise, bits))),
             )
         doc = f"The straight line between two values of a table whose cells are 2^{bits} wide."
         arguments = (
-            Argument(f"const {self._prefix}_word_t *", table.text),
-            Argument(self._sum, distance.text),
+            c.Argument(f"const {self._prefix}_word_t *", table.text),
+            c.Argument(self._sum, distance.text),
         )
         return self._function(f"interpolated_{bits}", arguments, body, doc)
 
@@ -117,10 +103,10 @@ class FixedHelpers:
         return f"{self._prefix}_sum_t"
 
     def _function(
-        self, name: str, arguments: tuple[Argument, ...], body: tuple[Statement, ...], doc: str
-    ) -> Function:
+        self, name: str, arguments: tuple[c.Argument, ...], body: tuple[c.Statement, ...], doc: str
+    ) -> c.Function:
         full_name = f"{self._prefix}_{name}"
-        return Function(
+        return c.Function(
             name=full_name,
             result=self._sum,
             arguments=arguments,
@@ -131,5 +117,5 @@ class FixedHelpers:
         )
 
 
-def _constant(type: CType, name: Name, value: Expression) -> Declare:
-    return Declare(type, name.text, value, constant=True)
+def _constant(type: c.CType, name: c.Name, value: c.Expression) -> c.Declare:
+    return c.Declare(type, name.text, value, constant=True)

@@ -6,22 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import assert_never
 
+from backends.c_language import tree as c
 from backends.c_language.places import Index
 from backends.c_language.scope import BlockScope
-from backends.c_language.tree import (
-    Binary,
-    Conditional,
-    ConstantTable,
-    Convert,
-    CType,
-    Declare,
-    Element,
-    Expression,
-    Integer,
-    Name,
-    Unary,
-    Unsigned,
-)
 from backends.c_lowering.spec_notes import span_text
 from backends.c_lowering.sums import in_blocks
 from backends.fixed_point.helpers import FixedHelpers
@@ -53,9 +40,9 @@ _BLOCK = 4
 class IntegerLeafSource:
     """Where a graph finds its leaves."""
 
-    word: Callable[[str, Index], Expression]
+    word: Callable[[str, Index], c.Expression]
     """An element of a port."""
-    memory: Callable[[str, Index], Expression]
+    memory: Callable[[str, Index], c.Expression]
     """An element of a memory."""
     wide: frozenset[str] = frozenset()
     """Memories that are kept as sums."""
@@ -80,7 +67,7 @@ class IntegerNodes:
             surroundings,
         )
         self._helpers, self._scope = helpers, scope
-        self._tables: dict[tuple[int, ...], Name] = {}
+        self._tables: dict[tuple[int, ...], c.Name] = {}
         self._products = matrix_products(nodes, width.largest_word)
         self._rows = {
             row: (first, place)
@@ -99,32 +86,34 @@ class IntegerNodes:
             if index in self._products:
                 self._write_product(self._products[index])
             elif isinstance(node.op, WeightedSum) and len(node.args) > _SHORT:
-                self._write_sum(Name(f"n{index}"), node.op, node.args)
+                self._write_sum(c.Name(f"n{index}"), node.op, node.args)
             else:
                 value = self._expression(node)
-                self._scope.add(Declare(CType.SUM, f"n{index}", value, constant=True))
+                # by the number of the node: a word of the spec may be many nodes of other scales
+                self._scope.add(c.Declare(c.CType.SUM, f"n{index}", value, constant=True))
 
     def node(self, index: int) -> IntegerNode:
         """A node of the graph."""
         return self._nodes[index]
 
-    def value(self, index: int) -> Expression:
+    def value(self, index: int) -> c.Expression:
         """A node where it is used, as a sum."""
         if index in self._rows:
             first, place = self._rows[index]
-            return Element(Name(f"n{first}"), Unsigned(place))
-        return self._leaf(self._nodes[index]) if self.is_inline(index) else Name(f"n{index}")
+            # rows of a product are elements of the array that the first of them declared
+            return c.Element(c.Name(f"n{first}"), c.Unsigned(place))
+        return self._leaf(self._nodes[index]) if self.is_inline(index) else c.Name(f"n{index}")
 
-    def as_word(self, index: int) -> Expression:
+    def as_word(self, index: int) -> c.Expression:
         """A node that fits a word, as one."""
         op = self._nodes[index].op
         match op:
             case ReadWord() | ReadMemory() if self.is_inline(index) and not self._is_wide(op):
                 return self.element(op, Index(op.index))
             case _:
-                return Convert(CType.WORD, self.value(index))
+                return c.Convert(c.CType.WORD, self.value(index))
 
-    def element(self, op: ReadWord | ReadMemory, at: Index) -> Expression:
+    def element(self, op: ReadWord | ReadMemory, at: Index) -> c.Expression:
         """The element at another place of what a read reads."""
         match op:
             case ReadWord(port):
@@ -137,6 +126,7 @@ class IntegerNodes:
     def is_inline(self, index: int) -> bool:
         """Whether a node is written where it is used."""
         op = self._nodes[index].op
+        # once its memory has moved a read would find the next state: those are kept in a constant
         if isinstance(op, ReadMemory):
             return index not in self._surroundings.loaded
         return isinstance(op, Literal | ReadWord)
@@ -144,39 +134,39 @@ class IntegerNodes:
     def _is_wide(self, op: ReadWord | ReadMemory) -> bool:
         return isinstance(op, ReadMemory) and op.memory in self._surroundings.wide
 
-    def _leaf(self, node: IntegerNode) -> Expression:
+    def _leaf(self, node: IntegerNode) -> c.Expression:
         match node.op:
             case Literal(value):
-                return Integer(value)
+                return c.Integer(value)
             case ReadWord() | ReadMemory():
                 return self._read(node.op, Index(node.op.index))
             case _:
                 raise AssertionError("only leaves are written where they are used")
 
-    def _read(self, op: ReadWord | ReadMemory, at: Index) -> Expression:
+    def _read(self, op: ReadWord | ReadMemory, at: Index) -> c.Expression:
         element = self.element(op, at)
-        return element if self._is_wide(op) else Convert(CType.SUM, element)
+        return element if self._is_wide(op) else c.Convert(c.CType.SUM, element)
 
-    def _expression(self, node: IntegerNode) -> Expression:
+    def _expression(self, node: IntegerNode) -> c.Expression:
         args = [self.value(arg) for arg in node.args]
         match node.op:
             case WeightedSum(constant, coefficients):
                 return _sum(constant, coefficients, args)
             case Product():
-                return Binary("*", args[0], args[1])
+                return c.Binary("*", args[0], args[1])
             case RoundShift(bits):
                 return self._helpers.rounded(args[0], bits)
             case Smaller():
-                return Conditional(Binary("<", args[0], args[1]), args[0], args[1])
+                return c.Conditional(c.Binary("<", args[0], args[1]), args[0], args[1])
             case Larger():
-                return Conditional(Binary(">", args[0], args[1]), args[0], args[1])
+                return c.Conditional(c.Binary(">", args[0], args[1]), args[0], args[1])
             case Choose(relation):
                 left, right, then, otherwise = args
-                if isinstance(then, Integer) and isinstance(otherwise, Integer):
-                    then = Convert(CType.SUM, then)  # not the small type of two small literals
-                return Conditional(Binary(relation.value, left, right), then, otherwise)
+                if isinstance(then, c.Integer) and isinstance(otherwise, c.Integer):
+                    then = c.Convert(c.CType.SUM, then)  # not the small type of two small literals
+                return c.Conditional(c.Binary(relation.value, left, right), then, otherwise)
             case IntegerLookup(first, bits, values):
-                distance = Binary("-", args[0], Integer(first)) if first else args[0]
+                distance = c.Binary("-", args[0], c.Integer(first)) if first else args[0]
                 return self._helpers.interpolated(self._table(values), distance, bits)
             case Literal() | ReadWord() | ReadMemory():
                 return self._leaf(node)
@@ -188,30 +178,30 @@ class IntegerNodes:
         scope, first = self._scope, rows[0]
         args = self._nodes[first].args
         # operands in an array of their own: the inner loop runs along two arrays of words
-        operands, sums = Name(f"x{first}"), Name(f"n{first}")
-        scope.add(Declare(CType.WORD, operands.text, size=len(args)))
+        operands, sums = c.Name(f"x{first}"), c.Name(f"n{first}")
+        scope.add(c.Declare(c.CType.WORD, operands.text, size=len(args)))
         for place, arg in enumerate(args):
-            scope.assign(Element(operands, Unsigned(place)), self.as_word(arg))
+            scope.assign(c.Element(operands, c.Unsigned(place)), self.as_word(arg))
         ops = [op for row in rows if isinstance(op := self._nodes[row].op, WeightedSum)]
-        weights = self._table(tuple(c for op in ops for c in op.coefficients))
+        weights = self._table(tuple(weight for op in ops for weight in op.coefficients))
         constants = tuple(op.constant for op in ops)
         # a table of equal numbers would only take flash
         begins = self._table(constants) if len(set(constants)) > 1 else None
-        scope.add(Declare(CType.SUM, sums.text, size=len(rows)))
+        scope.add(c.Declare(c.CType.SUM, sums.text, size=len(rows)))
         with scope.loop(len(rows)) as (row, inner):
-            begin: Expression = Integer(constants[0])
+            begin: c.Expression = c.Integer(constants[0])
             if begins is not None:
-                begin = Convert(CType.SUM, Element(begins, row.expression()))
-            total = Name(f"total{first}")
-            inner.add(Declare(CType.SUM, total.text, begin))
+                begin = c.Convert(c.CType.SUM, c.Element(begins, row.expression()))
+            total = c.Name(f"total{first}")
+            inner.add(c.Declare(c.CType.SUM, total.text, begin))
             with inner.loop(len(args)) as (along, innermost):
                 place = row.times(len(args)).plus(along)
-                weight = Convert(CType.SUM, Element(weights, place.expression()))
-                value = Convert(CType.SUM, Element(operands, along.expression()))
-                innermost.assign(total, Binary("+", total, Binary("*", weight, value)))
-            inner.assign(Element(sums, row.expression()), total)
+                weight = c.Convert(c.CType.SUM, c.Element(weights, place.expression()))
+                value = c.Convert(c.CType.SUM, c.Element(operands, along.expression()))
+                innermost.assign(total, c.Binary("+", total, c.Binary("*", weight, value)))
+            inner.assign(c.Element(sums, row.expression()), total)
 
-    def _write_sum(self, name: Name, op: WeightedSum, args: Sequence[int]) -> None:
+    def _write_sum(self, name: c.Name, op: WeightedSum, args: Sequence[int]) -> None:
         """The sum in its order: what one order keeps within bounds, another one might not."""
         total = _Total(name, op.constant, self._scope)
         for begin, count in neighbours([self._nodes[arg] for arg in args]):
@@ -227,6 +217,7 @@ class IntegerNodes:
     ) -> None:
         """Adds elements that lie next to each other in a loop."""
         total.begin()
+        # equal weights, as of a mean, need no table
         table = self._table(weights) if len(set(weights)) > 1 else None
 
         def add(along: Index, inner: BlockScope) -> None:
@@ -234,18 +225,20 @@ class IntegerNodes:
             if table is None:
                 total.add(*_term(weights[0], value), inner)
             else:
-                weight = Convert(CType.SUM, Element(table, along.expression()))
-                total.add("+", Binary("*", weight, value), inner)
+                weight = c.Convert(c.CType.SUM, c.Element(table, along.expression()))
+                total.add("+", c.Binary("*", weight, value), inner)
 
         in_blocks(len(weights), _BLOCK, self._scope, add)
 
-    def _table(self, values: tuple[int, ...]) -> Name:
+    def _table(self, values: tuple[int, ...]) -> c.Name:
         """The table with these values, declared before it is used."""
         if values not in self._tables:
-            name = Name(f"table_{len(self._tables) + 1}")
+            name = c.Name(f"table_{len(self._tables) + 1}")
             # words take half the flash of sums
             fits = max(map(abs, values)) <= self._largest_word
-            self._scope.add(ConstantTable(name.text, values, CType.WORD if fits else CType.SUM))
+            self._scope.add(
+                c.ConstantTable(name.text, values, c.CType.WORD if fits else c.CType.SUM)
+            )
             self._tables[values] = name
         return self._tables[values]
 
@@ -253,42 +246,42 @@ class IntegerNodes:
 class _Total:
     """A sum that grows term by term in a variable."""
 
-    def __init__(self, name: Name, constant: int, scope: BlockScope) -> None:
+    def __init__(self, name: c.Name, constant: int, scope: BlockScope) -> None:
         self._name, self._scope = name, scope
         self._begun = False
         if constant:
-            self._declare(Integer(constant))
+            self._declare(c.Integer(constant))
 
     def begin(self) -> None:
         """Begins with 0 where nothing was added yet."""
         if not self._begun:
-            self._declare(Integer(0))
+            self._declare(c.Integer(0))
 
-    def add(self, sign: str, term: Expression, scope: BlockScope) -> None:
+    def add(self, sign: str, term: c.Expression, scope: BlockScope) -> None:
         """Adds or subtracts a term in a block."""
         if self._begun:
-            scope.assign(self._name, Binary(sign, self._name, term))
+            scope.assign(self._name, c.Binary(sign, self._name, term))
         else:
-            self._declare(Unary("-", term) if sign == "-" else term)
+            self._declare(c.Unary("-", term) if sign == "-" else term)
 
-    def _declare(self, value: Expression) -> None:
-        self._scope.add(Declare(CType.SUM, self._name.text, value))
+    def _declare(self, value: c.Expression) -> None:
+        self._scope.add(c.Declare(c.CType.SUM, self._name.text, value))
         self._begun = True
 
 
-def _term(coefficient: int, value: Expression) -> tuple[str, Expression]:
+def _term(coefficient: int, value: c.Expression) -> tuple[str, c.Expression]:
     """Sign and size of a product."""
     size = abs(coefficient)
-    term = value if size == 1 else Binary("*", Integer(size), value)
+    term = value if size == 1 else c.Binary("*", c.Integer(size), value)
     return ("-" if coefficient < 0 else "+"), term
 
 
-def _sum(constant: int, coefficients: Sequence[int], args: Sequence[Expression]) -> Expression:
-    total: Expression | None = Integer(constant) if constant else None
+def _sum(constant: int, coefficients: Sequence[int], args: Sequence[c.Expression]) -> c.Expression:
+    total: c.Expression | None = c.Integer(constant) if constant else None
     for coefficient, arg in zip(coefficients, args, strict=True):
         sign, term = _term(coefficient, arg)
         if total is None:
-            total = Unary("-", term) if sign == "-" else term
+            total = c.Unary("-", term) if sign == "-" else term
         else:
-            total = Binary(sign, total, term)
-    return Integer(0) if total is None else total
+            total = c.Binary(sign, total, term)
+    return c.Integer(0) if total is None else total

@@ -4,23 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from backends.c_language import tree as c
 from backends.c_language.places import Index
 from backends.c_language.scope import BlockScope
-from backends.c_language.tree import (
-    Assign,
-    Binary,
-    Convert,
-    CType,
-    Declare,
-    Element,
-    Expression,
-    If,
-    Integer,
-    Member,
-    Name,
-    Statement,
-    Truth,
-)
 from backends.c_lowering.sums import in_blocks
 from backends.fixed_point.helpers import FixedHelpers
 from backends.fixed_point.integer_nodes import IntegerNodes
@@ -39,9 +25,9 @@ _BLOCK = 4
 """Samples that one turn of a loop moves."""
 
 
-def element(base: Expression, axes: Sequence[Axis], at: Index) -> Expression:
+def element(base: c.Expression, axes: Sequence[Axis], at: Index) -> c.Expression:
     """An element in C order; a scalar has one, itself."""
-    return Element(base, at.expression()) if axes else base
+    return c.Element(base, at.expression()) if axes else base
 
 
 class MemoryWriter:
@@ -53,9 +39,9 @@ class MemoryWriter:
         self._program, self._names = program, names
         self._helpers, self._scope = helpers, scope
 
-    def element(self, memory: IntegerMemory, at: Index) -> Expression:
+    def element(self, memory: IntegerMemory, at: Index) -> c.Expression:
         """An element of the state struct."""
-        return element(Member("s", self._names.memories[memory.name]), memory.axes, at)
+        return element(c.Member("s", self._names.memories[memory.name]), memory.axes, at)
 
     def set(self, memory: IntegerMemory, values: Sequence[int]) -> None:
         """Sets a memory to numbers."""
@@ -66,14 +52,14 @@ class MemoryWriter:
         for index, value in enumerate(values):
             self._scope.assign(self.element(memory, Index(index)), _known(memory, value))
 
-    def fill(self, memory: IntegerMemory, words: Sequence[Expression]) -> None:
+    def fill(self, memory: IntegerMemory, words: Sequence[c.Expression]) -> None:
         """Makes all samples of each row equal to a word."""
         samples = memory.size // len(words)
         for row, word in enumerate(words):
             with self._scope.loop(samples) as (along, inner):
                 inner.assign(self.element(memory, along.plus(Index(row * samples))), word)
 
-    def start(self, memory: IntegerMemory, nodes: IntegerNodes, saturated: Statement) -> None:
+    def start(self, memory: IntegerMemory, nodes: IntegerNodes, saturated: c.Statement) -> None:
         """Sets a memory to what the start made; `saturated` reports what was too large."""
         for begin, count in neighbours([self._program.start[node] for node in memory.start]):
             if not self._copied(memory, self._program.start, memory.start, begin, count, nodes):
@@ -84,7 +70,7 @@ class MemoryWriter:
         self,
         memory: IntegerMemory,
         nodes: IntegerNodes,
-        saturated: Statement,
+        saturated: c.Statement,
         restart: Sequence[int] | None = None,
     ) -> None:
         """Replaces a memory by its next value; `saturated` reports one that was too large.
@@ -97,16 +83,16 @@ class MemoryWriter:
             return
         # elements are judged one after the other; whether the array starts anew is known after the
         # last
-        left = Name(self._scope.fresh(f"{self._names.memories[memory.name]}_left"))
-        self._scope.add(Declare(CType.BOOL, left.text, Truth(False)))
-        self._commit(memory, nodes, (Assign(left, Truth(True)),))
+        left = c.Name(self._scope.fresh(f"{self._names.memories[memory.name]}_left"))
+        self._scope.add(c.Declare(c.CType.BOOL, left.text, c.Truth(False)))
+        self._commit(memory, nodes, (c.Assign(left, c.Truth(True)),))
         inner = self._scope.inner()
         inner.add(saturated)
         MemoryWriter(self._program, self._names, self._helpers, inner).set(memory, restart)
-        self._scope.add(If(left, tuple(inner.statements)))
+        self._scope.add(c.If(left, tuple(inner.statements)))
 
     def _commit(
-        self, memory: IntegerMemory, nodes: IntegerNodes, too_large: tuple[Statement, ...]
+        self, memory: IntegerMemory, nodes: IntegerNodes, too_large: tuple[c.Statement, ...]
     ) -> None:
         for begin, count in neighbours([self._program.step[node] for node in memory.next]):
             if self._copied(memory, self._program.step, memory.next, begin, count, nodes):
@@ -120,15 +106,15 @@ class MemoryWriter:
         index: int,
         node: int,
         nodes: IntegerNodes,
-        too_large: tuple[Statement, ...],
+        too_large: tuple[c.Statement, ...],
     ) -> None:
         """Sets one element to a node; what is done where the node is beyond its limits."""
         found, target = nodes.node(node), self.element(memory, Index(index))
         self._scope.assign(target, self._stored(nodes, node, memory, found))
         if not _fits(memory, found):
             # it was limited where what is stored is not what was computed
-            changed = Binary("!=", target, nodes.value(node))
-            self._scope.add(If(changed, too_large))
+            changed = c.Binary("!=", target, nodes.value(node))
+            self._scope.add(c.If(changed, too_large))
 
     def _copied(
         self,
@@ -155,17 +141,17 @@ class MemoryWriter:
 
     def _stored(
         self, nodes: IntegerNodes, node: int, memory: IntegerMemory, found: IntegerNode
-    ) -> Expression:
+    ) -> c.Expression:
         """A node as a memory keeps it: within its limits, in its type."""
         if _fits(memory, found):
             return nodes.value(node) if memory.wide else nodes.as_word(node)
         limited = self._helpers.limited(nodes.value(node), memory.low, memory.high)
-        return limited if memory.wide else Convert(CType.WORD, limited)
+        return limited if memory.wide else c.Convert(c.CType.WORD, limited)
 
 
 def _fits(memory: IntegerMemory, found: IntegerNode) -> bool:
     return found.low >= memory.low and found.high <= memory.high
 
 
-def _known(memory: IntegerMemory, value: int) -> Expression:
-    return Integer(value) if memory.wide else Convert(CType.WORD, Integer(value))
+def _known(memory: IntegerMemory, value: int) -> c.Expression:
+    return c.Integer(value) if memory.wide else c.Convert(c.CType.WORD, c.Integer(value))

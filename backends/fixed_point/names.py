@@ -42,6 +42,7 @@ def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
     """Names that neither C nor the headers use."""
     prefix = c_identifier(prefix, set())
     ins, outs, wins, mems = (set[str]() for _ in range(4))
+    # before the memories: a state that is called so gives way
     ready = c_identifier("ready", mems)
     return FixedNames(
         model=program.name,

@@ -36,6 +36,7 @@ def kept_source(write: Callable[P, Source]) -> Callable[P, Source]:
         source = found.pop(key, None)
         if source is None:
             source = write(*args, **kwargs)
+        # to the end: what was asked for last goes last
         found[key] = source
         if len(found) > _KEPT:
             found.popitem(last=False)

@@ -113,6 +113,7 @@ class Kernel:
         count = len(members)
         if not isinstance(steps, int) and (steps == steps[0]).all():
             steps = int(steps[0])
+        # groups have one length: where rollouts differ they are sorted into groups in Python
         if not isinstance(steps, int):
             sizes = [min(size, count - begin) for begin in range(0, count, size)]
             return lane_groups(self.group_type, starts[members], steps[members], sizes)
@@ -186,6 +187,7 @@ class Kernel:
         slope = np.zeros(len(physical), self.dtype)
         work = self._work(groups, len(groups))
         handed = _handed(work, ranks)
+        # names of their own: ctypes keeps addresses, and nobody else would keep the arrays
         theta = np.asarray(physical, self.dtype)
         scale = np.asarray(weights, float)
         self._library.msnn_losses(

@@ -50,6 +50,7 @@ def kernel_description() -> KernelDescription | None:
     except (CompilerMissingError, CompilerTooSlowError, OSError):
         return None
     macros = dict(re.findall(r"^#define (\w+) ?(.*)$", told, re.MULTILINE))
+    # clang says that it is gcc too, and which one in its version
     family = "clang" if "__clang__" in macros else "gcc"
     version = macros.get("__VERSION__", "").strip('"').strip()
     found = dict.fromkeys(name for macro, name in _FEATURES.items() if macro in macros)

@@ -114,4 +114,5 @@ def aligned(size: int) -> NDArray[np.uint8]:
     """Bytes that begin where a vector may."""
     raw = np.zeros(size + _ALIGNMENT, np.uint8)
     offset = -raw.ctypes.data % _ALIGNMENT
+    # the view keeps the whole array alive
     return raw[offset : offset + size]

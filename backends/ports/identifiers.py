@@ -67,8 +67,10 @@ def _plain(name: str) -> str:
         character if character.isascii() else _spelled(character) or "_" for character in name
     )
     plain = re.sub(r"[^A-Za-z0-9]+", "_", spelled).strip("_")
+    # names that begin with _ belong to compilers and libraries
     if not plain or not plain[0].isalpha():
         plain = f"v_{plain}".rstrip("_")
+    # names that are equal up to there are told apart by their numbers
     return plain[:LONGEST].rstrip("_")
 
 

@@ -43,6 +43,7 @@ def interface_metadata(
     the start too, are counted from the t at which it is called.
     """
     arrays = physical_weights(program, weights or {})
+    # some only the start needs, and a reader wants all that the export has
     parameters = {p.name: p for p in (*interface.parameters, *interface.start_parameters)}
     return {
         "format": FORMAT,
@@ -107,6 +108,7 @@ def _state(state: State, names: PortNames) -> dict[str, Any]:
 
 def _origin(origin: Origin) -> dict[str, Any]:
     match origin:
+        # `kind` is read by harnesses in other languages: words, not names of classes
         case Declared():
             return {"kind": "declared"}
         case LayerMemory():

@@ -83,9 +83,11 @@ def port_names(interface: StepInterface, reserved: Iterable[str] = ()) -> PortNa
         return {name: c_identifier(name + suffix, taken) for name in names}
 
     def next_value(state: str) -> str:
+        # of an empty set, which numbers nothing: `x_next_2` would say less than `x_next_state`
         usual = c_identifier(f"{state}.next", set())
         return c_identifier(f"{state}.next_state" if usual in taken else f"{state}.next", taken)
 
+    # one that both functions read is one port
     parameters = {p.name: p for p in (*interface.parameters, *interface.start_parameters)}
     states = [state.name for state in interface.states]
     return PortNames(
@@ -129,6 +131,7 @@ def _windows(program: Program, nodes: tuple[NodeId, ...]) -> tuple[Port, ...]:
     for index in nodes:
         match program.start[index].op:
             case ReadLog(name, first, last) | ReadSignal(name, first, last):
+                # one window holds all that is read of a signal: `reset` takes each sample once
                 before = extents.get(name, (first, last))
                 extents[name] = (min(first, before[0]), max(last, before[1]))
             case _:

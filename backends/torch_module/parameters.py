@@ -24,4 +24,5 @@ def physical_value(parameter: Parameter, raw: Tensor) -> Tensor:
 
 
 def _softplus(raw: Tensor) -> Tensor:
+    # torch's softplus is x itself above 20: its slope there would not be that of the kernels
     return torch.logaddexp(raw, torch.zeros_like(raw))

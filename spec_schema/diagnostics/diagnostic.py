@@ -37,6 +37,7 @@ class Diagnostic:
     def also_in(self, files: int) -> "Diagnostic":
         """The same said of so many more files."""
         more = f" … and {files} more file{'s' if files > 1 else ''}"
+        # of a mistake in each of a thousand files one message is enough
         return replace(self, message=self.message + more) if files else self
 
     def seen_from(self, place: Span, label: str) -> "Diagnostic":
@@ -113,6 +114,7 @@ class SpecError(Exception):
     ) -> None:
         self.diagnostics = tuple(diagnostics)
         self.sources = tuple(sources)
+        # for whoever prints the exception itself, as `pytest` and logs do
         super().__init__("; ".join(describe(diagnostic) for diagnostic in self.diagnostics))
 
     def __reduce__(self) -> tuple[type[Exception], tuple[object, ...]]:

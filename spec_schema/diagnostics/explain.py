@@ -8,6 +8,7 @@ from pathlib import Path
 
 FOLDER = Path(__file__).parents[1] / "explanations"
 _WIDTH = 88
+# the words behind the language are for this pattern: Markdown shows none of them
 _FENCED = re.compile(r"^```(\w+) (wrong|repaired)( whole)?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _TITLES = {"wrong": "Wrong:", "repaired": "Repaired:"}
 
@@ -45,6 +46,7 @@ class Explanation:
     def text(self) -> str:
         """The page for a terminal: examples indented, all else in lines of readable length."""
         title, _, rest = self.page.partition("\n")
+        # the title is set apart: as a paragraph it would be wrapped
         parts = [title.removeprefix("# ")]
         end = 0
         for found in _FENCED.finditer(rest):
@@ -71,6 +73,7 @@ def explain(code: str) -> Explanation:
 
 
 def _number(code: str) -> tuple[str, str]:
+    # by number, so that W0504 stands behind E0503 and not behind all errors
     return code[1:], code
 
 

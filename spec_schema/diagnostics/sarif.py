@@ -20,6 +20,7 @@ def sarif_log(diagnostics: Iterable[Diagnostic]) -> dict[str, Any]:
     checkout.
     """
     diagnostics = tuple(diagnostics)
+    # only codes that were found: a host shows all rules of a run
     codes = sorted({diagnostic.code for diagnostic in diagnostics})
     driver = {"name": "msnn", "version": __version__, "rules": [_rule(code) for code in codes]}
     run = {
@@ -61,6 +62,7 @@ def _result(diagnostic: Diagnostic, rule: int) -> dict[str, Any]:
 
 
 def _location(span: Span, label: str) -> dict[str, Any]:
+    # ends are exclusive in SARIF as in spans
     region = {
         "startLine": span.line,
         "startColumn": span.column,

@@ -52,6 +52,7 @@ class SourceText:
     def span(self, start: int, end: int) -> Span:
         """The span of `text[start:end]`; offsets beyond the text are moved to its end."""
         line, column = self.position(start)
+        # a span never ends before it starts, even where a parser says so
         end_line, end_column = self.position(max(start, end))
         return Span(
             file=self.path, line=line, column=column, end_line=end_line, end_column=end_column
@@ -68,4 +69,5 @@ class SourceText:
         """The text of a 1-based line, without its line end."""
         start = self._starts[number - 1]
         end = self._starts[number] if number < self.line_count else len(self.text)
+        # both: the line end may have two characters
         return self.text[start:end].rstrip("\r\n")

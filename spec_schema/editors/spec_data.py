@@ -3,24 +3,9 @@
 from collections.abc import Mapping
 from typing import Any, cast
 
+from spec_schema.expressions import tree
 from spec_schema.expressions.moments import Date
 from spec_schema.expressions.text import expression_text, length_text, number_text
-from spec_schema.expressions.tree import (
-    Binary,
-    Call,
-    Compare,
-    Duration,
-    Expression,
-    Future,
-    ListLiteral,
-    Member,
-    Name,
-    Negate,
-    Number,
-    Past,
-    Samples,
-    Window,
-)
 from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.formulas import Prediction
 from spec_schema.fields.located import Located
@@ -65,6 +50,7 @@ def _plain(value: Any) -> Any:
         case None | bool() | int() | str():
             return value
         case float():
+            # `1` and not `1.0`: people read it, and some keys take integers alone
             return int(value) if value.is_integer() and abs(value) < _EXACT else value
         case Entry():
             return entry_data(value)
@@ -73,7 +59,7 @@ def _plain(value: Any) -> Any:
             return "all" if listed == ["*"] else listed or "none"
         case Located():
             return _plain(cast("Located[Any]", value).value)
-        case Number(value=number):
+        case tree.Number(value=number):
             return _plain(number)
         case Unit(text=text):
             return text
@@ -81,9 +67,9 @@ def _plain(value: Any) -> Any:
             return _plain(number) if unit is None else f"{number_text(number)} {unit.text}"
         case Range(low=low, high=high):
             return [_plain(low), _plain(high)]
-        case Samples(count=count):
+        case tree.Samples(count=count):
             return count
-        case Duration():
+        case tree.Duration():
             return length_text(value)
         case Prediction(signal=signal, ahead=ahead):
             return f"{signal.value}[t+{length_text(ahead)}]"
@@ -114,8 +100,19 @@ def _plain(value: Any) -> Any:
             return {name: _plain(item) for name, item in table.items()}
         case _:
             assert isinstance(value, _EXPRESSIONS), f"{type(value)} has no text"
-            return expression_text(cast("Expression", value))
+            return expression_text(cast("tree.Expression", value))
 
 
 _EXACT = 2**53
-_EXPRESSIONS = (Binary, Call, Compare, Future, ListLiteral, Member, Name, Negate, Past, Window)
+_EXPRESSIONS = (
+    tree.Binary,
+    tree.Call,
+    tree.Compare,
+    tree.Future,
+    tree.ListLiteral,
+    tree.Member,
+    tree.Name,
+    tree.Negate,
+    tree.Past,
+    tree.Window,
+)

@@ -3,70 +3,53 @@
 import unicodedata
 from typing import assert_never
 
+from spec_schema.expressions import tree
 from spec_schema.expressions.formula_binding import ATOM, PRODUCT, binding, binding_of_operands
 from spec_schema.expressions.text import length_text, number_text, time_text
-from spec_schema.expressions.tree import (
-    Binary,
-    Call,
-    Compare,
-    Duration,
-    Expression,
-    Future,
-    ListLiteral,
-    Member,
-    Name,
-    Negate,
-    Number,
-    Operator,
-    Past,
-    Relation,
-    Samples,
-    Window,
-)
 
 _FUNCTIONS = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "min", "max"}
 _ARC = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
 _RELATIONS = {
-    Relation.LESS: "<",
-    Relation.LESS_EQUAL: r"\leq",
-    Relation.GREATER: ">",
-    Relation.GREATER_EQUAL: r"\geq",
+    tree.Relation.LESS: "<",
+    tree.Relation.LESS_EQUAL: r"\leq",
+    tree.Relation.GREATER: ">",
+    tree.Relation.GREATER_EQUAL: r"\geq",
 }
 _JOINTS = {
-    Operator.ADD: " + ",
-    Operator.SUBTRACT: " - ",
-    Operator.MULTIPLY: r" \, ",
-    Operator.CONTRACT: r" \cdot ",
+    tree.Operator.ADD: " + ",
+    tree.Operator.SUBTRACT: " - ",
+    tree.Operator.MULTIPLY: r" \, ",
+    tree.Operator.CONTRACT: r" \cdot ",
 }
 
 
-def expression_latex(expression: Expression) -> str:
+def expression_latex(expression: tree.Expression) -> str:
     """The formula without the signs that start mathematics; samples are indices: `x_{t-1}`."""
     match expression:
-        case Number(value=value):
+        case tree.Number(value=value):
             return number_latex(value)
-        case Duration():
+        case tree.Duration():
             return rf"\mathrm{{{length_text(expression).replace(' ', chr(92) + ',')}}}"
-        case Name(name=name):
+        case tree.Name(name=name):
             return name_latex(name)
-        case Member(base=base, name=name):
+        case tree.Member(base=base, name=name):
             return rf"{name_latex(base)}^{{\mathrm{{{_safe(name)}}}}}"
-        case Call():
+        case tree.Call():
             return _call(expression)
-        case Negate(operand=operand):
+        case tree.Negate(operand=operand):
             return f"-{_within(operand, PRODUCT)}"
-        case Binary(operator=operator, left=left, right=right):
+        case tree.Binary(operator=operator, left=left, right=right):
             return _binary(operator, left, right)
-        case Compare(relation=relation, left=left, right=right):
+        case tree.Compare(relation=relation, left=left, right=right):
             return f"{expression_latex(left)} {_RELATIONS[relation]} {expression_latex(right)}"
-        case Window(operand=operand, first=first, last=last):
+        case tree.Window(operand=operand, first=first, last=last):
             ends = [first] if last is None else [first, last]
             return _at(operand, r"{:}".join(time_text(end) for end in ends))
-        case Past(operand=operand, length=length):
+        case tree.Past(operand=operand, length=length):
             return _at(operand, rf"t-{_length(length)}{{:}}t")
-        case Future(operand=operand, length=length):
+        case tree.Future(operand=operand, length=length):
             return _at(operand, rf"t{{:}}t+{_length(length)}")
-        case ListLiteral(elements=elements):
+        case tree.ListLiteral(elements=elements):
             return rf"\left[{', '.join(map(expression_latex, elements))}\right]"
         case _:
             assert_never(expression)
@@ -126,25 +109,25 @@ def _safe(text: str) -> str:
     return text.replace("_", r"\_")
 
 
-def _at(operand: Expression, index: str) -> str:
+def _at(operand: tree.Expression, index: str) -> str:
     """A value with its samples as index; what has an index already is set in parentheses."""
     # a name with an underscore has an index already, of its second word
-    if isinstance(operand, Name) and "_" not in operand.name:
+    if isinstance(operand, tree.Name) and "_" not in operand.name:
         return f"{name_latex(operand.name)}_{{{index}}}"
     # an index behind an index is an error in LaTeX
     return rf"\left({expression_latex(operand)}\right)_{{{index}}}"
 
 
-def _length(length: Samples | Duration) -> str:
-    if isinstance(length, Samples):
+def _length(length: tree.Samples | tree.Duration) -> str:
+    if isinstance(length, tree.Samples):
         return str(length.count)
     return rf"\mathrm{{{length_text(length).replace(' ', chr(92) + ',')}}}"
 
 
-def _call(call: Call) -> str:
+def _call(call: tree.Call) -> str:
     arguments = [expression_latex(argument) for argument in call.arguments]
     name = call.function.name
-    if isinstance(call.function, Name) and len(arguments) == 1 and not call.keywords:
+    if isinstance(call.function, tree.Name) and len(arguments) == 1 and not call.keywords:
         if name == "sqrt":
             return rf"\sqrt{{{arguments[0]}}}"
         if name == "abs":
@@ -155,36 +138,36 @@ def _call(call: Call) -> str:
     return rf"{_function(call.function)}\left({', '.join(arguments)}\right)"
 
 
-def _function(function: Name | Member) -> str:
+def _function(function: tree.Name | tree.Member) -> str:
     match function:
-        case Name(name=name) if name in _FUNCTIONS:
+        case tree.Name(name=name) if name in _FUNCTIONS:
             return rf"\{name}"
-        case Name(name=name) if name in _ARC:
+        case tree.Name(name=name) if name in _ARC:
             return rf"\{_ARC[name]}"
-        case Name(name=name) if len(name) > 1 and "_" not in name:
+        case tree.Name(name=name) if len(name) > 1 and "_" not in name:
             return rf"\operatorname{{{name}}}"
         case _:
             return expression_latex(function)
 
 
-def _binary(operator: Operator, left: Expression, right: Expression) -> str:
-    if operator is Operator.DIVIDE:
+def _binary(operator: tree.Operator, left: tree.Expression, right: tree.Expression) -> str:
+    if operator is tree.Operator.DIVIDE:
         return rf"\frac{{{expression_latex(left)}}}{{{expression_latex(right)}}}"
-    if operator is Operator.POWER:
+    if operator is tree.Operator.POWER:
         # braces keep an exponent from joining the one within
         return f"{{{_within(left, ATOM)}}}^{{{expression_latex(right)}}}"
     least = binding_of_operands(operator)
     second, joint = expression_latex(right), _JOINTS[operator]
     # a number behind a thin space would read as a factor of it: `2 3`
-    if operator is Operator.MULTIPLY and second[:1].isdigit():
+    if operator is tree.Operator.MULTIPLY and second[:1].isdigit():
         joint = r" \cdot "
     return f"{_within(left, least)}{joint}{_enclosed(second, right, least + 1)}"
 
 
-def _within(expression: Expression, least: int) -> str:
+def _within(expression: tree.Expression, least: int) -> str:
     return _enclosed(expression_latex(expression), expression, least)
 
 
-def _enclosed(text: str, expression: Expression, least: int) -> str:
+def _enclosed(text: str, expression: tree.Expression, least: int) -> str:
     """The text of an expression, in parentheses where it binds less than it must."""
     return text if binding(expression) >= least else rf"\left({text}\right)"

@@ -5,69 +5,53 @@ from __future__ import annotations
 from html import escape
 from typing import assert_never
 
+from spec_schema.expressions import tree
 from spec_schema.expressions.formula_binding import ATOM, PRODUCT, binding, binding_of_operands
 from spec_schema.expressions.text import length_text, number_text, time_text
-from spec_schema.expressions.tree import (
-    Binary,
-    Call,
-    Compare,
-    Duration,
-    Expression,
-    Future,
-    Length,
-    ListLiteral,
-    Member,
-    Name,
-    Negate,
-    Number,
-    Operator,
-    Past,
-    Relation,
-    Window,
-)
 
 _RELATIONS = {
-    Relation.LESS: "<",
-    Relation.LESS_EQUAL: "≤",
-    Relation.GREATER: ">",
-    Relation.GREATER_EQUAL: "≥",
+    tree.Relation.LESS: "<",
+    tree.Relation.LESS_EQUAL: "≤",
+    tree.Relation.GREATER: ">",
+    tree.Relation.GREATER_EQUAL: "≥",
 }
 _JOINTS = {
-    Operator.ADD: "<mo>+</mo>",
-    Operator.SUBTRACT: "<mo>−</mo>",
-    Operator.MULTIPLY: "<mo>·</mo>",
-    Operator.CONTRACT: "<mo>·</mo>",
+    tree.Operator.ADD: "<mo>+</mo>",
+    tree.Operator.SUBTRACT: "<mo>−</mo>",
+    tree.Operator.MULTIPLY: "<mo>·</mo>",
+    tree.Operator.CONTRACT: "<mo>·</mo>",
 }
 
 
-def expression_mathml(expression: Expression) -> str:
+def expression_mathml(expression: tree.Expression) -> str:
     """The formula without the `math` element around it; samples are indices."""
     match expression:
-        case Number(value=value):
+        case tree.Number(value=value):
             return number_mathml(value)
-        case Duration():
+        case tree.Duration():
             return _text(length_text(expression))
-        case Name(name=name):
+        case tree.Name(name=name):
             return name_mathml(name)
-        case Member(base=base, name=name):
+        case tree.Member(base=base, name=name):
+            # above, as the place below is that of samples
             return f"<msup>{name_mathml(base)}{_text(name)}</msup>"
-        case Call():
+        case tree.Call():
             return _call(expression)
-        case Negate(operand=operand):
+        case tree.Negate(operand=operand):
             return f"<mrow><mo>−</mo>{_within(operand, PRODUCT)}</mrow>"
-        case Binary(operator=operator, left=left, right=right):
+        case tree.Binary(operator=operator, left=left, right=right):
             return _binary(operator, left, right)
-        case Compare(relation=relation, left=left, right=right):
+        case tree.Compare(relation=relation, left=left, right=right):
             sign = f"<mo>{escape(_RELATIONS[relation])}</mo>"
             return f"<mrow>{expression_mathml(left)}{sign}{expression_mathml(right)}</mrow>"
-        case Window(operand=operand, first=first, last=last):
+        case tree.Window(operand=operand, first=first, last=last):
             ends = [first] if last is None else [first, last]
             return indexed(_within(operand, ATOM), " … ".join(map(time_text, ends)))
-        case Past(operand=operand, length=length):
+        case tree.Past(operand=operand, length=length):
             return indexed(_within(operand, ATOM), f"t−{_length(length)} … t")
-        case Future(operand=operand, length=length):
+        case tree.Future(operand=operand, length=length):
             return indexed(_within(operand, ATOM), f"t … t+{_length(length)}")
-        case ListLiteral(elements=elements):
+        case tree.ListLiteral(elements=elements):
             return f"<mrow><mo>[</mo>{_listed(map(expression_mathml, elements))}<mo>]</mo></mrow>"
         case _:
             assert_never(expression)
@@ -104,7 +88,7 @@ def _text(text: str) -> str:
     return f"<mtext>{escape(text)}</mtext>"
 
 
-def _length(length: Length) -> str:
+def _length(length: tree.Length) -> str:
     return length_text(length)
 
 
@@ -112,9 +96,9 @@ def _listed(parts: map[str]) -> str:
     return "<mo>,</mo>".join(parts)
 
 
-def _call(call: Call) -> str:
+def _call(call: tree.Call) -> str:
     # MathML has elements of its own for these
-    if isinstance(call.function, Name) and len(call.arguments) == 1 and not call.keywords:
+    if isinstance(call.function, tree.Name) and len(call.arguments) == 1 and not call.keywords:
         (argument,) = call.arguments
         match call.function.name:
             case "sqrt":
@@ -135,25 +119,26 @@ def _call(call: Call) -> str:
     return f"<mrow>{_function(call.function)}{enclosed(inner)}</mrow>"
 
 
-def _function(function: Name | Member) -> str:
-    if isinstance(function, Name) and "_" not in function.name:
+def _function(function: tree.Name | tree.Member) -> str:
+    if isinstance(function, tree.Name) and "_" not in function.name:
         return _text(function.name)
-    if isinstance(function, Member):
+    if isinstance(function, tree.Member):
         return _text(f"{function.base}.{function.name}")
     return expression_mathml(function)
 
 
-def _binary(operator: Operator, left: Expression, right: Expression) -> str:
-    if operator is Operator.DIVIDE:
+def _binary(operator: tree.Operator, left: tree.Expression, right: tree.Expression) -> str:
+    if operator is tree.Operator.DIVIDE:
         above, below = expression_mathml(left), expression_mathml(right)
         return f"<mfrac><mrow>{above}</mrow><mrow>{below}</mrow></mfrac>"
-    if operator is Operator.POWER:
+    if operator is tree.Operator.POWER:
+        # an exponent stands apart by itself and needs no parentheses
         return f"<msup>{_within(left, ATOM)}<mrow>{expression_mathml(right)}</mrow></msup>"
     least = binding_of_operands(operator)
     return f"<mrow>{_within(left, least)}{_JOINTS[operator]}{_within(right, least + 1)}</mrow>"
 
 
-def _within(expression: Expression, least: int) -> str:
+def _within(expression: tree.Expression, least: int) -> str:
     """The formula of a part, in parentheses where it binds less than it must."""
     text = expression_mathml(expression)
     return text if binding(expression) >= least else enclosed(text)

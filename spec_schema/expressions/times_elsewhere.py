@@ -20,7 +20,10 @@ def time_elsewhere(node: ast.expr) -> str | None:
         ):
             return _offset(op, count)
         case ast.BinOp(
-            left=ast.Constant(value=int(count)), op=ast.Add() as op, right=ast.Name(id=name)
+            # not `1-k`: time that runs backwards is no sample of a log
+            left=ast.Constant(value=int(count)),
+            op=ast.Add() as op,
+            right=ast.Name(id=name),
         ) if name in _INDICES:
             return _offset(op, count)
         case _:

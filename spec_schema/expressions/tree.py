@@ -33,6 +33,7 @@ class Relation(Enum):
 class Number:
     """A finite literal."""
 
+    # places take no part in equality, here and below: one formula written twice is one value
     value: float
     span: Span = field(compare=False)
 

@@ -7,18 +7,8 @@ from typing import Annotated, TypeAlias
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import schema as errors
+from spec_schema.expressions import tree
 from spec_schema.expressions.parser import parse_expression
-from spec_schema.expressions.tree import (
-    Call,
-    Expression,
-    Length,
-    ListLiteral,
-    Member,
-    Name,
-    Samples,
-    TimeOffset,
-    Window,
-)
 from spec_schema.fields.entry import RefusedError
 from spec_schema.fields.located import Located
 from spec_schema.fields.plain import reads, scalar
@@ -31,11 +21,11 @@ class Prediction:
     """`predicts: signal[t+ahead]`."""
 
     signal: Located[str]
-    ahead: Length
+    ahead: tree.Length
     span: Span = field(compare=False)
 
 
-def read_expression(node: Node, findings: Findings, *, condition: bool = False) -> Expression:
+def read_expression(node: Node, findings: Findings, *, condition: bool = False) -> tree.Expression:
     """An expression; a condition may compare."""
     if isinstance(node, Listing | Table):
         findings.report(errors.list_for_expression(node.span))
@@ -55,11 +45,11 @@ def read_expression(node: Node, findings: Findings, *, condition: bool = False) 
     return expression
 
 
-def _read_condition(node: Node, findings: Findings) -> Expression:
+def _read_condition(node: Node, findings: Findings) -> tree.Expression:
     return read_expression(node, findings, condition=True)
 
 
-def read_array(node: Node, findings: Findings) -> Expression:
+def read_array(node: Node, findings: Findings) -> tree.Expression:
     """Numbers: a list, lists of lists, an expression or `{linspace: …}`."""
     match node:
         case Scalar():
@@ -68,11 +58,11 @@ def read_array(node: Node, findings: Findings) -> Expression:
             findings.report(errors.empty_section("a list of numbers", node.span))
             raise RefusedError
         case Listing(items=items):
-            return ListLiteral(tuple(read_array(item, findings) for item in items), node.span)
+            return tree.ListLiteral(tuple(read_array(item, findings) for item in items), node.span)
         # as YAML has it; the call that it becomes is lowered like one in a formula
         case Table(entries={"linspace": Listing(items=items)}) if len(node.entries) == 1:
             arguments = tuple(read_expression(item, findings) for item in items)
-            return Call(Name("linspace", node.keys["linspace"]), arguments, (), node.span)
+            return tree.Call(tree.Name("linspace", node.keys["linspace"]), arguments, (), node.span)
         case Table():
             repair = "write numbers in [ ], an expression, or `{linspace: [0, 1, 5]}`"
             findings.report(errors.wrong_kind("numbers", "a mapping", node.span, repair))
@@ -82,21 +72,21 @@ def read_array(node: Node, findings: Findings) -> Expression:
 def _read_prediction(node: Node, findings: Findings) -> Prediction:
     expression = read_expression(node, findings)
     match expression:
-        case Name(name=name, span=span):
-            return Prediction(Located(name, span, node.key), Samples(0, span), span)
+        case tree.Name(name=name, span=span):
+            return Prediction(Located(name, span, node.key), tree.Samples(0, span), span)
         # a window of one sample: `x[t+1]`
-        case Window(operand=Name(name=name, span=span), first=TimeOffset() as ahead, last=None) if (
-            ahead.sign == 1
-        ):
+        case tree.Window(
+            operand=tree.Name(name=name, span=span), first=tree.TimeOffset() as ahead, last=None
+        ) if ahead.sign == 1:
             signal = Located(name, span, node.key)
             return Prediction(signal, ahead.length, expression.span)
         # `plant.x` of a sub-model
-        case Member():
+        case tree.Member():
             name = Located(f"{expression.base}.{expression.name}", expression.span, node.key)
-            return Prediction(name, Samples(0, expression.span), expression.span)
-        case Window(operand=Member() as member, first=TimeOffset() as ahead, last=None) if (
-            ahead.sign == 1
-        ):
+            return Prediction(name, tree.Samples(0, expression.span), expression.span)
+        case tree.Window(
+            operand=tree.Member() as member, first=tree.TimeOffset() as ahead, last=None
+        ) if ahead.sign == 1:
             signal = Located(f"{member.base}.{member.name}", member.span, node.key)
             return Prediction(signal, ahead.length, expression.span)
         case _:
@@ -114,7 +104,7 @@ ARRAY = {
     "additionalProperties": False,
 }
 _PREDICTION = {"type": "string", "examples": ["x[t+1]"]}
-ExpressionField: TypeAlias = Annotated[Expression, reads(read_expression, EXPRESSION)]
-ConditionField: TypeAlias = Annotated[Expression, reads(_read_condition, {"type": "string"})]
-ArrayField: TypeAlias = Annotated[Expression, reads(read_array, ARRAY)]
+ExpressionField: TypeAlias = Annotated[tree.Expression, reads(read_expression, EXPRESSION)]
+ConditionField: TypeAlias = Annotated[tree.Expression, reads(_read_condition, {"type": "string"})]
+ArrayField: TypeAlias = Annotated[tree.Expression, reads(read_array, ARRAY)]
 PredictionField: TypeAlias = Annotated[Prediction, reads(_read_prediction, _PREDICTION)]

@@ -14,6 +14,7 @@ class Located(Generic[Value]):
     """A value, its place, and the place of its key where it has one."""
 
     value: Value
+    # a value is the same wherever it is written: equal specs make equal programs
     span: Span = field(compare=False)
     key: Span | None = field(default=None, compare=False)
 

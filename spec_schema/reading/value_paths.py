@@ -22,10 +22,12 @@ def inside(kind: Kind, step: str) -> Kind:
     for arm in _arms(kind):
         if isinstance(arm, type) and issubclass(arm, Entry):
             for name, field in arm.model_fields.items():
+                # as the user writes it: `from`, `validate`
                 if step == (field.alias or name):
                     return field.annotation
             continue
         origin = get_origin(arm)
+        # tuples of a spec are homogeneous, `tuple[X, ...]`
         if origin is tuple:
             return get_args(arm)[0]
         if isinstance(origin, type) and issubclass(origin, Mapping):

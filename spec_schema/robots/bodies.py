@@ -139,6 +139,7 @@ class _Growing:
             span=place,
         )
         self.bodies.append(body)
+        # turned back: the axes of the link are those of the file, whatever its joint turns about
         return _Frame(len(self.bodies) - 1, transposed(A))
 
     def add(self, link: str, frame: _Frame, inertia: Inertia) -> None:

@@ -22,6 +22,7 @@ def axis_of(element: XmlElement, what: str, findings: Findings) -> Vector | None
     if numbers is None:
         return None
     x, y, z = numbers
+    # hypot scales: squares of 1e-200 would vanish
     length = math.hypot(x, y, z)
     if length < 1 / LARGEST:  # which leaves no digits of a direction
         text = found.attributes["xyz"][:40]
@@ -81,6 +82,7 @@ def numbers_of(
     try:
         # Python would read 1_0 and digits of any script, which no reader of XML takes for numbers
         foreign = "_" in text or not text.isascii()
+        # `nan` and `inf` are read here, and the comparison below refuses them
         numbers = () if foreign else tuple(float(part) for part in text.split())
     except ValueError:
         numbers = ()

@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import robots as errors
+from spec_schema.robots.elements import LARGEST
 from spec_schema.robots.urdf import Joint, Urdf
 
 
@@ -17,11 +18,17 @@ def held_positions(urdf: Urdf, moving: Collection[str], findings: Findings) -> d
     """
     found: dict[str, float] = {}
     for joint in urdf.joints.values():
+        # a moving joint that mimics is left to be reported: it cannot follow and be driven
         if not joint.moves or (joint.name in moving and joint.mimic is None):
             continue
         position = _position(joint, urdf, moving)
-        if position is not None:
+        if position is not None and abs(position) <= LARGEST:
             found[joint.name] = position
+        elif position is not None and joint.mimic is not None:
+            # along a chain of joints numbers of which each is small enough multiply
+            wanted = f"a position up to {LARGEST:g}"
+            place = joint.mimic.span
+            findings.report(errors.malformed_number("<mimic>", f"{position:g}", wanted, place))
         elif joint.mimic is not None:
             report = errors.mimicking_joint(joint.name, joint.mimic.joint, joint.mimic.span)
             findings.report(report)
@@ -37,7 +44,9 @@ def _position(joint: Joint, urdf: Urdf, moving: Collection[str]) -> float | None
             return None
         if joint.mimic is None:
             return position
+        # joints that follow each other in a circle stand nowhere
         passed.add(joint.name)
+        # m₁ (m₂ q + o₂) + o₁: offsets further on are multiplied by all factors before them
         position += factor * joint.mimic.offset
         factor *= joint.mimic.multiplier
         leader = urdf.joints.get(joint.mimic.joint)

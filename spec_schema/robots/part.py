@@ -63,7 +63,7 @@ def robot_part(
         findings.report(errors.held_joints(held, place, urdf.joints[first].span))
     if not tree.bodies:
         problem = "moves by no joint"
-        findings.report(errors.unfit_setting_of_robot("urdf", problem, entry.urdf.span, None))
+        findings.report(errors.unfit_setting_of_robot("urdf", problem, entry.urdf.span))
         return None
     slides = {body.joint: body.slides for body in tree.bodies}
     positions = tuple(labels.index(body.joint) for body in tree.bodies)
@@ -150,13 +150,13 @@ def _armature(
     place = entry.armature[0].span
     if len(given) != len(slides) - free:
         problem = f"has {len(given)} numbers, one for each joint are {len(slides) - free}"
-        findings.report(errors.unfit_setting_of_robot("armature", problem, place, None))
+        findings.report(errors.unfit_setting_of_robot("armature", problem, place))
         return (0.0,) * len(slides)
     units = (_SLIDING if sliding else _TURNING for sliding in slides[free:])
     found = [_in(part, unit, findings) for part, unit in zip(given, units, strict=True)]
     if any(number < 0.0 for number in found):
         problem = "must be at least 0"
-        findings.report(errors.unfit_setting_of_robot("armature", problem, place, None))
+        findings.report(errors.unfit_setting_of_robot("armature", problem, place))
     return (*(0.0,) * free, *found)
 
 
@@ -193,7 +193,7 @@ def _described(
     if robot.learned:
         heavy = [robot.bodies[index] for index in robot.heavy]
         if not heavy:
-            report = errors.unfit_setting_of_robot("learn", _WEIGHTLESS, entry.learn[0].span, None)
+            report = errors.unfit_setting_of_robot("learn", _WEIGHTLESS, entry.learn[0].span)
             findings.report(report)
             return _node({"msnn": 1, "name": name}, place)
         dims["body"] = [body.link for body in heavy]

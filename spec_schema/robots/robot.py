@@ -24,6 +24,7 @@ class Inertia:
     """Mass, its centre, and Σ = ∫ (r − c)(r − c)ᵀ dm about it, along the axes of a frame."""
 
     mass: float = 0.0
+    # Σ and not the moments: any Σ ≥ 0 is that of some body, which is what learning keeps to
     com: Vector = ZERO
     spread: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -74,6 +75,7 @@ class Robot:
     @property
     def heavy(self) -> tuple[int, ...]:
         """The bodies that have a mass."""
+        # frames of tools and sensors are links without mass, of which nothing can be learned
         return tuple(i for i, body in enumerate(self.bodies) if body.inertia.mass > 0.0)
 
     @property

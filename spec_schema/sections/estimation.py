@@ -38,6 +38,7 @@ def _read_not_negative(node: Node, findings: Findings) -> Quantity:
     if quantity.value < 0:
         findings.report(errors.out_of_range(quantity.text, quantity.span, "at least 0"))
         raise RefusedError
+    # 0 says "no drift"; any other must not become 0 when it is squared
     if quantity.value and not has_variance(quantity, findings):
         raise RefusedError
     return quantity

@@ -190,5 +190,6 @@ class Export(Entry):
 
     @property
     def _entries(self) -> tuple[TargetEntry, ...]:
+        # of the fields, so that a new target is known to all three above
         values = (getattr(self, name) for name in type(self).model_fields)
         return tuple(value for value in values if isinstance(value, TargetEntry))

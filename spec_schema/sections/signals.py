@@ -130,6 +130,7 @@ class State(Entry):
 
     @model_validator(mode="after")
     def _moves(self, info: ValidationInfo) -> "State":
+        # both are right together: `next` may change what `flow(x)` gives
         if self.der is None and self.next is None:
             findings_of(info).report(state_errors.state_without_law(self.place.key))
         return self

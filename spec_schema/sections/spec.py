@@ -68,6 +68,7 @@ class Spec(Entry):
     """Measured files and which column is which signal."""
     train: EntriesOf[Stage] = ()
     """Stages of training, each from the best weights of the one before."""
+    # pydantic's models have a method of that name
     checks: EntriesOf[Validation] = Field(default=(), alias="validate")
     """What is measured of the trained model, with limits."""
     export: Export | None = None

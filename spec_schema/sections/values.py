@@ -132,6 +132,7 @@ class Initializer(OneOf):
 
     @classmethod
     def canonical(cls, node: Node, findings: Findings) -> Node:
+        # `{linspace: [0, 1, 5]}` is an array as constants have it too, not one of the ways below
         is_variant = isinstance(node, Table) and "linspace" not in node.entries
         return super().canonical(node if is_variant else single_key(node, "value"), findings)
 
@@ -158,6 +159,7 @@ class Constant(Entry):
 
     @classmethod
     def canonical(cls, node: Node, findings: Findings) -> Node:
+        # the shorthand of an entry takes scalars and lists; this mapping is a value as well
         if isinstance(node, Table) and set(node.entries) == {"linspace"}:
             node = single_key(node, "value")
         return _with_split_unit(super().canonical(node, findings), "value", findings)
@@ -189,6 +191,7 @@ def _read_scale(node: Node, findings: Findings) -> float | OfData:
     if isinstance(node, Scalar) and node.text == "data":
         return "data"
     value = read_number(node, findings)
+    # raw variables are divided by it
     if value <= 0:
         findings.report(errors.out_of_range(f"{value:g}", node.span, "above 0, or `data`"))
         raise RefusedError
@@ -245,10 +248,12 @@ def _with_split_unit(node: Node, key: str, findings: Findings) -> Node:
     amount, unit = parts
     declared = node.entries.get("unit")
     if isinstance(declared, Scalar) and declared.text.strip() != unit.text:
+        # goes on with the declared one, so that this mistake is told once and not of each use
         report = unit_errors.two_units(unit.text, declared.text, unit.span, declared.span)
         findings.report(report)
         unit = declared
     entries = {**node.entries, key: amount, "unit": unit}
+    # a key that is written keeps its place
     keys = {"unit": unit.span, **node.keys}
     return Table(entries, keys, node.span, node.key)
 

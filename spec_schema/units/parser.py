@@ -107,6 +107,7 @@ def _meant(symbol: str) -> str | None:
     """The unit that a symbol most likely means: a word, other letters, a letter twice, a typo."""
     known = _SPELLINGS.get(symbol) or _SPELLINGS.get(symbol.removesuffix("s"))
     alike = [row for row in UNIT_ROWS if row.casefold() == symbol.casefold()]
+    # `mm` is a unit, `ss` a slip of the finger
     single = _TWICE.sub(r"\1", symbol)
     if known or len(alike) == 1:
         return known or alike[0]

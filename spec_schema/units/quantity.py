@@ -18,6 +18,7 @@ class Quantity:
     @property
     def text(self) -> str:
         """As a spec writes it: `50 ms`, or `50` without a unit."""
+        # enough to know the number again, and without the noise of 0.1 + 0.2
         number = f"{self.value:.12g}"
         return number if self.unit is None else f"{number} {self.unit.text}"
 

@@ -20,6 +20,7 @@ class Positions:
 
     def span(self, first: int, last: int) -> Span:
         """The span of `value[first:last]`."""
+        # a parser may point behind the text, at what is missing there
         end = len(self.offsets) - 1
         return self.source.span(self.offsets[min(first, end)], self.offsets[min(last, end)])
 
@@ -94,6 +95,7 @@ def kind(node: Node) -> str:
             return "a mapping"
         case Scalar(value=None):
             return "empty"
+        # before numbers: True is an int in Python
         case Scalar(value=bool()):
             return "true or false"
         case Scalar(value=int() | float()):

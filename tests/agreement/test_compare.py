@@ -18,6 +18,7 @@ from msnn.agreement.judging.judgement import FloatType
 from msnn.agreement.judging.record import drawn_record
 from msnn.exports.check import check_export
 from msnn.exports.export import plan_exports, write_export
+from msnn.exports.table import TARGETS
 from msnn.exports.target import AnyPlan
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights
@@ -36,6 +37,13 @@ TYPES: list[tuple[str, FloatType]] = [
     ("c", "float32"),
     ("fmu", "float32"),
 ]
+
+
+def test_every_target_is_compared() -> None:
+    """A target that steps a model has a row of TYPES; controllers and filters have no samples."""
+    stepped = {target.name for target in TARGETS if not target.of_online}
+    missing = stepped - {target for target, _ in TYPES}
+    assert not missing, f"give {missing} a row of TYPES in {__file__}"
 
 
 def plan_of_sample(sample: str, target: str, dtype: FloatType) -> AnyPlan:

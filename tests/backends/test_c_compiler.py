@@ -37,6 +37,15 @@ def test_without_a_compiler_one_sentence_says_so(monkeypatch: pytest.MonkeyPatch
         find_compiler()
 
 
+@pytest.mark.parametrize("words", ["gcc 'a", "gcc \\"])
+def test_a_cc_that_no_shell_reads_is_no_compiler(
+    monkeypatch: pytest.MonkeyPatch, words: str
+) -> None:
+    monkeypatch.setenv("CC", words)
+    with pytest.raises(CompilerMissingError, match="`CC` cannot be split into words"):
+        find_compiler()
+
+
 def test_kernels_of_the_wheel_are_files_of_their_own(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -60,10 +60,16 @@ SPECIAL: dict[str, list[tuple[float, ...]]] = {
 """Arguments at which the value is defined but not ordinary."""
 
 
+EXACT = {"sqrt", "abs", "sign"}
+"""Functions that every C has to the bit: they need no kernel."""
+
+
 def function_records() -> dict[str, Record]:
     """Records by the function's name; a row of the table must have its meaning here."""
     missing = SCALAR_FUNCTIONS.keys() - (MEANINGS.keys() & SPECIAL.keys())
     assert not missing, f"give {missing} their MEANINGS and SPECIAL in {__file__}"
+    bare = {name for name, row in SCALAR_FUNCTIONS.items() if row.kernel is None} - EXACT
+    assert not bare, f"give {bare} their kernels in compiler/kernels/table.py: C has no others"
     with np.errstate(all="ignore"):
         return {name: _record(name) for name in SCALAR_FUNCTIONS}
 

@@ -69,6 +69,7 @@ def _objects(program: Program, interface: Interface) -> Iterable[MemoryObject]:
         yield _measured(field, "out", doc, limits, storage)
     for memory in interface.states:
         state = memory.state
+        # buffers turn: at a fixed address a tool would see another sample in each step
         if isinstance(memory, PlainState) and isinstance(state.origin, Declared):
             field = Field(
                 name=state.name,
@@ -86,6 +87,7 @@ def _objects(program: Program, interface: Interface) -> Iterable[MemoryObject]:
             doc="CRC-32 of the parameters, as they were when it was computed",
             axes=(),
             scale=Scale(""),
+            # not signed: a CRC uses all 32 bits
             low=0.0,
             high=2.0**32 - 1.0,
             storage="ULONG",

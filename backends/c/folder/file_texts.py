@@ -40,6 +40,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
     }
     if interface.options.ros2:
         files |= ros2_texts(program, interface, files)
+    # packages list every source
     files |= package_texts(interface, files)
     files["README.md"] = _readme(interface, files)
     return dict(sorted(files.items()))
@@ -85,6 +86,7 @@ def _model_texts(
         files[f"src/{prefix}_params.c"] = parameters_text(interface, weights)
     if interface.calibrates:
         files[f"src/{prefix}_calibration.c"] = calibration_text(interface, weights)
+    # known only now: lowering the functions has filled the table
     if table.kernels:
         real = "float" if options.dtype == "float32" else "double"
         kernels = c_sources(table.kernels, real, prefix, constant_time=options.constant_time)

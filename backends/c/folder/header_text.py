@@ -29,6 +29,7 @@ def header_text(
 ) -> str:
     """`include/<prefix>.h`; `functions` are step, init, reset and others by name."""
     printer = Printer(interface.prefix, interface.options.dtype)
+    # these have a bit in the result of the self-test
     helpers = program.sample_time is not None or bool(interface.jacobian)
     return render(
         "header.h.j2",

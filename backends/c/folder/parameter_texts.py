@@ -26,6 +26,7 @@ def calibration_text(interface: Interface, weights: Weights) -> str:
         "calibration.c.j2",
         interface,
         "Values for calibration",
+        # one level deeper: the values are a struct beside their checksum
         fields=_fields(interface, weights, "        "),
         section=interface.calibration_section,
         checksum=f"0x{_checksum(interface, weights):08X}",

@@ -54,6 +54,7 @@ def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> 
         "sources": sorted(
             path
             for path in paths
+            # golden vectors are for the code itself: a node would only carry them along
             if path.startswith("src/") and path.endswith(".c") and "_selftest" not in path
         ),
         "description": escape(" ".join((program.doc or program.name).split())),
@@ -62,6 +63,7 @@ def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> 
     def text(template: str, title: str = "") -> str:
         return render(template, interface, title, "ros2", **facts)
 
+    # C++ takes a literal, CMake and the README the executable's bare name
     facts["node"] = string_literal(package)
     files = {f"ros2/src/{prefix}_node.cpp": text("node.cpp.j2", "Node of ROS 2")}
     facts["node"] = f"{package}_node"
@@ -123,6 +125,7 @@ def _starts(interface: Interface, names: set[str]) -> list[dict[str, Any]]:
             **_facts(field, f"{doc} around the first step"),
             "name": string_literal(name),
             "shown": one_line(name),
+            # parameters of ROS are doubles, whatever the model computes in
             "value": real_literal(nearest_to_zero(limits, interface.options.dtype), "float64"),
         }
         for name, (field, limits, doc) in zip(named, given, strict=True)

@@ -91,6 +91,7 @@ class FunctionWriter:
 
     def push(self, op: Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
         memory = self._memory[op.state]
+        # these do not hold the newest sample beside the others: the window is made elsewhere
         if isinstance(memory, PlainState | DelayLine):
             return None
         self.before_push(memory, newest)
@@ -124,6 +125,7 @@ class FunctionWriter:
         One that `reads_only` takes a state that it cannot change.
         """
         prefix = self.interface.prefix
+        # of every function, one without states too: callers are written once for all models
         arguments = [Argument(f"{'const ' if reads_only else ''}{prefix}_state_t *", "s")]
         unused: list[Statement] = []
         if self.interface.takes_parameters:

@@ -12,28 +12,11 @@ from backends.c.functions.valid_range import within
 from backends.c.interface.interface import Field, InputField, Interface
 from backends.c.interface.state_checks import largest
 from backends.c.interface.status import StatusBit, status_macro
+from backends.c_language import tree as c
 from backends.c_language.functions import FunctionTable
 from backends.c_language.literals import Dtype
 from backends.c_language.places import ArrayView
 from backends.c_language.scope import BlockScope
-from backends.c_language.tree import (
-    Argument,
-    Assign,
-    Binary,
-    Call,
-    CType,
-    Declare,
-    Evaluate,
-    Expression,
-    Function,
-    If,
-    Name,
-    Real,
-    Return,
-    SetBits,
-    Statement,
-    Unary,
-)
 from backends.c_lowering.state_memory import member_place
 from backends.c_lowering.values import Indices, copy_value
 from backends.ports.step_interface import Port
@@ -124,7 +107,7 @@ def _checked(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> A
         case "flag":
 
             def report(at: Indices, inner: BlockScope) -> None:
-                check.where_invalid(at, Evaluate(check.call(at)), inner)
+                check.where_invalid(at, c.Evaluate(check.call(at)), inner)
 
             scope.each(check.given.shape, unroll, report)
             return check.given
@@ -150,18 +133,20 @@ class _InputCheck:
     @property
     def nearest_to_zero(self) -> ArrayView:
         """The valid value nearest to 0 in place of each."""
-        value = ArrayView.single(Real(stand_in(self.signal, self.functions.dtype)))
+        value = ArrayView.single(c.Real(stand_in(self.signal, self.functions.dtype)))
         return value.reshaped_single(self.given.shape)
 
-    def call(self, at: Indices) -> Expression:
+    def call(self, at: Indices) -> c.Expression:
         """Reports an element, its value is the corrected one."""
         low, high = self._limits
         instead = () if self.instead is None else (self.instead.element(at),)
         function = f"{self.functions.prefix}_{_FUNCTIONS[self.signal.on_invalid]}"
-        status = Unary("&", Name("status"))
-        return Call(function, (self.given.element(at), Real(low), Real(high), *instead, status))
+        status = c.Unary("&", c.Name("status"))
+        return c.Call(
+            function, (self.given.element(at), c.Real(low), c.Real(high), *instead, status)
+        )
 
-    def where_invalid(self, at: Indices, statement: Statement, scope: BlockScope) -> None:
+    def where_invalid(self, at: Indices, statement: c.Statement, scope: BlockScope) -> None:
         """Writes the statement with the call, under the test whether there is need of it."""
         if self.functions.constant_time:
             # always called: a branch would let the time tell valid from invalid
@@ -169,7 +154,7 @@ class _InputCheck:
             return
         # a comparison inline and a call for what is wrong: valid values, nearly all, take no call
         valid = within(self.given.element(at), *self._limits, self.functions)
-        scope.add(If(Unary("!", valid), (statement,)))
+        scope.add(c.If(c.Unary("!", valid), (statement,)))
 
     @property
     def _limits(self) -> tuple[float, float]:
@@ -183,7 +168,7 @@ def _filled(check: _InputCheck, name: str, scope: BlockScope, unroll: int) -> Ar
         if check.functions.constant_time:
             return ArrayView.single(scope.constant(name, check.call(())))
         value = scope.variable(name, check.given.element(()))
-        check.where_invalid((), Assign(value, check.call(())), scope)
+        check.where_invalid((), c.Assign(value, check.call(())), scope)
         return ArrayView.single(value)
     place = ArrayView.array(scope.array(name, math.prod(shape)), shape)
     _fill(check, place, scope, unroll)
@@ -196,12 +181,12 @@ def _fill(check: _InputCheck, place: ArrayView, scope: BlockScope, unroll: int) 
     def correct(at: Indices, inner: BlockScope) -> None:
         if not check.functions.constant_time:
             inner.assign(place.element(at), check.given.element(at))
-        check.where_invalid(at, Assign(place.element(at), check.call(at)), inner)
+        check.where_invalid(at, c.Assign(place.element(at), check.call(at)), inner)
 
     scope.each(place.shape, unroll, correct)
 
 
-def policy_functions(interface: Interface, table: FunctionTable) -> tuple[Function, ...]:
+def policy_functions(interface: Interface, table: FunctionTable) -> tuple[c.Function, ...]:
     """Definitions of the checks that step, reset and linearize need."""
     ports = (*(i.port for i in interface.inputs), *(port for _, port in interface.windows))
     used = {port.signal.on_invalid for port in ports}
@@ -216,45 +201,45 @@ def policy_functions(interface: Interface, table: FunctionTable) -> tuple[Functi
     )
 
 
-_X, _LOW, _HIGH, _RESULT = Name("x"), Name("low"), Name("high"), Name("result")
-_INSTEAD = Name("instead")
-_BELOW, _ABOVE = Binary("<", _X, _LOW), Binary(">", _X, _HIGH)
-_OUTSIDE = Binary("||", _BELOW, _ABOVE)
+_X, _LOW, _HIGH, _RESULT = c.Name("x"), c.Name("low"), c.Name("high"), c.Name("result")
+_INSTEAD = c.Name("instead")
+_BELOW, _ABOVE = c.Binary("<", _X, _LOW), c.Binary(">", _X, _HIGH)
+_OUTSIDE = c.Binary("||", _BELOW, _ABOVE)
 """False for NaN, as every comparison with it is."""
 
 
-def _bit(prefix: str, bit: StatusBit) -> Statement:
-    return SetBits(Unary("*", Name("status")), Name(status_macro(prefix, bit)))
+def _bit(prefix: str, bit: StatusBit) -> c.Statement:
+    return c.SetBits(c.Unary("*", c.Name("status")), c.Name(status_macro(prefix, bit)))
 
 
-def _flagged(prefix: str) -> tuple[Statement, ...]:
+def _flagged(prefix: str) -> tuple[c.Statement, ...]:
     outside = _bit(prefix, StatusBit.OUT_OF_RANGE)
-    return (If(_OUTSIDE, (outside,), (_bit(prefix, StatusBit.NOT_A_NUMBER),)),)
+    return (c.If(_OUTSIDE, (outside,), (_bit(prefix, StatusBit.NOT_A_NUMBER),)),)
 
 
-def _clamped(prefix: str) -> tuple[Statement, ...]:
-    to_low, to_high = Assign(_RESULT, _LOW), Assign(_RESULT, _HIGH)
+def _clamped(prefix: str) -> tuple[c.Statement, ...]:
+    to_low, to_high = c.Assign(_RESULT, _LOW), c.Assign(_RESULT, _HIGH)
     # neither above nor below: NaN, which has no nearest limit
     unordered = (_bit(prefix, StatusBit.NOT_A_NUMBER),)
-    nearest = If(_ABOVE, (to_high,), (If(_BELOW, (to_low,), unordered),))
-    given = Declare(CType.REAL, _RESULT.text, _INSTEAD)
-    return (given, _bit(prefix, StatusBit.CLAMPED), nearest, Return(_RESULT))
+    nearest = c.If(_ABOVE, (to_high,), (c.If(_BELOW, (to_low,), unordered),))
+    given = c.Declare(c.CType.REAL, _RESULT.text, _INSTEAD)
+    return (given, _bit(prefix, StatusBit.CLAMPED), nearest, c.Return(_RESULT))
 
 
-def _held(prefix: str) -> tuple[Statement, ...]:
-    unordered = If(Unary("!", _OUTSIDE), (_bit(prefix, StatusBit.NOT_A_NUMBER),))
-    return (_bit(prefix, StatusBit.HELD), unordered, Return(_INSTEAD))
+def _held(prefix: str) -> tuple[c.Statement, ...]:
+    unordered = c.If(c.Unary("!", _OUTSIDE), (_bit(prefix, StatusBit.NOT_A_NUMBER),))
+    return (_bit(prefix, StatusBit.HELD), unordered, c.Return(_INSTEAD))
 
 
-def _check(prefix: str, policy: InvalidPolicy, body: tuple[Statement, ...]) -> Function:
+def _check(prefix: str, policy: InvalidPolicy, body: tuple[c.Statement, ...]) -> c.Function:
     real = f"{prefix}_real"
     names = ["x", "low", "high", *([] if policy == "flag" else [_INSTEAD.text])]
-    return Function(
+    return c.Function(
         name=f"{prefix}_{_FUNCTIONS[policy]}",
         result="void" if policy == "flag" else real,
         arguments=(
-            *(Argument(real, name) for name in names),
-            Argument(f"{prefix}_status_t *", "status"),
+            *(c.Argument(real, name) for name in names),
+            c.Argument(f"{prefix}_status_t *", "status"),
         ),
         body=body,
         doc=_CHECKS[policy][0],
@@ -263,7 +248,7 @@ def _check(prefix: str, policy: InvalidPolicy, body: tuple[Statement, ...]) -> F
     )
 
 
-_CHECKS: dict[InvalidPolicy, tuple[str, Callable[[str], tuple[Statement, ...]]]] = {
+_CHECKS: dict[InvalidPolicy, tuple[str, Callable[[str], tuple[c.Statement, ...]]]] = {
     "flag": ("Reports a value outside low .. high.", _flagged),
     "clamp": ("A value outside low .. high moved into it; another one instead of NaN.", _clamped),
     "hold": ("Another one instead of a value outside low .. high.", _held),

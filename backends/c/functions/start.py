@@ -13,27 +13,15 @@ from backends.c.functions.state_reports import (
     report_first_states,
 )
 from backends.c.interface.structs import RESERVED
+from backends.c_language import tree as c
 from backends.c_language.places import ArrayView
-from backends.c_language.tree import (
-    Argument,
-    Assign,
-    CType,
-    Declare,
-    Discard,
-    Function,
-    Member,
-    Name,
-    Real,
-    Return,
-    Unsigned,
-)
 from backends.c_lowering.graph import GraphLowering
 from backends.c_lowering.state_memory import DoubledRing, member_place
 from backends.c_lowering.values import copy_value
 from compiler.ir.program import Program
 
 
-def init_function(program: Program, model: ControllerCode) -> Function:
+def init_function(program: Program, model: ControllerCode) -> c.Function:
     """`<prefix>_init(s, p)`: states that need no record; the others are marked as not set."""
     writer = _StartWriter(model, program.start)
     interface = model.interface
@@ -50,7 +38,7 @@ def init_function(program: Program, model: ControllerCode) -> Function:
     return writer.finished("init", "void", (), "Initialises the state without history.")
 
 
-def reset_function(program: Program, model: ControllerCode) -> Function:
+def reset_function(program: Program, model: ControllerCode) -> c.Function:
     """`<prefix>_reset(s, p, x0)`: all states, from samples around the first step.
 
     Returns what was out of order among the samples and the states that they give.
@@ -58,7 +46,7 @@ def reset_function(program: Program, model: ControllerCode) -> Function:
     writer = _StartWriter(model, program.start)
     interface = model.interface
     if not (interface.windows or interface.supplied):
-        writer.scope.add(Discard("x0"))
+        writer.scope.add(c.Discard("x0"))
     writer.check_windows()
     supplied = {state.name: field.place("x0") for field, state in interface.supplied}
     writer.set_states(program, {s.name: supplied.get(s.name) for s in program.states})
@@ -66,22 +54,23 @@ def reset_function(program: Program, model: ControllerCode) -> Function:
     if interface.checks:
         writer.read_heads()
         report_first_states(writer)
-    writer.scope.add(Return(Name("status")))
+    writer.scope.add(c.Return(c.Name("status")))
     prefix = interface.prefix
-    structs = (Argument(f"const {prefix}_init_t *", "x0"),)
+    structs = (c.Argument(f"const {prefix}_init_t *", "x0"),)
     doc = "Initialises the state from a known past; returns what was out of order."
     return writer.finished("reset", f"{prefix}_status_t", structs, doc)
 
 
-def restart_functions(program: Program, model: ControllerCode) -> tuple[Function, ...]:
+def restart_functions(program: Program, model: ControllerCode) -> tuple[c.Function, ...]:
     """`<prefix>_restart_<state>(s, p)` for each state with `on_range: reset`."""
-    found: list[Function] = []
+    found: list[c.Function] = []
     for memory in model.interface.states:
         if memory.state.on_range == "reset":
             writer = _StartWriter(model, program.start)
             writer.set_states(program, {memory.state.name: None})
             doc = f"Resets {memory.state.name} to what it is before the first step."
             function = writer.finished(f"restart_{memory.identifier}", "void", (), doc)
+            # only the step calls it: the header shows none
             found.append(replace(function, static=True))
     return tuple(found)
 
@@ -90,6 +79,7 @@ class _StartWriter(FunctionWriter):
     def set_states(self, program: Program, starts: dict[str, ArrayView | None]) -> None:
         """Sets the named states to a place, or where it is None to what the start graph says."""
         computed = [s.start for s in program.states if s.name in starts and starts[s.name] is None]
+        # of the named states alone: what others begin with is neither computed nor read
         lowered = GraphLowering(program.start, computed, self, self.scope, self.locals)
         for memory in self.interface.states:
             name = memory.state.name
@@ -101,9 +91,10 @@ class _StartWriter(FunctionWriter):
         """Status and checked samples."""
         interface = self.interface
         checked = [f for f, port in interface.windows if port.signal.on_invalid != "trust"]
-        ok = Name(f"{interface.prefix.upper()}_OK")
+        ok = c.Name(f"{interface.prefix.upper()}_OK")
+        # without a check nothing sets a bit
         constant = not (checked or interface.checks)
-        self.scope.add(Declare(CType.STATUS, "status", ok, constant=constant))
+        self.scope.add(c.Declare(c.CType.STATUS, "status", ok, constant=constant))
         for field, port in interface.windows:
             self.checked_windows[field.name] = checked_window(
                 field, port, self.model.functions, self.scope, self.unroll
@@ -120,15 +111,17 @@ class _StartWriter(FunctionWriter):
         interface = self.interface
         for input in interface.inputs:
             if input.held is not None:
-                valid = ArrayView.single(Real(stand_in(input.port.signal, interface.options.dtype)))
+                valid = ArrayView.single(
+                    c.Real(stand_in(input.port.signal, interface.options.dtype))
+                )
                 held = member_place("s", input.held, input.field.shape)
                 copy_value(valid.reshaped_single(held.shape), held, self.scope, self.unroll)
         if interface.has_state:
-            self.scope.add(Assign(Member("s", interface.ready), Unsigned(ready)))
+            self.scope.add(c.Assign(c.Member("s", interface.ready), c.Unsigned(ready)))
         else:
             # C has no empty structs: the only member is one that nothing reads
-            self.scope.add(Assign(Member("s", RESERVED), Unsigned(0)))
+            self.scope.add(c.Assign(c.Member("s", RESERVED), c.Unsigned(0)))
 
 
 def _zeros(shape: tuple[int, ...]) -> ArrayView:
-    return ArrayView.single(Real(0.0)).reshaped_single(shape)
+    return ArrayView.single(c.Real(0.0)).reshaped_single(shape)

@@ -8,26 +8,9 @@ from backends.c.functions.function_writer import FunctionWriter
 from backends.c.functions.valid_range import report_outside, within
 from backends.c.interface.state_checks import StateCheck
 from backends.c.interface.status import StatusBit, status_macro
+from backends.c_language import tree as c
 from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import BlockScope
-from backends.c_language.tree import (
-    Assign,
-    Binary,
-    Call,
-    Conditional,
-    CType,
-    Declare,
-    Evaluate,
-    If,
-    Member,
-    Name,
-    Real,
-    SetBits,
-    Statement,
-    Truth,
-    Unary,
-    Unsigned,
-)
 from backends.c_lowering.state_memory import PlainState
 from backends.c_lowering.values import copy_value
 
@@ -46,17 +29,18 @@ def report_unready(writer: FunctionWriter) -> None:
     interface = writer.interface
     if not interface.has_state:
         return
-    bit = Name(status_macro(interface.prefix, StatusBit.UNINITIALISED))
-    unready = Binary("!=", Member("s", interface.ready), Unsigned(INITIALISED))
+    bit = c.Name(status_macro(interface.prefix, StatusBit.UNINITIALISED))
+    unready = c.Binary("!=", c.Member("s", interface.ready), c.Unsigned(INITIALISED))
     if interface.options.constant_time:
         known = writer.model.functions.truth(unready)
-        writer.scope.add(SetBits(Name("status"), Conditional(known, bit, Unsigned(0))))
+        writer.scope.add(c.SetBits(c.Name("status"), c.Conditional(known, bit, c.Unsigned(0))))
     else:
-        writer.scope.add(If(unready, (SetBits(Name("status"), bit),)))
+        writer.scope.add(c.If(unready, (c.SetBits(c.Name("status"), bit),)))
 
 
 def report_not_a_number(writer: FunctionWriter, values: ArrayView) -> None:
     """Sets a bit where the next value of a saturated state is NaN."""
+    # an infinity is within: it is kept at its end of the range, and only NaN has no end
     report_outside(writer, values, (-math.inf, math.inf), StatusBit.STATE_OUT_OF_RANGE)
 
 
@@ -87,33 +71,33 @@ def report_next_states(writer: FunctionWriter) -> None:
 def _restart(writer: FunctionWriter, check: StateCheck, memory: PlainState) -> None:
     """Takes a state with all its elements back where one of them is outside."""
     scope, functions = writer.scope, writer.model.functions
-    restart = Evaluate(Call(restart_name(writer, memory), writer.instance()))
+    restart = c.Evaluate(c.Call(restart_name(writer, memory), writer.instance()))
     values = memory.samples
     if functions.constant_time:
         _restart_in_constant_time(writer, check, memory, restart)
         return
     if not memory.shape:
         valid = within(values.element(()), *check.limits, functions)
-        scope.add(If(Unary("!", valid), (_bit(writer, check.bit), restart)))
+        scope.add(c.If(c.Unary("!", valid), (_bit(writer, check.bit), restart)))
         return
-    left = Name(scope.fresh(f"{memory.identifier}_left"))
-    scope.add(Declare(CType.BOOL, left.text, Truth(False)))
+    left = c.Name(scope.fresh(f"{memory.identifier}_left"))
+    scope.add(c.Declare(c.CType.BOOL, left.text, c.Truth(False)))
 
     def look(indices: tuple[Index, ...], inner: BlockScope) -> None:
         valid = within(values.element(indices), *check.limits, functions)
-        inner.add(If(Unary("!", valid), (Assign(left, Truth(True)),)))
+        inner.add(c.If(c.Unary("!", valid), (c.Assign(left, c.Truth(True)),)))
 
     scope.each(memory.shape, writer.unroll, look)
-    scope.add(If(left, (_bit(writer, check.bit), restart)))
+    scope.add(c.If(left, (_bit(writer, check.bit), restart)))
 
 
 def _restart_in_constant_time(
-    writer: FunctionWriter, check: StateCheck, memory: PlainState, restart: Statement
+    writer: FunctionWriter, check: StateCheck, memory: PlainState, restart: c.Statement
 ) -> None:
     """Computes the first value in every step, and chooses between it and the next one."""
     scope, functions, values = writer.scope, writer.model.functions, memory.samples
-    left = Name(scope.fresh(f"{memory.identifier}_left"))
-    scope.add(Declare(CType.UNSIGNED, left.text, Unsigned(0)))
+    left = c.Name(scope.fresh(f"{memory.identifier}_left"))
+    scope.add(c.Declare(c.CType.UNSIGNED, left.text, c.Unsigned(0)))
     kept = ArrayView.array(
         scope.array(f"{memory.identifier}_kept", memory.size or 1), memory.shape or (1,)
     )
@@ -121,21 +105,22 @@ def _restart_in_constant_time(
 
     def look(indices: tuple[Index, ...], inner: BlockScope) -> None:
         low, high = check.limits
-        outside = functions.helper("outside", (values.element(indices), Real(low), Real(high)))
-        inner.add(SetBits(left, outside))
+        outside = functions.helper("outside", (values.element(indices), c.Real(low), c.Real(high)))
+        inner.add(c.SetBits(left, outside))
 
     def choose(indices: tuple[Index, ...], inner: BlockScope) -> None:
-        inside = Binary("==", left, Unsigned(0))
+        inside = c.Binary("==", left, c.Unsigned(0))
         now = values.element(indices)
         inner.assign(now, functions.select("real", inside, kept.element(indices), now))
 
     scope.each(memory.shape, writer.unroll, look)
+    # before `restart` writes over them
     copy_value(values, kept, scope, writer.unroll)
     scope.add(restart)
     scope.each(memory.shape, writer.unroll, choose)
-    macro = Name(status_macro(writer.interface.prefix, check.bit))
-    scope.add(SetBits(Name("status"), Binary("*", left, macro)))
+    macro = c.Name(status_macro(writer.interface.prefix, check.bit))
+    scope.add(c.SetBits(c.Name("status"), c.Binary("*", left, macro)))
 
 
-def _bit(writer: FunctionWriter, bit: StatusBit) -> Statement:
-    return SetBits(Name("status"), Name(status_macro(writer.interface.prefix, bit)))
+def _bit(writer: FunctionWriter, bit: StatusBit) -> c.Statement:
+    return c.SetBits(c.Name("status"), c.Name(status_macro(writer.interface.prefix, bit)))

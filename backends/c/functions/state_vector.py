@@ -126,6 +126,7 @@ def _function(
     scope = BlockScope(LocalNames(prefix))
     scope.reserve(_VECTOR)
     write(scope)
+    # what is const of the two says which way numbers go
     constant, type, base = struct
     arguments = (
         Argument(f"{constant}{prefix}_{type}_t *", base),

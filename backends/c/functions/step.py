@@ -15,20 +15,8 @@ from backends.c.functions.state_reports import (
 from backends.c.functions.valid_range import report_outside
 from backends.c.interface.status import StatusBit
 from backends.c.interface.structs import step_text
+from backends.c_language import tree as c
 from backends.c_language.places import ArrayView
-from backends.c_language.tree import (
-    Argument,
-    Binary,
-    CType,
-    Declare,
-    Discard,
-    Function,
-    If,
-    Member,
-    Name,
-    Return,
-    Unsigned,
-)
 from backends.c_lowering.active_sums import ActiveSets, active_sets
 from backends.c_lowering.graph import GraphLowering
 from backends.c_lowering.shift_while_summing import moving_sums
@@ -37,7 +25,7 @@ from compiler.ir.program import Graph, Program
 from compiler.passes.analyses.saturation import unsaturated
 
 
-def step_function(program: Program, model: ControllerCode) -> Function:
+def step_function(program: Program, model: ControllerCode) -> c.Function:
     """`<prefix>_step(s, p, u, y)`: one step; returns what was out of order."""
     writer = _StepWriter(model, program.step)
     writer.begin()
@@ -58,11 +46,11 @@ def step_function(program: Program, model: ControllerCode) -> Function:
     writer.check_saturated(program, lowered)
     writer.commit(lowered, moved={memory.state.name for memory in moving.values()})
     report_next_states(writer)
-    writer.scope.add(Return(Name("status")))
+    writer.scope.add(c.Return(c.Name("status")))
     prefix = interface.prefix
     structs = (
-        Argument(f"const {prefix}_in_t *", "u"),
-        Argument(f"{prefix}_out_t *", "y"),
+        c.Argument(f"const {prefix}_in_t *", "u"),
+        c.Argument(f"{prefix}_out_t *", "y"),
     )
     text = step_text(interface.late)
     return writer.finished("step", f"{prefix}_status_t", structs, text)
@@ -77,13 +65,13 @@ class _StepWriter(FunctionWriter):
         """Status, heads of rings, checked inputs, and whether the states are set."""
         interface, scope = self.interface, self.scope
         if not interface.inputs:
-            scope.add(Discard("u"))
+            scope.add(c.Discard("u"))
         if not interface.outputs:
-            scope.add(Discard("y"))
+            scope.add(c.Discard("y"))
         if not interface.has_state:
-            scope.add(Discard("s"))
-        ok = Name(f"{interface.prefix.upper()}_OK")
-        scope.add(Declare(CType.STATUS, "status", ok))
+            scope.add(c.Discard("s"))
+        ok = c.Name(f"{interface.prefix.upper()}_OK")
+        scope.add(c.Declare(c.CType.STATUS, "status", ok))
         for memory in interface.states:
             if not isinstance(memory, PlainState | DelayLine):
                 memory.begin(scope)
@@ -102,9 +90,9 @@ class _StepWriter(FunctionWriter):
             self._empty.remove(memory.state.name)
             # the last one clears the mark: in the first step each is filled where it is pushed
             if not self._empty:
-                filled = Unsigned(INITIALISED | STATES_UNSET)
-                inner.assign(self._ready, Binary("&", self._ready, filled))
-            self.scope.add(If(self._marked(BUFFERS_EMPTY), tuple(inner.statements)))
+                filled = c.Unsigned(INITIALISED | STATES_UNSET)
+                inner.assign(self._ready, c.Binary("&", self._ready, filled))
+            self.scope.add(c.If(self._marked(BUFFERS_EMPTY), tuple(inner.statements)))
 
     def commit(self, lowered: GraphLowering, moved: set[str]) -> None:
         """Replaces the states; what is made of old states is computed before the first of them.
@@ -122,7 +110,7 @@ class _StepWriter(FunctionWriter):
                 # a state that stays what it is takes no statement
                 if place != memory.samples:
                     # another state as it is: it may be replaced before it is read
-                    if isinstance(place.storage, Member) and place.storage.base == "s":
+                    if isinstance(place.storage, c.Member) and place.storage.base == "s":
                         place = lowered.copy(node, name)
                     following.append((memory, place))
         # only now: each of these may read a state that another replaces
@@ -148,8 +136,8 @@ class _StepWriter(FunctionWriter):
             report_not_a_number(self, lowered.place(node, f"{name}_unsaturated"))
 
     @property
-    def _ready(self) -> Member:
-        return Member("s", self.interface.ready)
+    def _ready(self) -> c.Member:
+        return c.Member("s", self.interface.ready)
 
-    def _marked(self, bit: int) -> Binary:
-        return Binary("!=", Binary("&", self._ready, Unsigned(bit)), Unsigned(0))
+    def _marked(self, bit: int) -> c.Binary:
+        return c.Binary("!=", c.Binary("&", self._ready, c.Unsigned(bit)), c.Unsigned(0))

@@ -32,6 +32,7 @@ def report_outside(
             scope.add(SetBits(Name("status"), Binary("*", outside, macro)))
             return
         valid = within(value, low, high, functions)
+        # not `value < low || value > high`: NaN is neither and would count as valid
         scope.add(If(Unary("!", valid), (SetBits(Name("status"), macro),)))
 
     writer.scope.each(values.shape, writer.unroll, check)

@@ -49,6 +49,7 @@ class InterpretedStep:
         self._program, self._interface = program, interface
         self._dtype: Dtype = interface.options.dtype
         real = ctypes.c_float if self._dtype == "float32" else ctypes.c_double
+        # at least one: numpy makes no view of an empty buffer
         self.inputs = (real * max(sum(input.field.size for input in interface.inputs), 1))()
         self.outputs = (real * max(sum(field.size for field in interface.outputs), 1))()
         self._given = _parts(self.inputs, [input.field for input in interface.inputs], self._dtype)
@@ -75,6 +76,7 @@ class InterpretedStep:
             state.name: np.zeros((1, *(axis.size for axis in state.axes)), self._dtype)
             for state in self._program.states
         }
+        # without any log, as `init` of the C has none
         known = self._without.start({}, 0)
         self._states = {name: known.get(name, value) for name, value in zeros.items()}
         self._states = emptied(interface, self._states)
@@ -95,6 +97,7 @@ class InterpretedStep:
             single = port.first == port.last
             samples = values[np.newaxis] if single else np.moveaxis(values, -1, 0)
             checked, said = apply_policy_to_window(port.signal, samples, self._dtype)
+            # zeros beyond the window: no start reads them
             log[name] = np.zeros((row + max(port.last, 0) + 1, *checked.shape[1:]), self._dtype)
             log[name][row + port.first : row + port.last + 1] = checked
             bits |= said

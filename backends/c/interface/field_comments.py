@@ -70,6 +70,7 @@ def _comment(
     unit: Unit | None, axes: Sequence[Axis], facts: Sequence[str], span: Span | None
 ) -> str:
     parts = [f"[{unit.text}]"] if unit is not None else []
+    # the one axis of a vector has its size in the declaration
     if len(axes) > 1:
         sizes = [f"{axis.name if axis.name != WINDOW else 't'} {axis.size}" for axis in axes]
         parts.append(f"{' x '.join(sizes)};")

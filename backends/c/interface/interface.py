@@ -146,12 +146,14 @@ def c_interface(program: Program, options: COptions) -> Interface:
     in_inputs, in_outputs, in_parameters, in_states, in_reset = (
         _FieldNames(prefix) for _ in range(5)
     )
+    # before the states: harnesses and debuggers find it under one name in every model
     ready = in_states.add("ready")
     in_place = kept_in_place(program)
     states = tuple(
         _memory(state, in_states, options, in_place.get(state.name)) for state in program.states
     )
     roots = seen_values(program) + [joining(memory) for memory in states]
+    # sums are planned on how buffers move, and mark then those that a sum moves
     moving = set(moving_sums(program.step, roots, states, options.unroll).values())
     states = tuple(
         replace(memory, in_sum=True)
@@ -281,6 +283,7 @@ def _memory(
     identifier = names.add(state.name)
     if in_place is None:
         return PlainState(state, identifier, shape)
+    # nobody reads the window with its newest sample: room for it is left out
     if not in_place.window_read and not doubles(options.ring, shape[-1]):
         return DelayLine(state, identifier, shape, in_place.newest)
     if doubles(options.ring, shape[-1]):

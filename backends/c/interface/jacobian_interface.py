@@ -113,8 +113,10 @@ def jacobian_interface(
         feedthrough_only="feedthrough" in options.extras,
     )
     vectors = [found.states, found.inputs, found.outputs]
+    # numbers in the code have no struct that a vector could be copied from
     if by_parameters and options.params != "inline":
         vectors.append(found.parameters)
+    # C has no empty arrays
     filled = [matrix for matrix in found.matrices if matrix.size]
     used = {vector.letter for matrix in filled for vector in (matrix.rows, matrix.columns)}
     meaning = _MEANING | ({"x": _DECLARED} if declared_only else {})

@@ -35,6 +35,7 @@ def layout_metadata(
         states=states,
         parameters={field.name: field.identifier for field in interface.parameters},
         outputs={field.name: field.identifier for field in interface.outputs},
+        # C replaces states where they are: the next one has the same field
         next_states=states,
         start_windows={port.signal.name: "" for port in ports.start_windows} | windows,
     )
@@ -49,6 +50,7 @@ def layout_metadata(
         "takes_parameters": interface.takes_parameters,
         "status": {
             status_macro(interface.prefix, bit): int(bit)
+            # all bits, whether this model can return them or not: readers know one table
             for bit in MEANING
             if interface.calibrates or bit is not SelfTestBit.CHECKSUM_DIFFERS
         },
@@ -110,6 +112,7 @@ def _ranges(program: Program, interface: Interface) -> _Ranges:
         limits = input.port.signal.range
         ranges["in", input.field.identifier] = limits
         if input.held is not None:
+            # what is held was valid
             ranges["state", input.held] = limits
     for memory in interface.states:
         state = memory.state

@@ -104,6 +104,7 @@ def _state(interface: Interface) -> tuple[StructField, ...]:
     fields: list[StructField] = []
     for memory in interface.states:
         name, comment = memory.state.name, state_comment(memory)
+        # a buffer has room for more than its state, in one row
         shape = memory.shape if isinstance(memory, PlainState) else (memory.size,)
         fields.append(
             StructField(name=name, identifier=memory.identifier, shape=shape, comment=comment)

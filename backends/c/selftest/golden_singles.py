@@ -92,6 +92,7 @@ def golden_singles(
         start=starts[0],
         written=steps.written(trials),
         inputs=inputs,
+        # as given: the policies replace none of these
         seen=inputs,
         outputs={field.name: values.outputs[field.name] for field in interface.outputs},
         states=after,
@@ -99,6 +100,7 @@ def golden_singles(
         slopes=steps.slopes(trials).matrices,
     )
     tuned = trials.numbers[:, steps.tuned]
+    # only those that differ are written: most steps change a few of many weights
     places = [np.flatnonzero(row != steps.trained).tolist() for row in tuned]
     return GoldenSingles(
         trials.starts.tolist(),

@@ -25,6 +25,7 @@ def kernel_cases(kernels: Iterable[str], dtype: Dtype) -> dict[str, list[Case]]:
     and its value there."""
     real = "float" if dtype == "float32" else "double"
     cases: dict[str, list[Case]] = {}
+    # a set has no order, and the file has the same bytes for the same model
     for kernel in sorted(kernels):
         plain = plain_points(kernel, real)
         points = np.array([*plain, *telling_arguments(kernel, real, len(plain[0]))], dtype)

@@ -23,6 +23,7 @@ def checksums(matrices: Mapping[str, NDArray[Any]]) -> list[int]:
     steps = len(next(iter(matrices.values())))
     parts = [matrix.reshape(steps, -1) for matrix in matrices.values()]
     entries = np.concatenate(parts, axis=1).astype(np.float32)
+    # processors differ in the sign and the payload of the NaN that they make
     entries[np.isnan(entries)] = np.float32(np.nan)
     entries[entries == 0.0] = np.float32(0.0)
     hashes = np.full(steps, START, np.uint64)

@@ -9,39 +9,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import assert_never
 
-from backends.c_language.tree import (
-    Assign,
-    Binary,
-    Call,
-    Comment,
-    Conditional,
-    ConstantTable,
-    Convert,
-    Declare,
-    Discard,
-    Element,
-    Evaluate,
-    Expression,
-    Function,
-    If,
-    Integer,
-    Loop,
-    Member,
-    Name,
-    Real,
-    Return,
-    SetBits,
-    Statement,
-    Truth,
-    Unary,
-    Unsigned,
-)
+from backends.c_language import tree as c
 
 FUSED = "fused"
 """a · b + c rounded once, in the kernel's prelude."""
 
 
-def with_fused_products(function: Function) -> Function:
+def with_fused_products(function: c.Function) -> c.Function:
     """The function with `fused` wherever a term of a sum or difference is written as a product.
 
     Of two products the right one is fused: a·b + c·d becomes fused(c, d, a·b).
@@ -49,63 +23,65 @@ def with_fused_products(function: Function) -> Function:
     return replace(function, body=_block(function.body))
 
 
-def _block(statements: tuple[Statement, ...]) -> tuple[Statement, ...]:
+def _block(statements: tuple[c.Statement, ...]) -> tuple[c.Statement, ...]:
     return tuple(map(_statement, statements))
 
 
-def _statement(statement: Statement) -> Statement:
+def _statement(statement: c.Statement) -> c.Statement:
     match statement:
-        case Declare(value=value, elements=elements):
+        case c.Declare(value=value, elements=elements):
             value = None if value is None else _expression(value)
             return replace(statement, value=value, elements=tuple(map(_expression, elements)))
-        case Assign() | Evaluate() | Return():
+        case c.Assign() | c.Evaluate() | c.Return():
             return replace(statement, value=_expression(statement.value))
-        case Loop():
+        case c.Loop():
             return replace(statement, body=_block(statement.body))
-        case If(condition, then, otherwise):
-            return If(_expression(condition), _block(then), _block(otherwise))
-        case ConstantTable() | SetBits() | Discard() | Comment():
+        case c.If(condition, then, otherwise):
+            return c.If(_expression(condition), _block(then), _block(otherwise))
+        case c.ConstantTable() | c.SetBits() | c.Discard() | c.Comment():
             return statement
         case _:
             assert_never(statement)
 
 
-def _expression(expression: Expression) -> Expression:
+def _expression(expression: c.Expression) -> c.Expression:
     match expression:
-        case Binary("+" | "-" as operator, left, right):
+        case c.Binary("+" | "-" as operator, left, right):
             negative = operator == "-"
             # a − b·c is fused(−b, c, a): a changed sign rounds nothing
             if (factors := _factors(right, negative=negative)) is not None:
-                return Call(FUSED, (*factors, _expression(left)))
+                return c.Call(FUSED, (*factors, _expression(left)))
             if (factors := _factors(left)) is not None:
                 added = _expression(right)
                 # a·b − c is fused(a, b, −c)
-                return Call(FUSED, (*factors, Unary("-", added) if negative else added))
-            return Binary(operator, _expression(left), _expression(right))
-        case Binary(operator, left, right):
-            return Binary(operator, _expression(left), _expression(right))
-        case Unary() | Convert():
+                return c.Call(FUSED, (*factors, c.Unary("-", added) if negative else added))
+            return c.Binary(operator, _expression(left), _expression(right))
+        case c.Binary(operator, left, right):
+            return c.Binary(operator, _expression(left), _expression(right))
+        case c.Unary() | c.Convert():
             return replace(expression, operand=_expression(expression.operand))
-        case Conditional(condition, then, otherwise):
-            return Conditional(_expression(condition), _expression(then), _expression(otherwise))
-        case Call(function, arguments):
-            return Call(function, tuple(map(_expression, arguments)))
-        case Name() | Real() | Integer() | Unsigned() | Truth() | Member() | Element():
+        case c.Conditional(condition, then, otherwise):
+            return c.Conditional(_expression(condition), _expression(then), _expression(otherwise))
+        case c.Call(function, arguments):
+            return c.Call(function, tuple(map(_expression, arguments)))
+        case (
+            c.Name() | c.Real() | c.Integer() | c.Unsigned() | c.Truth() | c.Member() | c.Element()
+        ):
             return expression
         case _:
             assert_never(expression)
 
 
 def _factors(
-    expression: Expression, *, negative: bool = False
-) -> tuple[Expression, Expression] | None:
+    expression: c.Expression, *, negative: bool = False
+) -> tuple[c.Expression, c.Expression] | None:
     """Two factors whose product the expression is, or its negative; None if it is no product."""
     match expression:
-        case Unary("-", operand):
+        case c.Unary("-", operand):
             return _factors(operand, negative=not negative)
-        case Binary("*", left, right):
+        case c.Binary("*", left, right):
             # the sign goes to a factor: −(a·b) rounded is (−a)·b rounded
             first = _expression(left)
-            return Unary("-", first) if negative else first, _expression(right)
+            return c.Unary("-", first) if negative else first, _expression(right)
         case _:
             return None

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from backends.c_language import tree as c
 from backends.c_language.printer import Printer
-from backends.c_language.tree import (
-    Conditional,
-    ConstantTable,
-    CType,
-    Expression,
-    Loop,
-    Real,
-    Statement,
-    Truth,
-)
 from backends.native.arrangement.tiled_sums import HORIZON, TimeLoop
 
 
@@ -25,37 +16,37 @@ class LanePrinter(Printer):
     has `splat` and `choose` for them.
     """
 
-    def type(self, type: CType) -> str:
+    def type(self, type: c.CType) -> str:
         match type:
-            case CType.REAL:
+            case c.CType.REAL:
                 return "lanes"
-            case CType.BOOL:
+            case c.CType.BOOL:
                 return "mask"
-            case CType.UNSIGNED | CType.STATUS:
+            case c.CType.UNSIGNED | c.CType.STATUS:
                 return "uint32_t"
-            case CType.WIDE | CType.WORD | CType.SUM | CType.BITS:
+            case c.CType.WIDE | c.CType.WORD | c.CType.SUM | c.CType.BITS:
                 return super().type(type)
 
-    def expression(self, expression: Expression) -> str:
+    def expression(self, expression: c.Expression) -> str:
         match expression:
-            case Real(value):
+            case c.Real(value):
                 return f"splat({self.number(value)})"
-            case Truth(value):
+            case c.Truth(value):
                 return "every_lane" if value else "no_lane"
-            case Conditional(condition, then, otherwise):
+            case c.Conditional(condition, then, otherwise):
                 parts = (self.expression(part) for part in (condition, then, otherwise))
                 return f"choose({', '.join(parts)})"
             case _:
                 return super().expression(expression)
 
-    def operand(self, expression: Expression) -> str:
+    def operand(self, expression: c.Expression) -> str:
         match expression:
-            case Real() | Conditional():
+            case c.Real() | c.Conditional():
                 return self.expression(expression)
             case _:
                 return super().operand(expression)
 
-    def statement(self, statement: Statement) -> Iterable[str]:
+    def statement(self, statement: c.Statement) -> Iterable[str]:
         match statement:
             case TimeLoop(variable=time, stop=step, body=body, rest=rest):
                 # the samples behind the last whole turn
@@ -66,7 +57,7 @@ class LanePrinter(Printer):
                 )
                 by = 1 if rest else step
                 yield f"for (size_t {time} = {begin}; {stop}; {time} += {by}) {{"
-            case Loop(variable, start, stop, body, step):
+            case c.Loop(variable, start, stop, body, step):
                 by = "++" if step == 1 else f" += {step}"
                 yield f"for (size_t {variable} = {start}; {variable} < {stop}; {variable}{by}) {{"
             case _:
@@ -75,7 +66,7 @@ class LanePrinter(Printer):
         yield from self._block(body, 1)
         yield "}"
 
-    def table(self, table: ConstantTable) -> str:
+    def table(self, table: c.ConstantTable) -> str:
         """A constant array, every number in all lanes."""
         numbers = [f"all({self.number(value)})" for value in table.values]
         head = f"static const lanes {table.name}[{len(numbers)}]"

@@ -29,6 +29,7 @@ class LaneLibrary:
         self.source, self.dtype, self.lanes = source, DTYPE, WIDTH
         self.built = compiled_kernel(source.text, on_lanes=True)
         self._library = self.built.library
+        # int is what ctypes takes else, and long rollouts need more than 2 GiB
         self._library.msnn_work_lanes.restype = ctypes.c_int64
         self._library.msnn_work_lanes.argtypes = [ctypes.c_int64]
 

@@ -45,6 +45,7 @@ def rollout_source(program: Program) -> RolloutSource:
     for output in program.outputs:
         type = program.step[output.node].type
         places.append((output.node, array(_STORED, type.shape, Index(width))))
+        # outputs of one step lie one after the other, in the order of the program
         width += type.size
     writer = ModelFunctions(memory, functions, Stored(_STORED, tuple(places)))
     made = {"start": writer.start(), "ahead": writer.ahead(), "step": writer.step()}

@@ -81,12 +81,12 @@ class SensitivityKernel(LaneLibrary):
         whole = lower + np.tril(lower, -1).transpose(0, 2, 1)
         return {
             name: Products(
-                whole[i, :numbers, :numbers],
-                whole[i, numbers, :numbers],
-                float(whole[i, numbers, numbers]),
-                float(sums[i]),
-                float(counts[i]),
-                float(marks[i]),
+                curvature=whole[i, :numbers, :numbers],
+                slope=whole[i, numbers, :numbers],
+                squares=float(whole[i, numbers, numbers]),
+                cost=float(sums[i]),
+                count=float(counts[i]),
+                left_out=float(marks[i]),
             )
             for i, name in enumerate(self.source.losses)
         }

@@ -1,1 +1,1 @@
-"""What training is told by programs, and gives to graphs of its own."""
+"""Holds facts that programs tell training, and values that training gives to its graphs."""

@@ -30,6 +30,7 @@ class ColumnName:
 def _read_column(node: Node, findings: Findings) -> ColumnName:
     found = scalar(node, findings, "a column's name or index")
     value = found.value
+    # quoted it is a name: a header may call a column "3"
     if isinstance(value, int) and not isinstance(value, bool):
         if value < 0:
             findings.report(errors.out_of_range(found.text, found.span, "at least 0"))

@@ -78,6 +78,7 @@ class Layout(Entry):
     in time; `filter` keeps the rows for which a comparison of signals holds.
     """
 
+    # `from` is a word of Python
     first: RowOrTimeField | None = Field(default=None, alias="from")
     """First row (from 0), time or date that is used."""
     last: RowOrTimeField | None = Field(default=None, alias="to")

@@ -60,6 +60,7 @@ OneShare: TypeAlias = Fraction | Blocks | TimeRange | DateRange
 
 def _read_share(node: Node, findings: Findings) -> OneShare:
     if isinstance(node, Listing):
+        # `60 s` is text to YAML and a number of a block is none
         if any(isinstance(item, Scalar) and isinstance(item.value, str) for item in node.items):
             return _read_time_range(node, findings)
         numbers = tuple(read_count(item, findings, least=1) for item in node.items)

@@ -36,6 +36,7 @@ def _read_membership(node: Node, findings: Findings) -> Membership | CustomMembe
             raise RefusedError
         case _:
             found = scalar(node, findings, f"one of {', '.join(_SHAPES)}").text
+            # a loop, for the type: each word is the literal that it is compared with
             for word in _SHAPES:
                 if word == found:
                     return word

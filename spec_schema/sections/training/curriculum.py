@@ -60,6 +60,7 @@ def _epoch(text: str, span: Span, findings: Findings) -> int:
     raise RefusedError
 
 
+# as many as every 32-bit number has; int() of longer texts may take its time
 _DIGITS = 9
 
 _SCHEMA = {

@@ -46,6 +46,7 @@ _WHOLE: dict[str, Whole] = {"episode": "episode", "record": "record"}
 
 
 def _read_horizon(node: Node, findings: Findings) -> Length | Whole:
+    # words first: a length would read `record` as an unknown unit
     if isinstance(node, Scalar) and node.text in _WHOLE:
         return _WHOLE[node.text]
     return read_positive_length(node, findings)
@@ -154,4 +155,5 @@ class Stage(Entry):
         key = node.key or node.span
         adam = Table({}, {}, key, key)
         optimizer = Table({"adam": adam}, {"adam": key}, key, key)
+        # its key has no place: a message about it points at the stage
         return Table({**node.entries, "optimizer": optimizer}, node.keys, node.span, node.key)

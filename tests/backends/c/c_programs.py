@@ -13,7 +13,7 @@ from backends.c import COptions, write_c
 from backends.c.host.build import build_library
 from backends.c.host.library import CStep
 from backends.c.interface.interface import c_interface
-from backends.c.selftest.vectors.golden_vectors import GoldenVectors, golden_vectors
+from backends.c.selftest.vectors.golden_vectors import GoldenRun, GoldenVectors, golden_runs
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
@@ -43,7 +43,9 @@ def built(
 
 def golden(program: Program, options: COptions, steps: int, seed: int) -> GoldenVectors:
     interface = c_interface(program, options)
-    return golden_vectors(program, interface, physical_weights(program, {}), steps, seed)
+    weights = physical_weights(program, {})
+    (run,) = golden_runs(program, interface, weights, steps, [GoldenRun(seed)])
+    return run
 
 
 def replay(step: CStep, vectors: GoldenVectors) -> tuple[dict[str, NDArray[Any]], NDArray[Any]]:

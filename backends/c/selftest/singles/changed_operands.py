@@ -120,12 +120,14 @@ class ChangeableGraph:
         values, touched = _Copied(right, copies), set[NodeId]()
         with np.errstate(all="ignore"):
             for index, evaluate in self._evaluators:
+                # before its own change: the node may depend on one that changed earlier
                 if not touched.isdisjoint(self._graph[index].args):
                     values[index] = evaluate(cast("list[Array]", values), around)
                     touched.add(index)
                 if index in by_node:
                     value = repeated_batch(values[index], len(copies)).copy()
                     for change, rows in by_node[index]:
+                        # one change a copy, as a mutant of the C has one
                         value[rows] = self._changed(evaluate, change, values, rows)
                     values[index] = value
                     touched.add(index)

@@ -37,6 +37,7 @@ def slopes_apart(
     the slope itself is below it, in binades, and one for each slope that is on the wrong side in
     float32, whose operations overflow on the way. A step takes moves that bring it nearer.
     """
+    # float64 has no wider twin that could say how far beyond the largest number a slope is
     if not slopes or steps.dtype != np.float32:
         return []
     search = _Search(steps, decisions, random)
@@ -63,10 +64,13 @@ class _Search:
         """The step that came nearest, and how far it is from its aim."""
         steps, random = self._steps, self._random
         drawn = trials_of_kinds(steps, np.arange(_DRAWN) % 4, random)
+        # the twin judges distances, and of NaN and ∞ there is none
         drawn = drawn.of(np.flatnonzero(np.isfinite(drawn.numbers).all(axis=1)))
         far = self._far(drawn, slope, np.full(len(drawn), np.inf))
+        # stable: the same vectors on every machine, whose sorts break ties differently
         rows = np.argsort(far, kind="stable")[:_BEGUN]
         current, left = drawn.of(rows), far[rows]
+        # copies of one step lie side by side, so that the best of each is found by a reshape
         of = np.repeat(np.arange(len(current)), copies)
         for turn in range(rounds):
             if left.min() == 0.0:
@@ -79,6 +83,7 @@ class _Search:
             trials = Trials(current.starts[of], numbers)
             far = self._far(trials, slope, left[of])
             best = far.reshape(-1, copies).argmin(axis=1) + np.arange(len(current)) * copies
+            # each step keeps its own best copy: as many paths stay apart as began
             better = far[best] < left
             left[better] = far[best[better]]
             current.numbers[better] = numbers[best[better]]
@@ -92,8 +97,10 @@ class _Search:
         with np.errstate(divide="ignore"):
             beyond = np.log2(np.abs(slopes)) - self._largest
         beyond = np.where(np.isnan(beyond), _FARTHEST, np.clip(beyond, -_FARTHEST, _FARTHEST))
+        # the one that is to be infinite is as far as it is still below the largest number
         beyond[:, slope] *= -1.0
         far = np.maximum(beyond, 0.0).sum(axis=1)
+        # float32 costs a second run of the step: only where float64 promises something better
         rows = np.flatnonzero(far < below)
         if len(rows):
             part = trials.of(rows)

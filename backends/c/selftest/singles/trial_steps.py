@@ -100,6 +100,7 @@ class TrialSteps:
         for name, shape in [*shapes, *((i.field.name, i.field.shape) for i in interface.inputs)]:
             self._places[name] = slice(first, first + math.prod(shape)), shape
             first += math.prod(shape)
+        # numbers in the code cannot be other ones than trained
         tuned = interface.parameters if interface.takes_parameters else ()
         self._tuned = tuned if sum(f.size for f in tuned) <= _TUNABLE else ()
         for field in self._tuned:
@@ -123,6 +124,7 @@ class TrialSteps:
         outputs = [output.node for output in program.outputs]
         compared = {*self.written_names}
         left = [state.next for state in self.program.states if state.name in compared]
+        # what is an output too is compared after any step
         self._left = {*left} - {*outputs}
         graphs = [(self.program.step, [*outputs, *left])]
         if jacobian:
@@ -134,6 +136,7 @@ class TrialSteps:
     def in_float64(self) -> TrialSteps:
         """The same steps, computed in float64."""
         program, weights, starts = self._given
+        # it tells how far a step is from its aim, not what the C answers
         options = replace(self.interface.options, dtype="float64")
         return TrialSteps(program, replace(self.interface, options=options), weights, starts)
 
@@ -209,6 +212,7 @@ class TrialSteps:
     def with_trained(self, trials: Trials) -> Trials:
         """The same steps with the trained parameters."""
         numbers = trials.numbers.copy()
+        # a copy above: trials are shared between searches
         numbers[:, self.tuned] = self.trained
         return Trials(trials.starts, numbers)
 
@@ -263,6 +267,7 @@ class TrialSteps:
     def _parameters(self, trials: Trials) -> dict[str, Array]:
         """Those that are not the trained ones in all steps, (B, *shape)."""
         found = {field.name: self._part(trials, field.name) for field in self._tuned}
+        # parameters that no trial changes stay one array for the whole batch
         other = np.any(trials.numbers[:, self.tuned] != self.trained, axis=0)
         first = self.tuned.start
         return {

@@ -27,6 +27,7 @@ def _expected_run(interface: Interface, golden: GoldenVectors) -> str:
     hashed = interface.jacobian is not None and interface.options.is_exact
     hashes = checksums(golden.slopes) if hashed else []
     digits = 2 * rows.itemsize
+    # decimals would hide the last bit, or take 17 digits to show it
     bits = rows.view(f"u{rows.itemsize}")
     lines = [
         " ".join(

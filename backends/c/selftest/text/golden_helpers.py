@@ -13,21 +13,8 @@ from backends.c.interface.jacobian_interface import JacobianInterface
 from backends.c.selftest.text.golden_tables import DIFFER
 from backends.c.selftest.text.golden_text import tolerance
 from backends.c.selftest.vectors.golden_vectors import GoldenVectors
+from backends.c_language import tree as c
 from backends.c_language.scope import BlockScope, LocalNames
-from backends.c_language.tree import (
-    Argument,
-    Call,
-    ConstantTable,
-    CType,
-    Declare,
-    Element,
-    Function,
-    If,
-    Name,
-    Real,
-    Return,
-    Truth,
-)
 from compiler.jacobian.matrices import Vector
 
 Array = NDArray[Any]
@@ -39,7 +26,7 @@ def helper_functions(
     jacobian: JacobianInterface,
     golden: GoldenVectors,
     weights: Mapping[str, Array],
-) -> tuple[Function, ...]:
+) -> tuple[c.Function, ...]:
     """`<prefix>_x_differs(v)` and so on: whether a vector is another one than after the first
     golden step, and one of parameters than the trained ones."""
     first = {
@@ -66,6 +53,7 @@ def helper_functions(
 def resumed_step(interface: Interface, golden: GoldenVectors) -> int | None:
     """The first golden step but one that needs nothing of before it but the state: all inputs that
     are held when they are invalid are valid in it."""
+    # not the first: golden vectors have states after steps, and it goes on from none of these
     for step in range(1, len(golden.status)):
         held = [input for input in interface.inputs if input.held is not None]
         if all(_valid(input.field.name, golden, step) for input in held):
@@ -83,25 +71,18 @@ def _numbers(vector: Vector, values: Mapping[str, Array], interface: Interface) 
     return np.concatenate(parts).astype(interface.options.dtype)
 
 
-def _comparison(interface: Interface, letter: str, numbers: Array) -> Function:
+def _comparison(interface: Interface, letter: str, numbers: Array) -> c.Function:
     prefix = interface.prefix
     scope = BlockScope(LocalNames(prefix))
     for name in (_VECTOR, _DIFFER, _GOLDEN):
         scope.reserve(name)
-    scope.add(ConstantTable(_GOLDEN, tuple(numbers.tolist()), hexadecimal=True))
-    scope.add(Declare(CType.BOOL, _DIFFER, Truth(False)))
-    allowed = Real(tolerance(interface, numbers))
+    scope.add(c.ConstantTable(_GOLDEN, tuple(numbers.tolist()), hexadecimal=True))
+    scope.add(c.Declare(c.CType.BOOL, _DIFFER, c.Truth(False)))
+    allowed = c.Real(tolerance(interface, numbers))
     with scope.loop(len(numbers)) as (index, inner):
         at = index.expression()
-        pair = (Element(Name(_VECTOR), at), Element(Name(_GOLDEN), at), allowed)
-        inner.add(If(Call(f"{prefix}_differs", pair), DIFFER))
-    scope.add(Return(Name(_DIFFER)))
-    argument = Argument(f"const {prefix}_real *", _VECTOR)
-    body = tuple(scope.statements)
-    return Function(
-        name=f"{prefix}_{letter}_differs",
-        result="bool",
-        arguments=(argument,),
-        body=body,
-        static=True,
-    )
+        pair = (c.Element(c.Name(_VECTOR), at), c.Element(c.Name(_GOLDEN), at), allowed)
+        inner.add(c.If(c.Call(f"{prefix}_differs", pair), DIFFER))
+    scope.add(c.Return(c.Name(_DIFFER)))
+    argument = c.Argument(f"const {prefix}_real *", _VECTOR)
+    return scope.function(f"{prefix}_{letter}_differs", "bool", (argument,))

@@ -14,32 +14,14 @@ from backends.c.interface.status import StatusBit
 from backends.c.selftest.matrix_checksums import START, checksums
 from backends.c.selftest.text.golden_text import tolerance
 from backends.c.selftest.vectors.golden_vectors import GoldenVectors, joined
+from backends.c_language import tree as c
 from backends.c_language.places import variable
 from backends.c_language.scope import BlockScope, LocalNames
-from backends.c_language.tree import (
-    Argument,
-    Assign,
-    Binary,
-    Call,
-    ConstantTable,
-    CType,
-    Declare,
-    Discard,
-    Element,
-    Expression,
-    Function,
-    If,
-    Name,
-    Real,
-    Return,
-    Truth,
-    Unsigned,
-)
 
 
 def slopes_function(
     interface: Interface, jacobian: JacobianInterface, runs: Sequence[GoldenVectors]
-) -> Function:
+) -> c.Function:
     """`<prefix>_slopes_differ(status, jac, step)`: whether linearize answered something else.
 
     Where bits are promised a hash of all entries is compared. Else numbers are, where there are
@@ -49,46 +31,46 @@ def slopes_function(
     scope = BlockScope(LocalNames(prefix))
     scope.reserve(OUT)
     bits = [
+        # linearize computes neither next states nor equations and cannot report on them
         float((status & ~_OF_RESULTS) | infinite)
         for status, infinite in zip(
             golden.status.tolist(), _infinite(jacobian, golden.slopes).tolist(), strict=True
         )
     ]
-    scope.add(ConstantTable("golden_status", tuple(bits), CType.UNSIGNED))
-    expected = Element(Name("golden_status"), Name("step"))
-    scope.add(Declare(CType.BOOL, "differ", Binary("!=", Name("status"), expected)))
+    scope.add(c.ConstantTable("golden_status", tuple(bits), c.CType.UNSIGNED))
+    expected = c.Element(c.Name("golden_status"), c.Name("step"))
+    scope.add(c.Declare(c.CType.BOOL, "differ", c.Binary("!=", c.Name("status"), expected)))
     if not jacobian.fields:
-        scope.add(Discard(OUT))
+        scope.add(c.Discard(OUT))
     elif interface.options.is_exact:
         _compare_hashes(prefix, jacobian, golden, scope)
     else:
         _compare_numbers(interface, jacobian, golden, scope)
-    scope.add(Return(Name("differ")))
+    scope.add(c.Return(c.Name("differ")))
     arguments = (
-        Argument(f"{prefix}_status_t", "status"),
-        Argument(f"const {prefix}_jacobian_t *", OUT),
-        Argument("uint32_t", "step"),
+        c.Argument(f"{prefix}_status_t", "status"),
+        c.Argument(f"const {prefix}_jacobian_t *", OUT),
+        c.Argument("uint32_t", "step"),
     )
-    body = tuple(scope.statements)
-    return Function(
-        name=f"{prefix}_slopes_differ", result="bool", arguments=arguments, body=body, static=True
-    )
+    return scope.function(f"{prefix}_slopes_differ", "bool", arguments)
 
 
 def _compare_hashes(
     prefix: str, jacobian: JacobianInterface, golden: GoldenVectors, scope: BlockScope
 ) -> None:
-    hash = Name(scope.fresh("hash"))
+    hash = c.Name(scope.fresh("hash"))
     scope.add(
-        ConstantTable("golden_hash", tuple(map(float, checksums(golden.slopes))), CType.UNSIGNED)
+        c.ConstantTable(
+            "golden_hash", tuple(map(float, checksums(golden.slopes))), c.CType.UNSIGNED
+        )
     )
-    scope.add(Declare(CType.UNSIGNED, hash.text, Unsigned(START)))
+    scope.add(c.Declare(c.CType.UNSIGNED, hash.text, c.Unsigned(START)))
     for field in jacobian.fields:
         with scope.loop(field.matrix.size) as (index, inner):
             number = field.place.element([index])
-            inner.add(Assign(hash, Call(f"{prefix}_hashed", (hash, number))))
-    expected = Element(Name("golden_hash"), Name("step"))
-    scope.add(If(Binary("!=", hash, expected), (Assign(Name("differ"), Truth(True)),)))
+            inner.add(c.Assign(hash, c.Call(f"{prefix}_hashed", (hash, number))))
+    expected = c.Element(c.Name("golden_hash"), c.Name("step"))
+    scope.add(c.If(c.Binary("!=", hash, expected), (c.Assign(c.Name("differ"), c.Truth(True)),)))
 
 
 def _compare_numbers(
@@ -99,10 +81,11 @@ def _compare_numbers(
     inner = scope.inner()
     for field in jacobian.fields:
         _compare(interface, field, golden.slopes[field.matrix.name][::every], inner)
-    row = Binary("/", Name("step"), Unsigned(every))
-    scope.add(Declare(CType.UNSIGNED, _ROW, row, constant=True))
-    chosen = Binary("==", Binary("*", Name(_ROW), Unsigned(every)), Name("step"))
-    scope.add(If(chosen, tuple(inner.statements)))
+    row = c.Binary("/", c.Name("step"), c.Unsigned(every))
+    scope.add(c.Declare(c.CType.UNSIGNED, _ROW, row, constant=True))
+    # unsigned division cuts off, so that only multiples come back as themselves
+    chosen = c.Binary("==", c.Binary("*", c.Name(_ROW), c.Unsigned(every)), c.Name("step"))
+    scope.add(c.If(chosen, tuple(inner.statements)))
 
 
 def _infinite(jacobian: JacobianInterface, slopes: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
@@ -142,32 +125,33 @@ def _compare(
     table, places, constants = (f"{kind}_{name}" for kind in ("golden", "computed", "known"))
     count = len(computed)
     if computed:
-        scope.add(ConstantTable(table, tuple(numbers.ravel().tolist()), hexadecimal=True))
-    zero: Expression = Real(0.0)
+        scope.add(c.ConstantTable(table, tuple(numbers.ravel().tolist()), hexadecimal=True))
+    zero: c.Expression = c.Real(0.0)
     some = any(matrix.known)
     if some:
         known = tuple(0.0 if number is None else number for number in matrix.known)
-        scope.add(ConstantTable(constants, known, hexadecimal=True))
+        scope.add(c.ConstantTable(constants, known, hexadecimal=True))
     every = count == matrix.size
     reached = f"reached_{name}"
     if computed and not every:
-        scope.add(ConstantTable(places, tuple(map(float, computed)), CType.UNSIGNED))
-        scope.add(Declare(CType.UNSIGNED, reached, Unsigned(0)))
+        scope.add(c.ConstantTable(places, tuple(map(float, computed)), c.CType.UNSIGNED))
+        scope.add(c.Declare(c.CType.UNSIGNED, reached, c.Unsigned(0)))
     with scope.loop(matrix.size) as (index, inner):
         at = index.expression()
         row = variable(_ROW).times(count)
-        expected: Expression = Element(Name(constants), at) if some else zero
+        expected: c.Expression = c.Element(c.Name(constants), at) if some else zero
         if every:
-            expected = Element(Name(table), row.plus(index).expression())
+            expected = c.Element(c.Name(table), row.plus(index).expression())
         elif computed:
-            inner.add(Declare(CType.REAL, "expected", expected))
-            expected = Name("expected")
-            left = Binary("<", Name(reached), Unsigned(count))
-            here = Binary("==", Element(Name(places), Name(reached)), at)
-            number = Element(Name(table), row.plus(variable(reached)).expression())
-            onward = Assign(Name(reached), Binary("+", Name(reached), Unsigned(1)))
-            inner.add(If(Binary("&&", left, here), (Assign(expected, number), onward)))
+            inner.add(c.Declare(c.CType.REAL, "expected", expected))
+            expected = c.Name("expected")
+            # computed entries ascend: one counter walks through them beside the loop over all
+            left = c.Binary("<", c.Name(reached), c.Unsigned(count))
+            here = c.Binary("==", c.Element(c.Name(places), c.Name(reached)), at)
+            number = c.Element(c.Name(table), row.plus(variable(reached)).expression())
+            onward = c.Assign(c.Name(reached), c.Binary("+", c.Name(reached), c.Unsigned(1)))
+            inner.add(c.If(c.Binary("&&", left, here), (c.Assign(expected, number), onward)))
         given = field.place.element([index])
-        allowed = Real(tolerance(interface, golden))
-        differs = Call(f"{interface.prefix}_differs", (given, expected, allowed))
-        inner.add(If(differs, (Assign(Name("differ"), Truth(True)),)))
+        allowed = c.Real(tolerance(interface, golden))
+        differs = c.Call(f"{interface.prefix}_differs", (given, expected, allowed))
+        inner.add(c.If(differs, (c.Assign(c.Name("differ"), c.Truth(True)),)))

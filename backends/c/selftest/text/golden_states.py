@@ -6,29 +6,14 @@ from backends.c.interface.interface import Interface
 from backends.c.selftest.golden_singles import GoldenSingles
 from backends.c.selftest.matrix_checksums import START, checksums
 from backends.c.selftest.vectors.written_states import state_fields
+from backends.c_language import tree as c
 from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import BlockScope, LocalNames
-from backends.c_language.tree import (
-    Argument,
-    Assign,
-    Binary,
-    Call,
-    ConstantTable,
-    CType,
-    Declare,
-    Element,
-    Function,
-    If,
-    Name,
-    Return,
-    Truth,
-    Unsigned,
-)
 
 _STATE, _STEP, _HASH = "s", "golden_step", "hash"
 
 
-def state_function(interface: Interface, singles: GoldenSingles, first: int) -> Function:
+def state_function(interface: Interface, singles: GoldenSingles, first: int) -> c.Function:
     """`<prefix>_state_differs(s, golden_step)`: whether one left other states than it should.
 
     In a golden run the next steps show what a step remembers; behind a single step stands none, so
@@ -38,22 +23,19 @@ def state_function(interface: Interface, singles: GoldenSingles, first: int) -> 
     scope = BlockScope(LocalNames(prefix))
     for name in (_STEP, _HASH):
         scope.reserve(name)
-    scope.add(If(Binary("<", Name(_STEP), Unsigned(first)), (Return(Truth(False)),)))
+    scope.add(c.If(c.Binary("<", c.Name(_STEP), c.Unsigned(first)), (c.Return(c.Truth(False)),)))
     hashes = checksums({field.name: singles.vectors.states[field.name] for field in fields})
-    scope.add(ConstantTable("golden_hash", tuple(map(float, hashes)), CType.UNSIGNED))
-    scope.add(Declare(CType.UNSIGNED, _HASH, Unsigned(START)))
+    scope.add(c.ConstantTable("golden_hash", tuple(map(float, hashes)), c.CType.UNSIGNED))
+    scope.add(c.Declare(c.CType.UNSIGNED, _HASH, c.Unsigned(START)))
     for field in fields:
         place = field.place(_STATE)
 
         def add(at: tuple[Index, ...], inner: BlockScope, place: ArrayView = place) -> None:
-            called = Call(f"{prefix}_hashed", (Name(_HASH), place.element(at)))
-            inner.add(Assign(Name(_HASH), called))
+            called = c.Call(f"{prefix}_hashed", (c.Name(_HASH), place.element(at)))
+            inner.add(c.Assign(c.Name(_HASH), called))
 
         scope.each(field.shape, interface.options.unroll, add)
-    expected = Element(Name("golden_hash"), Binary("-", Name(_STEP), Unsigned(first)))
-    scope.add(Return(Binary("!=", Name(_HASH), expected)))
-    arguments = (Argument(f"const {prefix}_state_t *", _STATE), Argument("uint32_t", _STEP))
-    body = tuple(scope.statements)
-    return Function(
-        name=f"{prefix}_state_differs", result="bool", arguments=arguments, body=body, static=True
-    )
+    expected = c.Element(c.Name("golden_hash"), c.Binary("-", c.Name(_STEP), c.Unsigned(first)))
+    scope.add(c.Return(c.Binary("!=", c.Name(_HASH), expected)))
+    arguments = (c.Argument(f"const {prefix}_state_t *", _STATE), c.Argument("uint32_t", _STEP))
+    return scope.function(f"{prefix}_state_differs", "bool", arguments)

@@ -11,27 +11,9 @@ from numpy.typing import NDArray
 
 from backends.c.interface.interface import Field
 from backends.c.interface.structs import RESERVED
+from backends.c_language import tree as c
 from backends.c_language.places import ArrayView, Index, variable
 from backends.c_language.scope import BlockScope, LocalNames
-from backends.c_language.tree import (
-    Argument,
-    Assign,
-    Binary,
-    ConstantTable,
-    CType,
-    Declare,
-    Discard,
-    Element,
-    Expression,
-    Function,
-    If,
-    Member,
-    Name,
-    Return,
-    Statement,
-    Truth,
-    Unsigned,
-)
 from backends.c_lowering.values import copy_value
 
 Array = NDArray[Any]
@@ -46,7 +28,7 @@ class GoldenTables:
     """The numbers of all runs; steps are counted through all runs."""
 
     prefix: str
-    number: CType
+    number: c.CType
     unroll: int
     """Elements up to which loops are written out."""
     starts: Sequence[Column]
@@ -61,8 +43,8 @@ class GoldenTables:
     """The start of each step that has one of its own; these are the last of the steps."""
 
     def functions(
-        self, differs: Callable[[Expression, Expression, Array], Expression]
-    ) -> tuple[Function, ...]:
+        self, differs: Callable[[c.Expression, c.Expression, Array], c.Expression]
+    ) -> tuple[c.Function, ...]:
         """`<prefix>_load_start(x0, start)`, `_start_differs(status, start)`, `_load_inputs(u,
         step)`, `_results_differ(status, y, step)`.
 
@@ -71,52 +53,45 @@ class GoldenTables:
 
         `differs` compares a given with an expected element of a column with these values.
         """
-        state = Argument("state", "s")
+        state = c.Argument("state", "s")
         written = (self._loader("state", state, self.written, "written"),) if self.written else ()
         singles = (self._start_of(),) if self.singles else ()
         return (
             *written,
             *singles,
-            self._loader("start", Argument("init", "x0"), self.starts, _START),
+            self._loader("start", c.Argument("init", "x0"), self.starts, _START),
             self._start_comparison(),
-            self._loader("inputs", Argument("in", "u"), self.inputs, _STEP),
+            self._loader("inputs", c.Argument("in", "u"), self.inputs, _STEP),
             self._comparison(differs),
         )
 
     def _loader(
-        self, name: str, struct: Argument, columns: Sequence[Column], row_name: str
-    ) -> Function:
+        self, name: str, struct: c.Argument, columns: Sequence[Column], row_name: str
+    ) -> c.Function:
         """Copies one row of the table `golden` into a struct."""
         scope = BlockScope(LocalNames(self.prefix))
         if columns:
             scope.add(self._table(columns))
         else:
-            scope.add(Discard(row_name))
-            scope.assign(Member(struct.name, RESERVED), Unsigned(0))
+            scope.add(c.Discard(row_name))
+            scope.assign(c.Member(struct.name, RESERVED), c.Unsigned(0))
         fields = [field for field, _ in columns]
         for field, row in zip(fields, _row("golden", fields, row_name), strict=True):
             copy_value(row, field.place(struct.name), scope, self.unroll)
         arguments = (
-            Argument(f"{self.prefix}_{struct.type}_t *", struct.name),
-            Argument("uint32_t", row_name),
+            c.Argument(f"{self.prefix}_{struct.type}_t *", struct.name),
+            c.Argument("uint32_t", row_name),
         )
-        body = tuple(scope.statements)
-        return Function(
-            name=f"{self.prefix}_load_{name}",
-            result="void",
-            arguments=arguments,
-            body=body,
-            static=True,
-        )
+        return scope.function(f"{self.prefix}_load_{name}", "void", arguments)
 
-    def _start_of(self) -> Function:
+    def _start_of(self) -> c.Function:
         starts = tuple(map(float, self.singles))
         body = (
-            ConstantTable("golden_start", starts, CType.UNSIGNED),
-            Return(Element(Name("golden_start"), Name("single"))),
+            c.ConstantTable("golden_start", starts, c.CType.UNSIGNED),
+            c.Return(c.Element(c.Name("golden_start"), c.Name("single"))),
         )
-        argument = Argument("uint32_t", "single")
-        return Function(
+        argument = c.Argument("uint32_t", "single")
+        return c.Function(
             name=f"{self.prefix}_start_of",
             result="uint32_t",
             arguments=(argument,),
@@ -124,15 +99,18 @@ class GoldenTables:
             static=True,
         )
 
-    def _start_comparison(self) -> Function:
+    def _start_comparison(self) -> c.Function:
         bits = tuple(map(float, self.start_status))
-        expected = Element(Name("golden_status"), Name(_START))
+        expected = c.Element(c.Name("golden_status"), c.Name(_START))
         body = (
-            ConstantTable("golden_status", bits, CType.UNSIGNED),
-            Return(Binary("!=", Name("status"), expected)),
+            c.ConstantTable("golden_status", bits, c.CType.UNSIGNED),
+            c.Return(c.Binary("!=", c.Name("status"), expected)),
         )
-        arguments = (Argument(f"{self.prefix}_status_t", "status"), Argument("uint32_t", _START))
-        return Function(
+        arguments = (
+            c.Argument(f"{self.prefix}_status_t", "status"),
+            c.Argument("uint32_t", _START),
+        )
+        return c.Function(
             name=f"{self.prefix}_start_differs",
             result="bool",
             arguments=arguments,
@@ -141,45 +119,39 @@ class GoldenTables:
         )
 
     def _comparison(
-        self, differs: Callable[[Expression, Expression, Array], Expression]
-    ) -> Function:
+        self, differs: Callable[[c.Expression, c.Expression, Array], c.Expression]
+    ) -> c.Function:
         prefix = self.prefix
         scope = BlockScope(LocalNames(prefix))
+        # tables hold doubles, in which every word of 32 bits is exact
         bits = tuple(float(status) for status in self.status)
-        scope.add(ConstantTable("golden_status", bits, CType.UNSIGNED))
+        scope.add(c.ConstantTable("golden_status", bits, c.CType.UNSIGNED))
         if self.outputs:
             scope.add(self._table(self.outputs))
         else:
-            scope.add(Discard("y"))
-        expected = Element(Name("golden_status"), Name(_STEP))
-        scope.add(Declare(CType.BOOL, "differ", Binary("!=", Name("status"), expected)))
+            scope.add(c.Discard("y"))
+        expected = c.Element(c.Name("golden_status"), c.Name(_STEP))
+        scope.add(c.Declare(c.CType.BOOL, "differ", c.Binary("!=", c.Name("status"), expected)))
         fields = [field for field, _ in self.outputs]
         for (field, values), row in zip(self.outputs, _row("golden", fields, _STEP), strict=True):
             compare = _compared(field.place("y"), row, values, differs)
             scope.each(field.shape, self.unroll, compare)
-        scope.add(Return(Name("differ")))
+        scope.add(c.Return(c.Name("differ")))
         arguments = (
-            Argument(f"{prefix}_status_t", "status"),
-            Argument(f"const {prefix}_out_t *", "y"),
-            Argument("uint32_t", _STEP),
+            c.Argument(f"{prefix}_status_t", "status"),
+            c.Argument(f"const {prefix}_out_t *", "y"),
+            c.Argument("uint32_t", _STEP),
         )
-        body = tuple(scope.statements)
-        return Function(
-            name=f"{prefix}_results_differ",
-            result="bool",
-            arguments=arguments,
-            body=body,
-            static=True,
-        )
+        return scope.function(f"{prefix}_results_differ", "bool", arguments)
 
-    def _table(self, columns: Sequence[Column]) -> ConstantTable:
+    def _table(self, columns: Sequence[Column]) -> c.ConstantTable:
         """All fields of a step in one row, the rows one after the other."""
         parts = [values.reshape(-1, field.size) for field, values in columns]
         numbers = np.concatenate(parts, axis=1).ravel().tolist()
-        return ConstantTable("golden", tuple(numbers), self.number, hexadecimal=True)
+        return c.ConstantTable("golden", tuple(numbers), self.number, hexadecimal=True)
 
 
-DIFFER: tuple[Statement, ...] = (Assign(Name("differ"), Truth(True)),)
+DIFFER: tuple[c.Statement, ...] = (c.Assign(c.Name("differ"), c.Truth(True)),)
 """What is done where something is not as expected."""
 
 
@@ -190,7 +162,7 @@ def _row(table: str, fields: Iterable[Field], row: str) -> list[ArrayView]:
     begin = variable(row).times(width)
     places: list[ArrayView] = []
     for field in listed:
-        place = ArrayView.array(Name(table), field.shape)
+        place = ArrayView.array(c.Name(table), field.shape)
         places.append(ArrayView(place.storage, place.shape, place.strides, begin))
         begin = begin.plus(Index(field.size))
     return places
@@ -200,9 +172,9 @@ def _compared(
     given: ArrayView,
     expected: ArrayView,
     values: Array,
-    differs: Callable[[Expression, Expression, Array], Expression],
+    differs: Callable[[c.Expression, c.Expression, Array], c.Expression],
 ) -> Callable[[tuple[Index, ...], BlockScope], None]:
     def compare(at: tuple[Index, ...], scope: BlockScope) -> None:
-        scope.add(If(differs(given.element(at), expected.element(at), values), DIFFER))
+        scope.add(c.If(differs(given.element(at), expected.element(at), values), DIFFER))
 
     return compare

@@ -12,27 +12,10 @@ from backends.c.selftest.text.golden_tables import DIFFER, Array, GoldenTables
 from backends.c.selftest.vectors.golden_starts import GoldenStart
 from backends.c.selftest.vectors.golden_vectors import GoldenVectors, joined
 from backends.c.selftest.vectors.written_states import state_fields
+from backends.c_language import tree as c
 from backends.c_language.helper_functions import is_nan
 from backends.c_language.places import Index
 from backends.c_language.scope import BlockScope, LocalNames
-from backends.c_language.tree import (
-    Argument,
-    Assign,
-    Binary,
-    Call,
-    ConstantTable,
-    CType,
-    Declare,
-    Element,
-    Expression,
-    Function,
-    If,
-    Name,
-    Real,
-    Return,
-    Truth,
-    Unary,
-)
 
 
 def golden_functions(
@@ -40,7 +23,7 @@ def golden_functions(
     runs: Sequence[GoldenVectors],
     starts: Sequence[GoldenStart] = (),
     singles: GoldenSingles | None = None,
-) -> tuple[Function, ...]:
+) -> tuple[c.Function, ...]:
     """What `GoldenTables` makes, after the function that compares two numbers.
 
     Behind the starts of the runs stand those that are judged by the status of `reset` alone.
@@ -62,7 +45,7 @@ def golden_functions(
     fields = state_fields(interface) if written else ()
     tables = GoldenTables(
         prefix=prefix,
-        number=CType.REAL,
+        number=c.CType.REAL,
         unroll=interface.options.unroll,
         starts=given,
         start_status=[int(start.status) for start in every],
@@ -75,58 +58,57 @@ def golden_functions(
 
     tuned = (_tune_function(interface, singles.tuned),) if singles and singles.tunes else ()
 
-    def differs(given: Expression, expected: Expression, values: Array) -> Expression:
-        allowed = Real(tolerance(interface, values))
-        return Call(f"{prefix}_differs", (given, expected, allowed))
+    def differs(given: c.Expression, expected: c.Expression, values: Array) -> c.Expression:
+        allowed = c.Real(tolerance(interface, values))
+        return c.Call(f"{prefix}_differs", (given, expected, allowed))
 
     known = (differs_function(prefix),) if interface.outputs else ()
     return (*known, *tables.functions(differs), *tuned)
 
 
-def _tune_function(interface: Interface, tuned: Sequence[Mapping[int, float]]) -> Function:
+def _tune_function(interface: Interface, tuned: Sequence[Mapping[int, float]]) -> c.Function:
     """`<prefix>_tune(numbers, single)` writes a single step's own parameters over the trained."""
     scope = BlockScope(LocalNames(interface.prefix))
     for name in ("numbers", "single"):
         scope.reserve(name)
     listed = [(k, place, x) for k, own in enumerate(tuned) for place, x in own.items()]
     columns = [tuple(map(float, column)) for column in zip(*listed, strict=True)]
-    scope.add(ConstantTable("golden_single", columns[0], CType.UNSIGNED))
-    scope.add(ConstantTable("golden_place", columns[1], CType.UNSIGNED))
-    scope.add(ConstantTable("golden_number", columns[2], hexadecimal=True))
+    scope.add(c.ConstantTable("golden_single", columns[0], c.CType.UNSIGNED))
+    scope.add(c.ConstantTable("golden_place", columns[1], c.CType.UNSIGNED))
+    scope.add(c.ConstantTable("golden_number", columns[2], hexadecimal=True))
     with scope.loop(len(listed)) as (index, inner):
         at = index.expression()
-        own = Binary("==", Element(Name("golden_single"), at), Name("single"))
-        place = Element(Name("numbers"), Element(Name("golden_place"), at))
-        inner.add(If(own, (Assign(place, Element(Name("golden_number"), at)),)))
+        own = c.Binary("==", c.Element(c.Name("golden_single"), at), c.Name("single"))
+        place = c.Element(c.Name("numbers"), c.Element(c.Name("golden_place"), at))
+        inner.add(c.If(own, (c.Assign(place, c.Element(c.Name("golden_number"), at)),)))
     real = f"{interface.prefix}_real *"
-    arguments = (Argument(real, "numbers"), Argument("uint32_t", "single"))
+    arguments = (c.Argument(real, "numbers"), c.Argument("uint32_t", "single"))
     name = f"{interface.prefix}_tune"
-    return Function(
-        name=name, result="void", arguments=arguments, body=tuple(scope.statements), static=True
-    )
+    return scope.function(name, "void", arguments)
 
 
-def differs_function(prefix: str) -> Function:
+def differs_function(prefix: str) -> c.Function:
     """Whether a number is another one than expected; NaN is NaN, and an infinity itself only."""
-    x, expected, tolerance = Name("x"), Name("expected"), Name("tolerance")
-    near = Binary(
+    x, expected, tolerance = c.Name("x"), c.Name("expected"), c.Name("tolerance")
+    near = c.Binary(
         "&&",
-        Binary("<=", Binary("-", x, expected), tolerance),
-        Binary("<=", Binary("-", expected, x), tolerance),
+        c.Binary("<=", c.Binary("-", x, expected), tolerance),
+        c.Binary("<=", c.Binary("-", expected, x), tolerance),
     )
     parts = {
         "within": near,
-        "equal": Binary("&&", Binary("<=", x, expected), Binary(">=", x, expected)),
-        "both_nan": Binary("&&", is_nan(x), is_nan(expected)),
+        # ∞ - ∞ is NaN and within nothing; two relations, as -Wfloat-equal warns of ==
+        "equal": c.Binary("&&", c.Binary("<=", x, expected), c.Binary(">=", x, expected)),
+        "both_nan": c.Binary("&&", is_nan(x), is_nan(expected)),
     }
-    fine = Binary("||", Binary("||", Name("within"), Name("equal")), Name("both_nan"))
+    fine = c.Binary("||", c.Binary("||", c.Name("within"), c.Name("equal")), c.Name("both_nan"))
     body = (
-        *(Declare(CType.BOOL, name, value, constant=True) for name, value in parts.items()),
-        Return(Unary("!", fine)),
+        *(c.Declare(c.CType.BOOL, name, value, constant=True) for name, value in parts.items()),
+        c.Return(c.Unary("!", fine)),
     )
     real = f"{prefix}_real"
-    arguments = tuple(Argument(real, name) for name in ("x", "expected", "tolerance"))
-    return Function(
+    arguments = tuple(c.Argument(real, name) for name in ("x", "expected", "tolerance"))
+    return c.Function(
         name=f"{prefix}_differs", result="bool", arguments=arguments, body=body, static=True
     )
 
@@ -147,23 +129,22 @@ def tolerance(interface: Interface, values: Array) -> float:
 
 def kernels_function(
     prefix: str, cases: Mapping[str, Sequence[tuple[tuple[float, ...], float]]]
-) -> Function:
+) -> c.Function:
     """Whether a kernel gives other bits than it should: a table of arguments and value for each."""
     scope = BlockScope(LocalNames(prefix))
     scope.reserve("differ")
-    scope.add(Declare(CType.BOOL, "differ", Truth(False)))
+    scope.add(c.Declare(c.CType.BOOL, "differ", c.Truth(False)))
     for kernel, rows in cases.items():
         table = scope.fresh(f"golden_{kernel}")
         numbers = tuple(x for arguments, value in rows for x in (*arguments, value))
         width = len(numbers) // len(rows)
-        scope.add(ConstantTable(table, numbers, hexadecimal=True))
+        scope.add(c.ConstantTable(table, numbers, hexadecimal=True))
         with scope.loop(len(rows)) as (index, inner):
             begin = index.times(width)
-            row = [Element(Name(table), begin.plus(Index(n)).expression()) for n in range(width)]
-            called = Call(f"{prefix}_{kernel}", tuple(row[:-1]))
-            inner.add(If(Call(f"{prefix}_differs", (called, row[-1], Real(0.0))), DIFFER))
-    scope.add(Return(Name("differ")))
-    body = tuple(scope.statements)
-    return Function(
-        name=f"{prefix}_kernels_differ", result="bool", arguments=(), body=body, static=True
-    )
+            row = [
+                c.Element(c.Name(table), begin.plus(Index(n)).expression()) for n in range(width)
+            ]
+            called = c.Call(f"{prefix}_{kernel}", tuple(row[:-1]))
+            inner.add(c.If(c.Call(f"{prefix}_differs", (called, row[-1], c.Real(0.0))), DIFFER))
+    scope.add(c.Return(c.Name("differ")))
+    return scope.function(f"{prefix}_kernels_differ", "bool", ())

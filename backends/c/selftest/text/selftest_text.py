@@ -111,8 +111,10 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
     prefix = interface.prefix
     runs = _golden_runs(program, interface, weights)
     starts = golden_starts(program, interface, weights, _STARTS_SEED)
+    # those whose states begin within their ranges
     begun = [run.start for run in runs[:_PARTS]]
     singles = None
+    # single steps show what one bit decides, and only promised bits decide alike everywhere
     if interface.options.is_exact:
         singles = golden_singles(program, interface, weights, begun, _SINGLES_SEED)
     alone = len(singles.starts) if singles else 0
@@ -165,6 +167,7 @@ def _golden_runs(program: Program, interface: Interface, weights: Weights) -> li
             (StartPoint(number % _PARTS, _PARTS), 0, number, written)
             for number, written in enumerate(written_states(interface))
         ),
+        # last: the test program calls `init` in place of `reset` from a number of runs on
         *((None, opening, None, None) for opening in _AFTER_INIT),
     ]
     runs = [GoldenRun(_TEST_SEED + number, *begin) for number, begin in enumerate(begun)]
@@ -208,6 +211,7 @@ def _golden(
     functions = [*golden_functions(interface, runs, starts, singles)]
     every = [*runs, singles.vectors] if singles else runs
     if interface.jacobian is not None:
+        # else `golden_functions` has it
         if not interface.outputs and _compares(interface):
             functions.insert(0, differs_function(interface.prefix))
         functions.append(slopes_function(interface, interface.jacobian, every))

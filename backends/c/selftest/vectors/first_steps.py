@@ -34,6 +34,7 @@ def filled_by_first(
     A buffer's sample may be computed from other buffers, so they are filled until none changes.
     """
     filled = {name: value.copy() for name, value in states.items()}
+    # as many rounds as buffers: the longest chain of buffers that read each other
     for _ in interface.filled_by_first:
         following = interpreter.step(*log, filled, losses=False).next_states
         for name in interface.filled_by_first:

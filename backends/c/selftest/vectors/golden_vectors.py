@@ -74,18 +74,6 @@ class GoldenRun:
     """What stands in the struct before the first step."""
 
 
-def golden_vectors(
-    program: Program,
-    interface: Interface,
-    weights: Mapping[str, Array],
-    steps: int,
-    seed: int = 0,
-) -> GoldenVectors:
-    """`steps` steps from a drawn past, each from the states that the one before left."""
-    (run,) = golden_runs(program, interface, weights, steps, [GoldenRun(seed)])
-    return run
-
-
 def golden_runs(
     program: Program,
     interface: Interface,
@@ -99,6 +87,7 @@ def golden_runs(
     """
     dtype = interface.options.dtype
     knots = knots_of(program, dtype)
+    # in the arithmetic of the C: in float32 its answers are the bits that are promised
     interpreter = Interpreter(with_checked(program), weights, dtype)
     linearized = interface.jacobian and JacobianInterpreter(
         interface.jacobian.jacobian, program, weights, dtype

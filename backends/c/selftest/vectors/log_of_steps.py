@@ -22,6 +22,7 @@ def log_of_steps(
     """
     ports = {input.field.name: input.port for input in interface.inputs}
     row = max([0, *(-port.first for port in ports.values())])
+    # each step has rows of its own, as policies may have changed what its neighbours saw
     rows = row + 1 + max([0, *(port.last for port in ports.values())])
     log: dict[str, Array] = {}
     for name, port in ports.items():

@@ -84,5 +84,6 @@ def _is_left(interface: Interface, check: StateCheck, values: Array) -> bool:
 
 def _is_outside(values: Array, limits: tuple[float, float], dtype: Dtype) -> bool:
     """Whether an element is outside, NaN too; limits are rounded to the type of the values."""
+    # as the literals of the C are: what is just beyond a limit in float64 may equal it in float32
     low, high = (np.dtype(dtype).type(limit) for limit in limits)
     return not bool(np.all((values >= low) & (values <= high)))

@@ -61,9 +61,11 @@ def _of(check: StateCheck, interface: Interface) -> Iterator[WrittenNumber]:
     if not isinstance(check.memory, PlainState):
         return
     size = math.prod(check.memory.shape)
+    # above `unroll` a loop looks at them: its first and last turn show where it begins and ends
     elements = range(size) if size <= interface.options.unroll else (0, size - 1)
     values = _values(check)
     for number, element in enumerate(elements):
+        # elements share one check: each fault once, in turn, shows it and that each is looked at
         chosen = values if size == 1 else [values[number % len(values)]]
         for value in chosen:
             yield WrittenNumber(check.memory.state.name, element, value)
