@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from msnn.importing.followed_python.python_modules import MODULES, Module, imported
+from msnn.importing.followed_python.python_modules import LOWERED, MODULES, Module, imported
 from msnn.importing.followed_python.python_numbers import (
     BUILTINS,
     COMPARED,
@@ -38,8 +38,6 @@ from msnn.importing.terms.terms import Term, larger, minus, power, quotient, tim
 
 _MOST_STEPS = 400_000
 """Statements, operations and elements of tensors that are followed."""
-_LOWERED = {"true": True, "false": False, "null": None}
-"""Words that nnodely writes in lower case when it saves source."""
 _OPERATORS: Mapping[type[ast.operator], Callable[[Term, Term], Term]] = {
     ast.Add: added,
     ast.Sub: minus,
@@ -161,9 +159,11 @@ class _Run:
                 return self._element(self._expression(value), self._index(index))
             case ast.ListComp(elt=item, generators=[ast.comprehension(ifs=[]) as loop]):
                 made: list[Any] = []
-                for each in self._items(loop.iter):
+                items, outer = self._items(loop.iter), {**self._names}
+                for each in items:
                     self._assign(loop.target, each)
                     made.append(self._expression(item))
+                self._names = outer  # its variable is its own, whatever else has that name
                 return made
             case _:
                 raise self._refused(f"an expression `{kind_of(node)}`")
@@ -171,8 +171,8 @@ class _Run:
     def _name(self, node: ast.Name) -> Any:
         if node.id in self._names:
             return self._names[node.id]
-        if node.id in _LOWERED:
-            return _LOWERED[node.id]
+        if node.id in LOWERED:
+            return LOWERED[node.id]
         if node.id in MODULES:
             return Module(node.id)
         if node.id in BUILTINS:
