@@ -17,6 +17,7 @@ from msnn.api.shown_progress import NotebookLines, heard_by
 from msnn.packages import PANDAS, OptionalPackage
 from msnn.project.new_project import new_project
 from msnn.training.records.progress import EpochEnd, Lines, Silent, StageEnd, StageStart
+from msnn.validation.reports.words import rollout_text
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from tests.cli.test_check import SPEC
 
@@ -83,6 +84,14 @@ def test_validations_and_simulations_have_tables_frames_and_pictures(
     frame = report.to_frame()
     (limited,) = frame[(frame["limit"] == "≤ 0.003")].to_dict("records")
     assert limited["value"] == report.rows[0].value
+    named = frame.set_index(["of", "rollout", "data", "metric"])
+    assert named.index.is_unique
+    for each in report.measurements:
+        for metric, found in each.metrics.items():
+            row = named.loc[each.of, rollout_text(each), each.data, metric]
+            assert row["value"] == pytest.approx(found.value, rel=0, nan_ok=True)
+            assert row["unit"] == ("m" if metric in ("rmse", "mae", "max_abs") else "")
+            assert row["scored"] == each.scored
     assert report._repr_html_().count("<table>") == 2
     assert report.plot()._repr_png_()
 

@@ -126,6 +126,28 @@ def test_results_of_training_are_weights(model: msnn.Model) -> None:
         np.testing.assert_allclose(found.outputs["x_next"], expected.outputs["x_next"], rtol=1e-5)
 
 
+@pytest.fixture(scope="module")
+def other_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of a model whose arrays fit, in another formula."""
+    folder = tmp_path_factory.mktemp("other")
+    (folder / "plant.yaml").write_text(SPEC.replace("gain*x + force", "gain*x - force"))
+    found = msnn.train(msnn.load(folder / "plant.yaml"), DATA, runs=folder / "runs").folder
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("given", ["folder", "file"])
+def test_the_run_of_another_model_is_refused(
+    door: str, given: str, model: msnn.Model, other_run: Path, tmp_path: Path
+) -> None:
+    weights = other_run if given == "folder" else other_run / "weights.safetensors"
+    with pytest.raises(msnn.SpecError) as caught:
+        DOORS[door](model, weights, tmp_path)
+    assert [found.code for found in caught.value.diagnostics] == ["E0994"]
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_mapping_is_completed_by_the_initial_values(model: msnn.Model) -> None:
     weights = {**msnn.initial_weights(model), "gain": 0.0, "h.weight": np.zeros(3)}
     (found,) = msnn.simulate(model, DATA, weights)

@@ -80,6 +80,8 @@ def test_data_on_disk_are_those_in_memory(fleet: Path) -> None:
     assert [record.file for record in there.records] == [record.file for record in here.records]
     for ours, one in zip(there.records, here.records, strict=True):
         assert ours.place(ours.start + 5) == one.place(one.start + 5)
+        told, known = (each.pieces[0].times(each.start, each.stop, None) for each in (ours, one))
+        np.testing.assert_array_equal(np.asarray(told), np.asarray(known))
     np.testing.assert_array_equal(there.episodes("train"), here.episodes("train"))
 
 
@@ -89,6 +91,10 @@ def test_a_row_group_is_a_record_and_a_folder_is_a_column(fleet: Path) -> None:
     assert found.records[4].file == "train/vehicle=8/b.parquet, row group 1"
     whole = measured(spec(fleet, "disk", "file"), None, None, "training")
     assert [record.stop - record.start for record in whole.records] == [300, 300, 300]
+    for name, series in whole.series.items():  # groups follow each other as they do in the file
+        np.testing.assert_array_equal(found.series[name], series)
+    begins = [record.pieces[0].times(record.start, record.stop, None) for record in found.records]
+    assert [float(times[0]) for times in begins if times is not None] == [0.0, 10.0, 20.0] * 3
     path = fleet / "vehicle.yaml"
     text = SPEC.format(keep="disk", records="row_group", more="", stage="", more_of_train="")
     path.write_text(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -163,8 +165,17 @@ def test_times_of_day_become_seconds(tmp_path: Path) -> None:
     np.testing.assert_array_equal(data.series["x"], X[2:])
 
 
-def test_null_is_a_missing_value(tmp_path: Path) -> None:
-    force = arrow.array([1, None, 3], arrow.int32())
+@pytest.mark.parametrize(
+    "force",
+    [
+        arrow.array([1, None, 3], arrow.int32()),
+        arrow.array([True, None, False]),
+        arrow.array([1.5, None, 3.0]),
+        arrow.array([Decimal("1.5"), None, Decimal("3.0")]),
+    ],
+    ids=lambda force: str(force.type),
+)
+def test_null_is_a_missing_value(tmp_path: Path, force: Any) -> None:
     parquet.write_table(arrow.table({"x": [1.0, 2.0, 3.0], "F": force}), tmp_path / "a.parquet")
     data = load(tmp_path, "source: {train: a.parquet}\nnan: split\n")
     assert data.episodes("train").tolist() == [[0, 1], [2, 3]]

@@ -104,6 +104,16 @@ def test_fmpy_finds_nothing_in_the_gallery(
     assert validate_fmu(str(second)) == validate_fmu(str(third)) == []
     (build,) = read_build_description(str(third))
     assert build.modelIdentifier == plan.prefix
+    # an importer compiles what is listed and nothing else
+    lists = (
+        (second, "modelDescription.xml", "File"),
+        (third, "sources/buildDescription.xml", "SourceFile"),
+    )
+    for unit, place, tag in lists:
+        with zipfile.ZipFile(unit) as archive:
+            named = ElementTree.fromstring(archive.read(place)).iter(tag)  # noqa: S314
+            there = {name for name in archive.namelist() if name.endswith(".c")}
+        assert {f"sources/{each.attrib['name']}" for each in named} == there
 
 
 def test_it_is_the_c_export_bit_for_bit(tmp_path: Path) -> None:
@@ -348,6 +358,19 @@ def test_a_step_says_how_far_it_came(exported: Written) -> None:
         *_, came = unit._fmu.doStep(0.2, 0.1)
         assert came == pytest.approx(0.3)
         assert unit._fmu.getFloat64([reference(unit, "time")], 1) == [came]
+
+
+def test_time_begins_where_the_importer_says(exported: Written) -> None:
+    with units(exported) as (_, unit):
+        unit.initialise()
+        unit._fmu.reset()
+        unit._fmu.enterInitializationMode(startTime=2.5)
+        time = reference(unit, "time")
+        assert unit._fmu.getFloat64([time], 1) == [2.5]
+        unit.begin()
+        assert unit._fmu.getFloat64([time], 1) == [2.5]
+        unit.step(25, 0.1)
+        assert unit._fmu.getFloat64([time], 1) == [pytest.approx(2.6)]
 
 
 def test_it_is_for_co_simulation_only(exported: Written) -> None:

@@ -46,6 +46,8 @@ def _formula(body: str) -> str:
         ),
         ("    from torch import sin as s, pi\n    return s(x) * pi\n", "sin(x) * pi"),
         ("    from torch.nn import functional\n    return functional.relu(x)\n", "relu(x)"),
+        ("    i = 5\n    y = [x * i for i in (1, 2)]\n    return y[1] + i\n", "x * 2 + 5"),
+        ("    y = [x for x in range(3)]\n    return x * y[2]\n", "x * 2"),
         ("    return torch.cat((x, x), dim=2).sum(dim=2, keepdim=true)\n", "x + x"),
         ("    return torch.stack([x, x * 2])[1]\n", "x * 2"),
         ("    return (x.unsqueeze(-1) @ torch.tensor([[2.0]])).squeeze(-1)\n", "x * 2"),

@@ -16,6 +16,7 @@ from matplotlib.colors import to_hex
 import msnn
 from msnn.data_check import figure as data_figure
 from msnn.reports import plotting
+from msnn.reports.drawn import shown_first
 from msnn.reports.functions_of_run import functions_of_run
 from msnn.reports.learned_functions import Curve, LearnedFunction
 from msnn.reports.page.functions import function_charts
@@ -56,8 +57,12 @@ def test_a_simulation_shows_measured_simulated_error_inputs_and_correlation(
     output, error, force, correlation = figure.axes[::3]
     labels = [line.get_label() for line in output.lines]
     assert labels[:2] == ["measured", "simulated"]
-    assert output.texts[0].get_text().startswith("fit ")
-    assert "rmse" in output.texts[0].get_text()
+    measured, simulated = (np.asarray(line.get_ydata())[:-1] for line in output.lines[:2])
+    np.testing.assert_array_equal(simulated, shown_first(runs)[0].outputs["x_next"][:-1])
+    # Ljung's fit is of what was measured, not of the simulation
+    far, spread = np.linalg.norm(simulated - measured), np.linalg.norm(measured - measured.mean())
+    fit, rmse = 100 * (1 - far / spread), far / np.sqrt(len(measured))
+    assert output.texts[0].get_text() == f"fit {fit:.4g} %, rmse {rmse:.4g} m"
     # what the last step predicts was not measured
     assert np.isfinite(error.lines[0].get_ydata()[:-1]).all()
     assert force.get_ylabel() == "F / N"

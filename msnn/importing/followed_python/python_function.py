@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from msnn.importing.followed_python.python_modules import MODULES, Module, imported
+from msnn.importing.followed_python.python_modules import LOWERED, MODULES, Module, imported
 from msnn.importing.followed_python.python_numbers import (
     BUILTINS,
     COMPARED,
@@ -170,8 +170,8 @@ class _Run:
     def _name(self, node: ast.Name) -> Any:
         if node.id in self._names:
             return self._names[node.id]
-        if node.id in _LOWERED:
-            return _LOWERED[node.id]
+        if node.id in LOWERED:
+            return LOWERED[node.id]
         if node.id in MODULES:
             return Module(node.id)
         if node.id in BUILTINS:

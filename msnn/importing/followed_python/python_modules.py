@@ -1,4 +1,4 @@
-"""Gives modules and their members in a followed function their names; nothing is imported."""
+"""Knows the names that a followed function has without giving them: modules, numbers, words."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from msnn.importing.terms.arrays import NotTranslatedError
 
 MODULES = frozenset({"torch", "math"})
 """Those of which functions are translated; without an import, functions of a file know them too."""
+
+LOWERED = {"true": True, "false": False, "null": None}
+"""Words that nnodely writes in lower case when it saves source."""
 
 
 @dataclass(frozen=True, slots=True)
