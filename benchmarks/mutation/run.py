@@ -150,8 +150,8 @@ class _Proof:
         """By all arguments of a mathematical function, by bounds of inputs, or by the code of a
         compiler and calls with infinities and NaN."""
         source = (self._export / "src" / mutant.file).read_text(encoding="utf-8")
-        if mutant.kind == "last digit":
-            return changes_no_result(source, mutant.text, self._prefix)
+        if mutant.kind == "last digit" and changes_no_result(source, mutant.text, self._prefix):
+            return True
         if alike_inside_ranges(source, mutant.text, mutant.function):
             return True
         includes = [self._export / "include", self._export / "src"]
