@@ -3,6 +3,7 @@
 Each constant of each kernel is moved to its neighbours in the interpreter. Of many arguments those
 few are kept that together tell every changed kernel from the right one, if any of them does. What
 nothing tells is printed. `choose_arguments.py KERNEL…` writes anew what it finds for these alone.
+Among them are the arguments that `python -m benchmarks.mutation.digit_outcomes` found.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from backends.c.selftest.kernel_cases import plain_points
 from benchmarks.kernel_accuracy.changed_constants import Site, changed_constants
+from benchmarks.mutation.digit_outcomes import shown_arguments
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.kernels.evaluate import routine
 from compiler.kernels.tables.formats import FORMATS, RealName
@@ -73,6 +75,8 @@ def chosen_arguments(name: str, real: RealName) -> Chosen:
     random = np.random.Generator(np.random.Philox(7))
     plain = np.array(plain_points(name, real), right.format.dtype)
     first = _drawn(name, right, _FIRST, random)
+    if real == "float" and (shown := shown_arguments(name)):
+        first = np.concatenate([first, np.array(shown, right.format.dtype)])
     later = [_drawn(name, right, count, random) for count in _THEN]
     told, untold = 0, list[Site]()
     left: list[Routine] = []

@@ -10,22 +10,23 @@ import numpy as np
 _Change = tuple[int, int, str]
 
 _FUNCTION = re.compile(r"^[^\n#/{} ][^\n#/{}]*\([^;{}]*\)\n\{\n(.*?)^\}", re.DOTALL | re.MULTILINE)
-_REAL = re.compile(r"(?<![\w.])(0x[0-9a-f.]+p[-+]\d+|\d+\.\d*(?:e[-+]?\d+)?)f\b")
+_REAL = re.compile(r"(?<![\w.])(0x[0-9a-f.]+p[-+]\d+|\d+\.\d*(?:e[-+]?\d+)?)(f?)\b")
 _WORD = re.compile(r"(?<![\w.])(0x[0-9a-fA-F]+|\d{4,})U\b")
 
 
 def last_digits(code: str) -> Iterator[tuple[_Change, ...]]:
-    """The next number above or below, and words by one; single precision."""
+    """The next number above or below in its precision, and words by one."""
     for body in _FUNCTION.finditer(code):
         for match in _REAL.finditer(body[1]):
-            text = match[1]
-            value = np.float32(float.fromhex(text) if text.startswith("0x") else float(text))
+            text, suffix = match[1], match[2]
+            real = np.float32 if suffix else np.float64
+            value = real(float.fromhex(text) if text.startswith("0x") else float(text))
             at = body.start(1) + match.start(), body.start(1) + match.end()
             for towards in (-np.inf, np.inf):
                 with np.errstate(over="ignore"):
-                    beside = float(np.nextafter(value, np.float32(towards)))
+                    beside = float(np.nextafter(value, real(towards)))
                 if np.isfinite(beside):
-                    yield ((*at, f"{beside.hex()}f"),)
+                    yield ((*at, f"{beside.hex()}{suffix}"),)
         for match in _WORD.finditer(body[1]):
             at = body.start(1) + match.start(), body.start(1) + match.end()
             yield ((*at, f"{int(match[1], 0) ^ 1}U"),)

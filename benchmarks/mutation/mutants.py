@@ -59,6 +59,11 @@ def value_mutants(source: str) -> Iterator[Mutant]:
     yield from _mutants("value", "", source, lambda code: _values(code, _SEEN_SQUARED))
 
 
+def last_digit_mutants(source: str) -> Iterator[Mutant]:
+    """Constants of mathematical functions, in single or double precision."""
+    yield from _mutants("last digit", "", source, last_digits)
+
+
 def _mutants(
     kind: str, file: str, source: str, changes: Callable[[str], Iterator[tuple[Change, ...]]]
 ) -> Iterator[Mutant]:

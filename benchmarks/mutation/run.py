@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
+from benchmarks.mutation.digit_outcomes import changes_no_result
 from benchmarks.mutation.equivalents import reason
 from benchmarks.mutation.inside_ranges import alike_inside_ranges
 from benchmarks.mutation.mutants import Mutant, mutants
@@ -120,7 +121,7 @@ def mutation_score(
             outcomes += _seen_together(inside, export, objects, Path(place), pool)
         unseen = [mutant for mutant, seen in outcomes if seen is False]
         alike = {id(m) for m in unseen if reason(prefix, m) is not None}
-        proof = _Proof(export, objects, Path(place))
+        proof = _Proof(export, prefix, objects, Path(place))
         alike |= {id(m) for m in unseen if id(m) not in alike and proof.no_answer_changes(m)}
     return Score(
         seen=tuple(mutant for mutant, seen in outcomes if seen),
@@ -132,8 +133,10 @@ def mutation_score(
 class _Proof:
     """Whether a change changes no answer, by the compiler and by random calls."""
 
-    def __init__(self, export: Path, objects: Mapping[str, Path], folder: Path) -> None:
-        self._export, self._folder = export, folder
+    def __init__(
+        self, export: Path, prefix: str, objects: Mapping[str, Path], folder: Path
+    ) -> None:
+        self._export, self._prefix, self._folder = export, prefix, folder
         self._objects = {name: path for name, path in objects.items() if not _is_test(name)}
         main = folder / "random_calls.c"
         main.write_text(random_calls(read_exported_c(export), _CALLS), encoding="utf-8")
@@ -144,8 +147,11 @@ class _Proof:
         self._right = answers(self._linked([*self._objects.values()]))
 
     def no_answer_changes(self, mutant: Mutant) -> bool:
-        """By bounds of inputs, or the code of a compiler and calls with infinities and NaN."""
+        """By all arguments of a mathematical function, by bounds of inputs, or by the code of a
+        compiler and calls with infinities and NaN."""
         source = (self._export / "src" / mutant.file).read_text(encoding="utf-8")
+        if mutant.kind == "last digit" and changes_no_result(source, mutant.text, self._prefix):
+            return True
         if alike_inside_ranges(source, mutant.text, mutant.function):
             return True
         includes = [self._export / "include", self._export / "src"]

@@ -1,0 +1,164 @@
+"""Whether another last digit of a constant changes any result of a mathematical function.
+
+`python -m benchmarks.mutation.digit_outcomes [--quick] [KERNEL…]`: changes of kernels in single
+precision meet corners and drawn arguments, then those that nothing showed all floats, an hour or
+more of a processor for all kernels; not if `--quick`. Functions of two arguments meet all floats
+beside 1 and -1, which proves nothing of other pairs. All is kept in digit_outcomes.json under the
+hash of both texts. Needs gcc; Ctrl-C keeps what was found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pydantic import TypeAdapter
+
+from backends.c_kernels.sources import c_sources
+from backends.files.atomic_write import write_text
+from benchmarks.mutation.every_argument import first_shown
+from benchmarks.mutation.math_functions import Function, functions_of, needed, text_hash
+from benchmarks.mutation.mutants import last_digit_mutants
+from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+
+OUTCOMES = Path(__file__).with_suffix(".json")
+
+_TOGETHER = 12
+"""Changes that meet all floats in one program, after which what was found is kept."""
+_DRAWN = ("drawn", "600", "-12", "12", "-12", "12")
+_EVERY = {"own_reduce_angle": ("every", "0", str(0x7F7FFFFF))}
+"""Where not every float is an argument: the callers give a size, and treat infinities and NaN."""
+_ALL = ("every", "0", str(0xFFFFFFFF))
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What is known of one change."""
+
+    function: str
+    line: str
+    change: str
+    shown: tuple[str, ...]
+    """The arguments of one place that shows it; empty where none does."""
+    every: bool
+    """Whether all floats were tried."""
+
+
+_ROWS = TypeAdapter(dict[str, Outcome])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("kernels", nargs="*")
+    parser.add_argument("--quick", action="store_true")
+    given = parser.parse_args()
+    every = sorted({row.kernel for row in SCALAR_FUNCTIONS.values() if row.kernel})
+    with suppress(KeyboardInterrupt):
+        for kernel in given.kernels or every:
+            source = c_sources([kernel], "float", "own").source
+            right = functions_of(source)
+            for name in right:
+                _decide(source, right, name, quick=given.quick)
+
+
+def known() -> dict[str, Outcome]:
+    """By the hash of both texts."""
+    if not OUTCOMES.exists():
+        return {}
+    return _ROWS.validate_json(OUTCOMES.read_bytes())
+
+
+def changes_no_result(source: str, changed: str, prefix: str) -> bool:
+    """Whether all floats were tried of each function that a model calls, or of one they call."""
+    outcomes = known()
+    right, other = functions_of(source, prefix), functions_of(changed, prefix)
+    differ = [name for name in right if right[name].text != other[name].text]
+
+    def same(name: str) -> bool:
+        own = needed(right, name)
+        outcome = outcomes.get(text_hash(own, needed(other, name)))
+        proved = outcome is not None and outcome.every and not outcome.shown
+        return proved and len(right[name].arguments) == 1
+
+    if all(map(same, differ)):
+        return True
+    public = (name for name, one in right.items() if one.is_public)
+    return all(same(name) for name in public if not {*differ}.isdisjoint(needed(right, name)))
+
+
+def shown_arguments(kernel: str) -> list[tuple[float, ...]]:
+    """Where changes of a kernel in single precision show."""
+    source = c_sources([kernel], "float", "own").source
+    right, name, outcomes = functions_of(source), f"own_{kernel}", known()
+    found = set[tuple[float, ...]]()
+    for mutant in last_digit_mutants(source):
+        outcome = outcomes.get(text_hash(right, needed(functions_of(mutant.text), name)))
+        if outcome is not None and outcome.shown:
+            found.add(tuple(map(float.fromhex, outcome.shown)))
+    return sorted(point for point in found if not any(map(math.isnan, point)))
+
+
+def _decide(source: str, functions: Mapping[str, Function], name: str, *, quick: bool) -> None:
+    """Of each change of a function, or of those that it calls and that change their results."""
+    outcomes, right = known(), needed(functions, name)
+    left = dict[str, tuple[Outcome, Mapping[str, Function]]]()
+    for mutant in last_digit_mutants(source):
+        changed = needed(functions_of(mutant.text), name)
+        key = text_hash(right, changed)
+        inner = next((one for one in right if right[one].text != changed[one].text), None)
+        if inner is None or _is_same_inside(outcomes, right, changed, inner, name):
+            continue
+        if key not in outcomes or not (outcomes[key].shown or outcomes[key].every):
+            outcome = Outcome(mutant.function, mutant.line, mutant.change, (), every=False)
+            left[key] = outcome, changed
+    every = _EVERY.get(name, _ALL)
+    _try(name, right, left, _DRAWN if name not in _EVERY else ("every", "0", "0"))
+    for begin in () if quick else range(0, len(left), _TOGETHER):
+        own = dict([*left.items()][begin : begin + _TOGETHER])
+        _try(name, right, own, every)
+    print(name, flush=True)
+
+
+def _is_same_inside(
+    outcomes: Mapping[str, Outcome],
+    right: Mapping[str, Function],
+    changed: Mapping[str, Function],
+    inner: str,
+    name: str,
+) -> bool:
+    """Whether a function that is called was proved to have the same results."""
+    if inner == name:
+        return False
+    outcome = outcomes.get(text_hash(needed(right, inner), needed(changed, inner)))
+    return outcome is not None and outcome.every and not outcome.shown
+
+
+def _try(
+    name: str,
+    right: Mapping[str, Function],
+    left: dict[str, tuple[Outcome, Mapping[str, Function]]],
+    arguments: Sequence[str],
+) -> None:
+    """Keeps what shows, and takes it from what is left."""
+    keys = list(left)
+    if not keys:
+        return
+    points = dict(first_shown(name, right, [left[key][1] for key in keys], arguments))
+    outcomes, arity = known(), len(right[name].arguments)
+    every = arguments in (_ALL, _EVERY.get(name))
+    for number, key in enumerate(keys):
+        outcome = replace(left[key][0], every=every)
+        if number in points:
+            outcome = replace(outcome, shown=tuple(one.hex() for one in points[number][:arity]))
+            del left[key]
+        outcomes[key] = outcome
+    kept = dict(sorted(outcomes.items()))
+    write_text(OUTCOMES, _ROWS.dump_json(kept, indent=1).decode() + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,131 @@
+/* Looks for an argument at which a changed function gives another result than the right one.
+ *
+ * Includes what every_argument.py writes: the right function, its changed copies, the corners.
+ * Arguments: `every`, the first and the last pattern of bits; or `drawn`, how many blocks, and the
+ * ends of the domain of each argument. Prints the number of each change that shows, and where.
+ */
+#include "changes.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+static bool shown[CHANGES];
+
+static uint64_t state = 0x9E3779B97F4A7C15U;
+
+/* splitmix64 of G. L. Steele, D. Lea and C. H. Flood (2014) */
+static uint64_t next(void)
+{
+    state += 0x9E3779B97F4A7C15U;
+    uint64_t z = state;
+    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9U;
+    z = (z ^ (z >> 27)) * 0x94D049BB133111EBU;
+    return z ^ (z >> 31);
+}
+
+static real from_bits(word pattern)
+{
+    real value;
+    memcpy(&value, &pattern, sizeof value);
+    return value;
+}
+
+static double between(double low, double high)
+{
+    return low + ((high - low) * ((double)(next() >> 11) * 0x1p-53));
+}
+
+/* Within the domain, evenly over the binades around 1, or any bits. */
+static real drawn(uint64_t kind, const double *domain)
+{
+    if (kind == 0U) {
+        return (real)between(domain[0], domain[1]);
+    }
+    if (kind == 1U) {
+        const double size = exp2(between(-30.0, 12.0));
+        return (real)(((next() >> 63) != 0U) ? -size : size);
+    }
+    return from_bits((word)next());
+}
+
+/* The changes that gave some statement of the right function another value in this block, and did
+ * not show before: of others no result differs. */
+static void try_block(void)
+{
+    (void)memset(noted, 0, sizeof noted);
+    take_right();
+    for (int change = 0; change < CHANGES; change++) {
+        if (shown[change] || (noted[change] == 0U) || !differs[change]()) {
+            continue;
+        }
+        shown[change] = true;
+        int at = 0;
+        while (differs_at[change](at) == 0U) {
+            at++;
+        }
+        (void)printf("%d %a %a\n", change, (double)x[at], (double)y[at]);
+        (void)fflush(stdout);
+    }
+}
+
+static void try_corners(void)
+{
+    const int seconds = (ARITY == 1) ? 1 : CORNERS;
+    int filled = 0;
+    for (int first = 0; first < CORNERS; first++) {
+        for (int second = 0; second < seconds; second++) {
+            x[filled] = corners[first];
+            y[filled] = corners[second];
+            filled++;
+            if (filled == BLOCK) {
+                try_block();
+                filled = 0;
+            }
+        }
+    }
+    while (filled < BLOCK) {
+        x[filled] = corners[0];
+        y[filled] = corners[0];
+        filled++;
+    }
+    try_block();
+}
+
+static void try_every(uint64_t first, uint64_t last, real second)
+{
+    for (uint64_t pattern = first; pattern <= last; pattern += BLOCK) {
+        for (int i = 0; i < BLOCK; i++) {
+            const uint64_t here = pattern + (uint64_t)i;
+            x[i] = from_bits((word)((here <= last) ? here : last));
+            y[i] = second;
+        }
+        try_block();
+    }
+}
+
+int main(int count, char **arguments)
+{
+    try_corners();
+    if (strcmp(arguments[1], "every") == 0) {
+        const uint64_t first = strtoull(arguments[2], NULL, 10);
+        const uint64_t last = strtoull(arguments[3], NULL, 10);
+        try_every(first, last, (real)1.0);
+        if (ARITY == 2) {
+            try_every(first, last, (real)-1.0);
+        }
+        return 0;
+    }
+    double domain[4] = {0};
+    for (int i = 3; i < count; i++) {
+        domain[i - 3] = strtod(arguments[i], NULL);
+    }
+    const uint64_t blocks = strtoull(arguments[2], NULL, 10);
+    for (uint64_t block = 0; block < blocks; block++) {
+        for (int i = 0; i < BLOCK; i++) {
+            x[i] = drawn(block % 3U, domain);
+            y[i] = drawn((block / 3U) % 3U, domain + 2);
+        }
+        try_block();
+    }
+    return 0;
+}

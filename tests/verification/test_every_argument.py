@@ -1,0 +1,65 @@
+"""Changed last digits of mathematical functions: what an argument shows, and what none does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from benchmarks.mutation.every_argument import first_shown
+from benchmarks.mutation.math_functions import Function, functions_of, needed, text_hash
+from msnn.verification.tools import GCC
+from tests.conditions import miss
+
+_SOURCE = """\
+static float own_inner(float x)
+{
+    float result;
+    if (x < 1.0f) {
+        result = x * 0.25f;
+    } else {
+        result = (x + 0x1p+30f) - 0x1p+30f;
+    }
+    return result;
+}
+
+float own_outer(float x)
+{
+    const float size = fabsf(x);
+    return own_inner(size);
+}
+"""
+
+
+def test_a_change_that_one_float_shows_is_found_there() -> None:
+    """Only the float at a limit tells that it moved."""
+    moved = _SOURCE.replace("x < 1.0f", "x < 0x1.fffffep-1f")
+    slope = _SOURCE.replace("0.25f", "0x1.000002p-2f")
+    point, other = _found("own_outer", [moved, slope])
+    assert point is not None
+    assert abs(point) == 0.9999999403953552
+    assert other is not None
+
+
+def test_a_change_that_no_float_shows_is_not() -> None:
+    """A size of 0 or more stays as it is where 0 is added, and so does a sum."""
+    signed = _SOURCE.replace("result = x * 0.25f;", "result = (x * 0.25f) + 0.0f;")
+    added = _SOURCE.replace("x + 0x1p+30f", "x + 0x1p+30f + 0.0f")
+    assert _found("own_outer", [signed, added]) == [None, None]
+
+
+def test_texts_are_the_same_wherever_their_lines_break() -> None:
+    right = functions_of(_SOURCE)
+    broken = functions_of(
+        _SOURCE.replace("own_", "cart_pole_").replace(" - ", "\n    - "), "cart_pole"
+    )
+    assert text_hash(right, right) == text_hash(broken, broken)
+    other = functions_of(_SOURCE.replace("0.25f", "0.26f"))
+    assert text_hash(right, right) != text_hash(right, other)
+
+
+def _found(name: str, changed: list[str]) -> list[float | None]:
+    if not GCC.is_there:
+        miss(f"gcc is not installed: apt-get install {GCC.package}")
+    right = needed(functions_of(_SOURCE), name)
+    every: list[Mapping[str, Function]] = [needed(functions_of(c), name) for c in changed]
+    points = dict(first_shown(name, right, every, ("every", "0", str(2**20))))
+    return [points[n][0] if n in points else None for n in range(len(changed))]
