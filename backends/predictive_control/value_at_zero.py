@@ -25,10 +25,10 @@ def values_at_zero(
 ) -> tuple[Graph, dict[NodeId, NodeId]] | None:
     """The graph of the `roots` where these numbers are 0, and where each root is in it.
 
-    None where that would not spare the sums over them, or where one of the `fixed`, which are to
-    keep their values, depends on them.
+    None where that would not spare the sums over them, where one of the `fixed`, which are to keep
+    their values, depends on them, or where rows of a state differ in which of their numbers are 0.
     """
-    if _depends(graph, fixed, zeros):
+    if _depends(graph, fixed, zeros) or not _alike_in_rows(graph, zeros):
         return None
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
@@ -55,6 +55,16 @@ def _depends(graph: Graph, nodes: Sequence[NodeId], zeros: Zeros) -> bool:
     return any(node in moved for node in nodes)
 
 
+def _alike_in_rows(graph: Graph, zeros: Zeros) -> bool:
+    reads = ((node.op.name, node.type) for _, node in graph if isinstance(node.op, ops.ReadState))
+    # runs of zeros are cut along the last axis, through all rows
+    return all(
+        zeros[name] == zeros[name][: type.shape[-1]] * (type.size // type.shape[-1])
+        for name, type in reads
+        if any(zeros.get(name, ())) and type.axes
+    )
+
+
 def _copy(builder: GraphBuilder, node: Node, zeros: Zeros) -> NodeId:
     match node.op:
         case ops.ReadState(name) if any(zeros.get(name, ())):
@@ -73,17 +83,15 @@ def _zeros(builder: GraphBuilder, type: Type) -> NodeId:
 
 
 def _read(builder: GraphBuilder, node: Node, are_zero: tuple[bool, ...]) -> NodeId:
-    """Runs of zeros and of what is read, along the only axis; all or nothing of other types."""
+    """Runs of zeros and of what is read, along the last axis."""
     if all(are_zero):
         return _zeros(builder, node.type)
     read = copy_node(builder, node, ())
-    if len(node.type.axes) != 1:
-        return read
-    axis = node.type.axes[0]
+    axis = node.type.axes[-1]
     # a run ends where zeros begin or end
-    edges = [at for at in range(1, len(are_zero)) if are_zero[at] != are_zero[at - 1]]
+    edges = [at for at in range(1, axis.size) if are_zero[at] != are_zero[at - 1]]
     parts: list[NodeId] = []
-    for start, stop in zip([0, *edges], [*edges, len(are_zero)], strict=True):
+    for start, stop in zip([0, *edges], [*edges, axis.size], strict=True):
         part = builder.slice(read, axis.name, start, stop)
         parts.append(_zeros(builder, builder.type(part)) if are_zero[start] else part)
     return builder.concat(parts, axis.name)

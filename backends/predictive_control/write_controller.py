@@ -27,6 +27,7 @@ from backends.predictive_control.stage_code.stage_functions import (
     StageFunctions,
     StageWriter,
 )
+from backends.predictive_control.structure.blocks import block_tables
 from backends.predictive_control.structure.condensed_form import condensed_form
 from backends.predictive_control.structure.form import Form
 from backends.predictive_control.structure.rows import Rows, resting_controls, rows_of
@@ -104,6 +105,7 @@ def solver_texts(
     nothing = f"(const {numbers.real} *)0"
     facts = {
         **made.facts,
+        **block_tables(problem),
         "at": made.addresses,
         "condensed": structure == "condensed",
         "projects": projects,

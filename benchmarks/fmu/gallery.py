@@ -36,7 +36,7 @@ from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.control.gallery_problems import PROBLEMS
 from tests.examples.gallery import GALLERY, NAMES, spec_of
-from tests.exports.test_online_units import SPECS, archives, plan_of, without_blocks
+from tests.exports.test_online_units import SPECS, archives, plan_of
 
 TYPES: tuple[FloatType, ...] = ("float32", "float64")
 STEPS = 1_000_000
@@ -144,7 +144,7 @@ def online(name: str, dtype: FloatType, folder: Path, solves: int) -> list[Measu
     text = SPECS.get(name)
     if text is None:
         PROBLEMS[name].model(name, folder)
-        text = without_blocks((folder / f"{name}.msnn.yaml").read_text(encoding="utf-8"))
+        text = (folder / f"{name}.msnn.yaml").read_text(encoding="utf-8")
     plan = plan_of(text, folder, dtype)
     weights = initial_weights(plan.program)
     written = write_export(plan, weights, folder / "out")

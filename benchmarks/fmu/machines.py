@@ -41,7 +41,7 @@ from tests.exports.other_machines.unit_script import (
     of_instance,
     read_unit,
 )
-from tests.exports.test_online_units import SPECS, archives, without_blocks
+from tests.exports.test_online_units import SPECS, archives
 
 TYPES: tuple[FloatType, ...] = ("float32", "float64")
 HERE = Path(__file__)
@@ -131,7 +131,7 @@ def specs(folder: Path) -> Iterator[tuple[str, str]]:
         place.mkdir()
         PROBLEMS[name].model(name, place)
         text = (place / f"{name}.msnn.yaml").read_text(encoding="utf-8")
-        yield f"{name} with mpc", without_blocks(text)
+        yield f"{name} with mpc", text
     yield from SPECS.items()
 
 

@@ -2,12 +2,15 @@
 
     python benchmarks/mpc/other_tools.py [samples] [repetitions]
 
-Needs `osqp` and `piqp` beside the locked packages, `pip install --no-deps osqp==1.1.3 piqp==0.7.0`.
+Needs other packages beside the locked ones, in a folder of their own on PYTHONPATH: `pip install
+--no-deps --target DIR osqp==1.1.3 piqp==0.7.0 comma-deps-acados==0.2.2.post92`, less `DIR/casadi`,
+which is for one version of Python and would stand before the locked one.
 Each tool closes a loop of its own over the same disturbances (the network's plant) or the same
 wishes and speeds (the filter's plant); all take their turn at every sample. A solve counts with the
 shortest of its repetitions, and where a judge that knows no tool finds the optimality conditions to
 1e-6; all others are failed. ipopt runs in CasADi's virtual machine, fatrop and sqpmethod with qrqp
-as C that CasADi generates; of OSQP and PIQP only the solves of QPs are timed.
+as C that CasADi generates; of OSQP and PIQP only the solves of QPs are timed. acados solves the
+network's problem alone: a filter of 30 samples is 30 states there.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from typing import Any, Protocol
 import fir
 import numpy as np
 import run
+from other_tools_acados import Acados
 from other_tools_casadi import Generated, Interpreted
 from other_tools_problems import (
     WINDOW,
@@ -114,6 +118,8 @@ def main() -> None:
             nlps = _problems(name, weights)
             library = _library(name, weights, folder)
             contenders = _contenders(nlps, library, folder)
+            if name == "mlp":
+                contenders += _of_acados(nlps["stages called"], weights, folder)
             for loop in _network_loops(library) if name == "mlp" else _window_loops(library):
                 rows += _compare(loop, contenders, library, samples, repetitions)
     header = ("loop", "tool", "median us", "by ours", "p99", "longest", "failed", "cost")
@@ -165,6 +171,14 @@ def _contenders(nlps: dict[str, Nlp], library: Any, folder: Path) -> list[Conten
     contenders.append(Contender("QPs of OSQP", Sequence(nlp, Osqp(), judge)))
     contenders.append(Contender("QPs of PIQP", Sequence(nlp, Piqp(), judge)))
     return contenders
+
+
+def _of_acados(nlp: Nlp, weights: dict[str, Vector], folder: Path) -> list[Contender]:
+    step = network_step(weights)
+    return [
+        Contender(f"acados, {way}", Acados(nlp, step, f"{way.upper()}_CONDENSING_HPIPM", folder))
+        for way in ("partial", "full")
+    ]
 
 
 def _network_loops(library: Any) -> list[Loop]:

@@ -1,6 +1,6 @@
 """Solves random problems by exported controllers, and judges whatever is called solved.
 
-    python benchmarks/mpc/random_problems.py [PROBLEMS] [SEED] [STRUCTURE]
+    python benchmarks/mpc/random_problems.py [PROBLEMS] [SEED] [STRUCTURE] [blocks]
 
 Plants are drawn (states, controls, horizon, what bends, what is bounded), each is exported,
 compiled and given 100 problems: states far out, weights of 0, limits that are equal or contradict
@@ -11,6 +11,9 @@ promises are looked at in each:
   multiplier of a control, by the interpreter, which knows nothing of the solver; NaN is not;
 - controls are finite and inside their limits wherever these leave room, whatever the status;
 - no byte outside of the structs is written: 64 before and behind each.
+
+With `blocks` controls stay the same over blocks of samples, whose limits differ from sample to
+sample.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ from backends.predictive_control.structure.rows import rows_of
 from backends.predictive_control.write_controller import controller_texts
 from compiler.optimal_control.horizon import Given
 from compiler.optimal_control.kkt import Judge
+from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.structure import Chosen
 from compiler.optimal_control.trained import trained
 
@@ -48,7 +52,7 @@ NO_ROOM = 1e-9
 OFTEN = (0.1, 0.05, 0.3, 0.4, 0.1, 0.05)
 
 
-def spec(random: np.random.Generator) -> str:
+def spec(random: np.random.Generator, has_blocks: bool) -> str:
     """A plant with a controller; weights and limits are references, so that each problem has its
     own."""
     nx, nu = int(random.integers(1, 4)), int(random.integers(1, 3))
@@ -73,6 +77,15 @@ def spec(random: np.random.Generator) -> str:
     curve = random.choice(["exact", "gauss_newton"])
     names = [*WEIGHTS, "r", "top", *(f"{end}{j}" for j in range(nu) for end in ("lo", "hi"))]
     horizon = int(random.choice([1, 2, 5, 10, 20]))
+    held: list[str] = []
+    previewed: tuple[str, ...] = ()
+    if has_blocks:
+        blocks: list[int] = []
+        while sum(blocks) < horizon:
+            blocks.append(int(random.integers(1, 1 + min(7, horizon - sum(blocks)))))
+        held = [f"  blocks: {blocks}"]
+        previewed = tuple(name for name in names if name.startswith(("lo", "hi")))
+    references = (f"{n}: {{{'preview: true' if n in previewed else ''}}}" for n in names)
     return "\n".join(
         (
             "msnn: 1\nname: drawn\nsample_time: 1 s",
@@ -84,7 +97,8 @@ def spec(random: np.random.Generator) -> str:
             f"  horizon: {horizon}",
             f"  controls: [{', '.join(f'u{j}' for j in range(nu))}]",
             f"  hessian: {curve}",
-            f"  references: {{{', '.join(f'{name}: {{}}' for name in names)}}}",
+            f"  references: {{{', '.join(references)}}}",
+            *held,
             f'  cost: {{stage: "{stage}", terminal: "e * (x0 - r)**2"}}',
             "  bounds:",
             *bounds,
@@ -155,9 +169,17 @@ def solve_plant(
         x, known = problem_values(names, problem.states.size, random)
         if random.uniform() < 0.6:
             library.init()
-        decision = library.solve({"x": x, **{fields[n]: value for n, value in known.items()}})
+        along = {n: np.full(problem.horizon + 1, value) for n, value in known.items()}
+        # limits of a block are equal in half of the problems, as those of a motor are
+        moves = 0.2 * random.integers(2) if problem.previewed else 0.0
+        for name in sorted(problem.previewed):
+            along[name] += moves * random.uniform(-1, 1, problem.horizon + 1)
+        samples = {n: v if n in problem.previewed else v[:1] for n, v in along.items()}
+        decision = library.solve({"x": x, **{fields[n]: v for n, v in samples.items()}})
         found[STATUSES[decision.status]] += 1
-        limits = [(known[f"lo{j}"], known[f"hi{j}"]) for j in range(problem.controls.size)]
+        every = _limits(problem, along)
+        limits = [(each[0][0], each[1][0]) for each in every]
+        held = [sides for each in every for sides in _by_block(problem, *each)]
         if not np.all(np.isfinite(decision.control)):
             found["WRONG: a control that is not finite"] += 1
         if decision.status < 3:
@@ -166,40 +188,59 @@ def solve_plant(
                     found["WRONG: a control outside its limits"] += 1
         if not all(guard.is_whole for guard in guards):
             found["WRONG: a write outside of the structs"] += 1
-        is_finite = bool(np.all(np.isfinite([*x, *known.values()])))
+        is_finite = all(bool(np.all(np.isfinite(each))) for each in (x, *along.values()))
         if is_finite == (decision.status == 3):
             found["WRONG: what is not finite and status 3"] += 1
-        if decision.status < 2 and any(low > high for low, high in limits):
+        if decision.status < 2 and any(low > high for low, high in held):
             found["WRONG: contradicting limits are not infeasible"] += 1
         if decision.status == 0:
-            along = {n: np.full(problem.horizon + 1, value) for n, value in known.items()}
             plan, multipliers = plan_of(problem, library), multipliers_of(problem, rows, library)
             with np.errstate(all="ignore"):
                 residual = judge.residuals(Given(x, {}, along), plan, multipliers).largest
             # multipliers of controls without room take slopes of any size, as exact as they are;
             # the other limit is as far as there is room
             sides = (multipliers.control_min, multipliers.control_max)
-            room = max((high - low for low, high in limits if high - low < NO_ROOM), default=0.0)
+            room = max((high - low for low, high in held if high - low < NO_ROOM), default=0.0)
             exact = 1e3 * np.finfo(float).eps + 2 * room
             rounding = exact * max(float(np.max(side)) for side in sides)
             if not residual <= 2 * problem.tolerance + rounding:
                 found["WRONG: called solved"] += 1
-                print(f"residual {residual} of\n{text}\nx = {x.tolist()}, {known}")
+                told = {name: values.tolist() for name, values in along.items()}
+                print(f"residual {residual} of\n{text}\nx = {x.tolist()}, {told}")
     return found
+
+
+def _limits(
+    problem: ControlProblem, along: dict[str, NDArray[Any]]
+) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+    """The lowest and highest value of each control along the horizon."""
+    numbers = range(problem.controls.size)
+    return [(along[f"lo{j}"][:-1], along[f"hi{j}"][:-1]) for j in numbers]
+
+
+def _by_block(
+    problem: ControlProblem, low: NDArray[Any], high: NDArray[Any]
+) -> list[tuple[float, float]]:
+    """What is left for the one control of each block."""
+    begins = np.cumsum((0, *problem.blocks[:-1]))
+    ends = np.maximum.reduceat(low, begins), np.minimum.reduceat(high, begins)
+    return list(zip(*(end.tolist() for end in ends), strict=True))
 
 
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
     random = np.random.default_rng(int(sys.argv[2]) if len(sys.argv) > 2 else 0)
-    structure: Chosen | None = None
-    if len(sys.argv) > 3:
-        structure = "condensed" if sys.argv[3] == "condensed" else "staged"
+    words = sys.argv[3:]
+    structure: Chosen | None = "staged" if "staged" in words else None
+    structure = "condensed" if "condensed" in words else structure
+    has_blocks = "blocks" in words
     found: Counter[str] = Counter()
     begun = time.perf_counter()
     for number in range(0, count, EACH):
         with tempfile.TemporaryDirectory() as place:
             each = min(EACH, count - number)
-            found += solve_plant(spec(random), each, random, Path(place), structure)
+            text = spec(random, has_blocks)
+            found += solve_plant(text, each, random, Path(place), structure)
         done = min(number + EACH, count)
         said = ", ".join(f"{n:,} {what}" for what, n in sorted(found.items()))
         print(f"{done:,} problems, {time.perf_counter() - begun:.0f} s: {said}", flush=True)

@@ -150,6 +150,11 @@ class ControlProblem:
         return self.program.sample_time
 
     @property
+    def has_blocks(self) -> bool:
+        """Whether controls stay the same over several samples."""
+        return max(self.blocks) > 1
+
+    @property
     def registers(self) -> dict[str, History | Tape]:
         """The states that are shift registers, oldest sample first, by what they hold.
 

@@ -1,12 +1,13 @@
 """Estimates what a step of the solver costs by each structure of its equations, and chooses one.
 
 Staged: a Riccati recursion over N stages, whose products are of matrices as wide as the memory x.
-Condensed: the states are eliminated; what remains is one system in all N·nu controls, which has
-nothing of a window but the states s of the window form (`window_form`), at p samples of theirs:
+Condensed: the states are eliminated; what remains is one system in the controls of all B blocks
+(B = N where each is a sample), which has nothing of a window but the states s of the window form
+(`window_form`), at p samples of theirs:
 
-    sensitivities ∂s_k/∂u     ns · p · nu · N²/2
-    curvature along them      p² · nu · N²/2 + p · nu² · N³/6
-    Cholesky factors          nu³ · N³/6
+    sensitivities ∂s_k/∂u     ns · p · nu · B · N/2
+    curvature along them      p² · nu · B · N/2 + p · nu² · B² · N/6
+    Cholesky factors          nu³ · B³/6
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def estimate(problem: ControlProblem) -> ProductEstimate:
     n, nx, nu = problem.horizon, problem.states.size, problem.controls.size
     # products of a Riccati step: Aᵀ P A and its sides, the factor of nu, and the gains
     staged = n * (nx * (nx + nu) * (2 * nx + nu) + nu**3 // 3 + nu * nx * (nx + nu))
-    return ProductEstimate(staged, _condensed(n, nu, form), form.states)
+    return ProductEstimate(staged, _condensed(problem, form), form.states)
 
 
 def numbers_of(problem: ControlProblem, structure: Chosen) -> int:
@@ -65,11 +66,13 @@ def numbers_of(problem: ControlProblem, structure: Chosen) -> int:
     states = window_form(problem).states
     series = 2 * (nx + n * (states + nu))
     by_stage = (states + 1 + paths) * (states + nu + 1) + (states + nu) ** 2 + 2 * states + sides
-    return series + n * by_stage + (n * nu) ** 2 + states * nu * n**2
+    decided = len(problem.blocks) * nu
+    return series + n * by_stage + decided**2 + states * decided * n
 
 
-def _condensed(n: int, nu: int, form: WindowForm) -> int:
+def _condensed(problem: ControlProblem, form: WindowForm) -> int:
+    n, decided = problem.horizon, len(problem.blocks) * problem.controls.size
     samples = sum(1 for sample in form.memory if not sample.is_control)
-    sensitivities = form.states * samples * nu * n**2 // 2
-    curvature = samples**2 * nu * n**2 // 2 + samples * nu**2 * n**3 // 6
-    return sensitivities + curvature + nu**3 * n**3 // 6
+    sensitivities = form.states * samples * decided * n // 2
+    curvature = samples**2 * decided * n // 2 + samples * decided**2 * n // 6
+    return sensitivities + curvature + decided**3 // 6

@@ -47,12 +47,6 @@ def _method(
     reference = ReferenceMethod(problem, functions)
     if solver == "python":
         return reference
-    # the exported C decides each sample: with longer blocks the reference solves
-    if any(block > 1 for block in problem.blocks):
-        if solver is None:
-            return reference
-        place = None if model.spec.mpc is None else model.spec.mpc.place.key
-        raise SpecError([predictive_control.unsupported_blocks(place)], model.sources)
     try:
         # jinja2 and the emitter are loaded only where something is compiled
         from msnn.control.compiled_method import CompiledMethod

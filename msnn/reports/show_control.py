@@ -29,7 +29,7 @@ def _sizes(problem: ControlProblem) -> str:
     )
     kept = [_register(name, origin) for name, origin in problem.registers.items()]
     listed = f"\nshift registers: {', '.join(kept)}" if kept else ""
-    blocks = f"\nblocks: {', '.join(map(str, problem.blocks))}" if max(problem.blocks) > 1 else ""
+    blocks = f"\nblocks: {', '.join(map(str, problem.blocks))}" if problem.has_blocks else ""
     return f"predictive controller: {parts}{listed}{blocks}"
 
 
@@ -116,7 +116,7 @@ def _solver(problem: ControlProblem) -> str:
 
 def _structure(problem: ControlProblem) -> str:
     found = estimate(problem)
-    nx, decided = problem.states.size, problem.horizon * problem.controls.size
+    nx, decided = problem.states.size, len(problem.blocks) * problem.controls.size
     memory = f"{count(nx, 'number')} of memory"
     if found.states < nx:
         memory += f", of which windows leave {count(found.states, 'state')}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,13 @@ import pytest
 
 import msnn
 from compiler.ir.ops import Constant
+from compiler.optimal_control.trained import trained
+from compiler.passes.derivatives.smooth_kinks import smooth_kinks
+from msnn.control.compiled_method import CompiledMethod
 from msnn.control.controller import Controller
+from msnn.control.interior_point.horizon_functions import HorizonFunctions
 from msnn.control.method import Solver
+from msnn.model.weights.weights_file import initial_weights
 from tests.control.gallery_problems import PROBLEMS
 
 SOLVERS = (None, "python")
@@ -36,6 +42,25 @@ def test_solved_at_the_cost_of_ipopt_and_fatrop(
         other = controller.casadi(name_of_other).solve(found.given, found.plan)
         # KKT 1e-6 leaves some 1e-6 · rows of the cost; fatrop may call a last step too small
         assert found.cost == pytest.approx(other.cost, rel=1e-6, abs=1e-6), name_of_other
+
+
+@pytest.mark.parametrize("name", sorted(KINKED))
+def test_a_kink_made_smooth_is_solved_at_the_cost_of_ipopt(name: str, tmp_path: Path) -> None:
+    problem = PROBLEMS[name]
+    control = problem.model(name, tmp_path).control
+    assert control is not None
+    known = trained(control, initial_weights(control.program))
+    smooth = replace(known, program=smooth_kinks(known.program))
+    functions = HorizonFunctions(smooth)
+    controller = Controller(smooth, functions, CompiledMethod(smooth, functions))
+    given = {"references": problem.references, "disturbances": problem.disturbances}
+    found = controller.solve(problem.x, **given)
+    assert found.status == 0
+    assert controller.residuals(found).largest <= 1.001e-6
+    assert found.given is not None
+    assert found.plan is not None
+    other = controller.casadi("ipopt").solve(found.given, found.plan)
+    assert found.cost == pytest.approx(other.cost, rel=1e-6)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

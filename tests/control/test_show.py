@@ -31,7 +31,9 @@ def test_sizes_limits_and_how_it_is_solved(tmp_path: Path) -> None:
     assert lines[-4] == (
         f"solver: interior point with the exact curvature of cost, plant and bounds, {ends}"
     )
-    assert lines[-3].startswith("structure: staged, as fewer products (3 numbers of memory, of ")
+    assert lines[-3].startswith("structure: condensed, as fewer products (3 numbers of memory, of ")
     assert "which windows leave 2 states" in lines[-3]
-    assert lines[-2].startswith("  stage by stage (staged, a Riccati recursion): about 1,440 ")
-    assert lines[-1].startswith("  not in 15 controls of the horizon at once (condensed, states ")
+    # 2 states over 15 samples and 3 blocks: 2·2·3·15/2 + 2²·3·15/2 + 2·3²·15/6 + 3³/6
+    assert lines[-2].startswith("  in 3 controls of the horizon at once (condensed, states ")
+    assert "about 229 products" in lines[-2]
+    assert lines[-1].startswith("  not stage by stage (staged, a Riccati recursion): about 1,440 ")

@@ -106,13 +106,6 @@ def test_the_first_move_is_from_what_is_applied(tmp_path: Path) -> None:
     assert again.plan.controls.tobytes() == first.plan.controls.tobytes()
 
 
-def test_blocks_are_solved_in_python(tmp_path: Path) -> None:
-    text = DOUBLE_INTEGRATOR + mpc(bounds=LIMITS, blocks="[1, 2, 12]")
-    assert controller(tmp_path, text).solver == "python"
-    with pytest.raises(SpecError, match="E1142"):
-        controller(tmp_path, text, "c")
-
-
 def test_without_a_compiler_python_solves_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -48,6 +48,7 @@ def condensed_form(problem: ControlProblem, rows: Rows) -> Form:
             memory="REMEMBERED[{}]",
             control="CONTROL[{}]",
             measured="c->measured[NEWEST[{}]]",
+            has_blocks=problem.has_blocks,
         ),
         facts=_tables(problem, rows, series, classes),
     )
@@ -64,7 +65,7 @@ def _shapes(
     # stages 0 … N, the last the end of the horizon
     count, states = problem.horizon + 1, series.form.states
     nu = problem.controls.size
-    decided = problem.horizon * nu
+    decided = len(problem.blocks) * nu
     # C has no arrays without elements
     some = max(states, 1)
     rows = (count, len(classes.narrow))
@@ -80,7 +81,7 @@ def _shapes(
         "sensitivity": (count, some, decided),
         "hessian": (decided, decided),
         "gain": (1, nu, problem.states.size),
-        "advance": (problem.horizon, nu),
+        "advance": (len(problem.blocks), nu),
     }
 
 

@@ -34,6 +34,8 @@ class Addresses:
     control: str
     measured: str
     """What was measured of a state."""
+    has_blocks: bool
+    """Whether controls stay the same over several samples."""
 
     def of_stage(self, array: str, k: str) -> str:
         return self.stage.format(array, k)
@@ -49,6 +51,22 @@ class Addresses:
 
     def of_measured(self, i: str) -> str:
         return self.measured.format(i)
+
+    def of_block(self, k: str) -> str:
+        """The block of a stage."""
+        return f"BLOCK[{k}]" if self.has_blocks else k
+
+    def of_begin(self, block: str) -> str:
+        """The stage at which a block begins."""
+        return f"BEGIN[{block}]" if self.has_blocks else block
+
+    def of_decided(self, k: str) -> str:
+        """How many numbers are decided before a stage."""
+        return f"DECIDED_BEFORE[{k}]" if self.has_blocks else f"{k} * CONTROLS"
+
+    def of_tightest(self, k: str, side: str) -> str:
+        """The stage whose limit holds the control of a stage."""
+        return f"tightest(c, {k}, {side})" if self.has_blocks else k
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

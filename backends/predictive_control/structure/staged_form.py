@@ -51,6 +51,7 @@ def staged_form(problem: ControlProblem, rows: Rows) -> Form:
             memory="{}",
             control="STATES + {}",
             measured="c->measured[{}]",
+            has_blocks=problem.has_blocks,
         ),
         facts={"plain": 0},
     )

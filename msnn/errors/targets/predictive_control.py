@@ -1,4 +1,4 @@
-"""E1117, E1140-E1144, E1224, W1120: controllers that cannot be exported or compiled."""
+"""E1117, E1140, E1143, E1144, E1224, W1120: controllers that cannot be exported or compiled."""
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
@@ -9,13 +9,6 @@ def no_control(place: Span | None = None) -> Diagnostic:
     repair = "add an `mpc:` section, which says what the controller makes small"
     message = "the spec has neither an `mpc` section nor an `estimator` to write in C"
     return error("E1140", place, message, "asked for here", help=repair)
-
-
-def unsupported_blocks(place: Span | None) -> Diagnostic:
-    """E1142: controls that stay the same over several samples."""
-    message = "exported controllers decide on each sample apart"
-    repair = "leave `blocks:` out, or use `msnn.mpc` in Python"
-    return error("E1142", place, message, "blocks of several samples here", help=repair)
 
 
 def unsuited_key(key: str, place: Span | None) -> Diagnostic:

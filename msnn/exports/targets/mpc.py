@@ -44,11 +44,6 @@ def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | 
         if entry is not None:
             report(predictive_control.no_control(entry.place.key))
         return None
-    place = None if request.model.spec.mpc is None else request.model.spec.mpc.place.key
-    # the C decides anew at every sample; blocks are for solvers in Python
-    if control is not None and any(block > 1 for block in control.blocks):
-        report(predictive_control.unsupported_blocks(place))
-        return None
     if entry is not None and (entry.outputs is not None or entry.close):
         key = "outputs" if entry.outputs is not None else "close"
         report(predictive_control.unsuited_key(key, entry.place.key))

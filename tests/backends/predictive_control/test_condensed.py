@@ -66,6 +66,43 @@ mpc:
     drive: {max: 2}
     y: {max: 0.45, hard: true}
 """,
+    "blocks_of_a_filter": """
+inputs: {u: {between: hold}, y: {}}
+layers: {h: {fir: {window: 7, init: 0.15}}}
+outputs:
+  y1: {expr: "0.7 * y + 0.1 * sin(y[t-1]) + h(u) + 0.1 * y * u[t-2]", predicts: "y[t+1]"}
+mpc:
+  horizon: 12
+  controls: [u]
+  references: {top: {preview: true}}
+  cost: {stage: (y - 0.5)**2 + 0.02 * u**2, terminal: 3 * (y - 0.5)**2}
+  blocks: [1, 1, 4, 6]
+  bounds: {u: {min: -1, max: 0.5 + 0.3 * sin(top)}, y1: {max: 0.8}}
+""",
+    "blocks_and_rates": """
+inputs: {u: {between: hold}, w: {between: hold}}
+layers: {h: {fir: {window: 5, init: 0.2}}}
+states: {x: {next: "0.9 * x + h(u) - 0.1 * x * w", init: 0}}
+outputs: {y: x, drive: "u + u[t-1] + u[t-2] + u[t-3] + w"}
+mpc:
+  horizon: 10
+  controls: [w, u]
+  cost: "(x - 0.6)**2 + 0.1 * (u - u[t-1])**2 + 0.02 * w**2 + 0 * drive"
+  blocks: [2, 3, 5]
+  bounds: {u: {min: -1, max: 1, rate: 8}, w: {min: 0.1, max: 0.1}, drive: {max: 1.5}}
+""",
+    "vectors_and_rates": """
+dims: {j: 2}
+inputs: {u: {dims: j}, w: {dims: j}}
+states: {x: {dims: j, next: "0.9 * x + u[t-2] + 0.1 * w[t-1]", init: 0}}
+outputs: {y: x}
+mpc:
+  horizon: 6
+  controls: [u]
+  references: {low: {dims: j}}
+  cost: sum(x**2) + 0.1 * sum((u - u[t-1])**2)
+  bounds: {u: {max: 1, min: low - 1, rate: 4}, x: {max: 3, min: low - 1}}
+""",
     "disturbance_decides_slopes": """
 inputs: {u: {between: hold}, v: {between: hold}}
 layers: {h: {fir: {window: 6, init: 0.1}}}

@@ -54,6 +54,25 @@ mpc:
     power: {max: 0.5}
 """,
     "window_and_no_weight": WINDOW_AND_NO_WEIGHT,
+    "blocks": """
+inputs: {u: {between: hold}, v: {between: hold}}
+states:
+  x: {next: 0.9 * x + 0.3 * u + 0.1 * sin(w), init: 0}
+  w: {next: 0.95 * w + 0.3 * v - 0.1 * x * u, init: 0}
+outputs: {y: x, drive: u + 0.5 * x}
+mpc:
+  horizon: 9
+  controls: [u, v]
+  references: {top: {preview: true}}
+  cost: {stage: (x - 0.4)**2 + w**2 + 0.1 * u**2 + 0.05 * v**2, terminal: x**2 + 2 * w**2}
+  blocks: [1, 2, 2, 4]
+  bounds:
+    u: {min: -1, max: 1, rate: 12}
+    v: {min: -0.5, max: 0.6 + 0.3 * tanh(top)}
+    drive: {max: 0.4}
+    w: {min: -0.8, hard: true}
+  solver: {interior_point: {structure: staged}}
+""",
     "unstable": """
 inputs: {u: {between: hold}}
 states:

@@ -38,6 +38,21 @@ def test_a_sum_keeps_the_samples_that_are_not() -> None:
     assert slices == [ops.Slice(WINDOW, 2, 3)]
 
 
+def test_rows_go_without_the_samples_that_are_zero_in_all_of_them() -> None:
+    b = GraphBuilder()
+    axes = (Axis("j", 2), Axis(WINDOW, 3))
+    past = b.state("past", Type(axes))
+    y = b.contract(b.constant((1.0, 2.0, 3.0), axes[1:], None), past)
+    found = values_at_zero(b.graph(), [y], [], {"past": (True, True, False) * 2})
+    assert found is not None
+    slices = [node.op for _, node in found[0] if isinstance(node.op, ops.Slice)]
+    assert slices == [ops.Slice(WINDOW, 2, 3)]
+    assert (
+        values_at_zero(b.graph(), [y], [], {"past": (True, True, False, False, False, True)})
+        is None
+    )
+
+
 def test_what_slopes_take_over_is_not_changed() -> None:
     b, y, samples = _filter()
     zeros = {"past": (True, True, True)}
