@@ -139,7 +139,8 @@ def loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
 def scored_error(builder: GraphBuilder, loss: Loss) -> NodeId:
     """Prediction − target, or the prediction alone; 0 where it is not scored."""
     error = loss.prediction
-    if loss.target is not None:
+    # the target of a mean only marks what is missing
+    if loss.target is not None and loss.measure is not Measure.MEAN:
         error = builder.subtract(loss.prediction, loss.target)
     present = _present(builder, loss)
     if present is None:

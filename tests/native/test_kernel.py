@@ -130,6 +130,8 @@ def log_of(program: Program, rows: int = 90) -> dict[str, Array]:
         shape = tuple(axis.size for axis in signal.axes)
         walk = np.cumsum(random.normal(size=(rows, *shape)), axis=0)
         log[signal.name] = np.sin(0.3 * walk)
+    if "number" in log:
+        log["number"] = np.rint(1 + log["number"])  # the classes 0, 1 and 2
     return log
 
 
@@ -153,7 +155,8 @@ def reference(
             continue
         for loss in program.losses:
             prediction, target = values.losses[loss.name]
-            error = prediction if target is None else prediction - target
+            compared = target is not None and loss.measure is not Measure.MEAN
+            error = prediction - target if compared else prediction
             cost = {
                 Measure.MSE: lambda e: e * e,
                 Measure.RMSE: lambda e: e * e,
@@ -277,6 +280,21 @@ def test_missing_classes_add_nothing() -> None:
     np.testing.assert_array_equal(found.counts, list(counts.values()))
     slope = differences(program, log, t0, 1, 0, weights)
     np.testing.assert_allclose(found.gradient, slope, rtol=1e-7, atol=1e-9)
+
+
+def test_what_is_no_class_adds_what_the_judge_says() -> None:
+    program = compiled(CLASSES)
+    log = log_of(program)
+    log["number"][::3] = 7.5
+    t0 = np.arange(4, 41)
+    kernel = Kernel(program, "float64")
+    weights = initial(program)
+    groups = kernel.groups(t0, np.full(len(t0), 1))
+    scale = [loss.weight for loss in program.losses]
+    found = kernel.losses(kernel.data(log), groups, flat(program, weights), scale)
+    sums, counts = reference(program, log, t0, 1, 0, weights)
+    np.testing.assert_allclose(found.sums, list(sums.values()), rtol=1e-13)
+    np.testing.assert_array_equal(found.counts, list(counts.values()))
 
 
 def test_float32_is_near_float64() -> None:
