@@ -96,7 +96,7 @@ def golden_singles(
         outputs={field.name: values.outputs[field.name] for field in interface.outputs},
         states=after,
         status=status,
-        slopes=steps.slopes(trials).matrices,
+        slopes=steps.matrices(trials),
     )
     tuned = trials.numbers[:, steps.tuned]
     places = [np.flatnonzero(row != steps.trained).tolist() for row in tuned]
