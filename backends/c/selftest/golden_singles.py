@@ -97,7 +97,7 @@ def golden_singles(
         outputs={field.name: values.outputs[field.name] for field in interface.outputs},
         states=after,
         status=status,
-        slopes=steps.slopes(trials).matrices,
+        slopes=steps.matrices(trials),
     )
     tuned = trials.numbers[:, steps.tuned]
     # only those that differ are written: most steps change a few of many weights

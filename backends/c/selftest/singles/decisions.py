@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
-from backends.c.selftest.singles.trial_steps import TrialSlopes, TrialValues
+from backends.c.selftest.singles.trial_steps import TrialValues
 from backends.c_lowering.active_sums import active_sets
 from backends.c_lowering.state_memory import joining, seen_values
 from compiler.interpreter.operations import repeated_batch
 from compiler.ir import ops
 from compiler.ir.liveness import needed
 from compiler.ir.program import Graph, NodeId, Program
+from compiler.jacobian.matrices import Jacobian
 
 Array = NDArray[Any]
 
@@ -51,7 +52,7 @@ class Decisions:
         self._slopes = _differences(jacobian.graph, jacobian.roots) if jacobian else []
         read = seen_values(program) + [joining(memory) for memory in interface.states]
         self._sparse = [*active_sets(program.step, read).sums]
-        self._matrices = jacobian.matrices if jacobian else ()
+        self._doubtful = _doubtful(jacobian) if jacobian else []
 
     def signs(self, values: TrialValues, count: int) -> NDArray[np.int8]:
         """Of each difference in each trial: -1, 0, 1 or `UNORDERED`, (B, D)."""
@@ -68,7 +69,7 @@ class Decisions:
         """The two sides of each difference."""
         pairs = [
             *_operands(self._step, values.nodes),
-            *_operands(self._slopes, values.slopes.nodes),
+            *(_operands(self._slopes, values.slopes) if self._slopes else ()),
         ]
         for check in self._checks:
             state = values.next_states[check.memory.state.name]
@@ -78,23 +79,15 @@ class Decisions:
             pairs += [(value, np.asarray(limit, self._dtype)) for limit in entry.range]
         return pairs
 
-    def doubtful(self, slopes: TrialSlopes, count: int) -> Array:
-        """The slopes that can be infinite, (B, E).
-
-        What stands in two entries is one slope: `y: next(x)` has those of x.
-        """
-        found: dict[tuple[NodeId, int], Array] = {}
-        for matrix in self._matrices:
-            entries = slopes.matrices[matrix.name].reshape(count, -1)
-            written: dict[int, tuple[NodeId, int]] = {}
-            checked: set[int] = set()
-            for block in matrix.blocks:
-                shape = slopes.nodes[block.node].shape[1:]
-                places = block.places(shape).ravel().tolist()
-                written |= {place: (block.node, k) for k, place in enumerate(places)}
-                checked |= set(places) if block.can_be_infinite else set()
-            found |= {written[place]: entries[:, place] for place in sorted(checked)}
-        return np.stack([*found.values()], axis=1) if found else np.zeros((count, 0))
+    def doubtful(self, values: TrialValues, count: int) -> Array:
+        """The slopes that can be infinite, (B, E)."""
+        if not self._doubtful:
+            return np.zeros((count, 0))
+        numbers = {
+            node: repeated_batch(values.slopes[node], count).reshape(count, -1)
+            for node, _ in self._doubtful
+        }
+        return np.stack([numbers[node][:, element] for node, element in self._doubtful], axis=1)
 
     def reports(self, values: TrialValues, count: int) -> Iterator[tuple[Array, Array]]:
         """For each limit of each number that is checked: how far beyond it is, relative to the
@@ -128,6 +121,23 @@ class Decisions:
             value = values.nodes[node]
             found &= np.isfinite(value).reshape(len(value), -1).all(axis=1)
         return found
+
+
+def _doubtful(jacobian: Jacobian) -> list[tuple[NodeId, int]]:
+    """The nodes, and their elements, of the slopes that can be infinite.
+
+    What stands in two entries is one slope: `y: next(x)` has those of x.
+    """
+    found: dict[tuple[NodeId, int], None] = {}
+    for matrix in jacobian.matrices:
+        written: dict[int, tuple[NodeId, int]] = {}
+        checked: set[int] = set()
+        for block in matrix.blocks:
+            places = block.places(jacobian.graph[block.node].type.shape).ravel().tolist()
+            written |= {place: (block.node, k) for k, place in enumerate(places)}
+            checked |= set(places) if block.can_be_infinite else set()
+        found |= dict.fromkeys(written[place] for place in sorted(checked))
+    return [*found]
 
 
 def _differences(graph: Graph, roots: Iterable[NodeId]) -> list[Difference]:

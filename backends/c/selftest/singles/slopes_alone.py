@@ -47,15 +47,17 @@ def slopes_alone(
     plain = trials_of_kinds(steps, np.zeros(1, np.int64), random).numbers
     plain[:, steps.tuned] = steps.trained
     alone = [slope for slope, count in found.others.items() if count < 2]
+    if not alone:
+        return []
+    # a simpler step has the same slope, so this holds of every step on the way
+    before = found.alone(joined_trials([found.best[slope] for slope in alone]))
     for place in range(steps.size):
-        if alone:
-            simpler = joined_trials([found.best[slope] for slope in alone])
-            simpler.numbers[:, place] = plain[0, place]
-            still = found.alone(simpler)
-            before = found.alone(joined_trials([found.best[slope] for slope in alone]))
-            for row, slope in enumerate(alone):
-                if np.array_equal(still[row, slope], before[row, slope], equal_nan=True):
-                    found.best[slope] = simpler.of(np.array([row]))
+        simpler = joined_trials([found.best[slope] for slope in alone])
+        simpler.numbers[:, place] = plain[0, place]
+        still = found.alone(simpler)
+        for row, slope in enumerate(alone):
+            if np.array_equal(still[row, slope], before[row, slope], equal_nan=True):
+                found.best[slope] = simpler.of(np.array([row]))
     return [found.best[slope] for slope in alone]
 
 
@@ -88,7 +90,7 @@ class _Search:
 
     def _sizes(self, trials: Trials) -> Array:
         count = len(trials)
-        slopes = self._decisions.doubtful(self._steps.slopes(trials), count)
+        slopes = self._decisions.doubtful(self._steps.run(trials), count)
         settled = self._decisions.settled(self._steps.run(self._steps.with_trained(trials)), count)
         return np.where(settled[:, np.newaxis], slopes, 0.0)
 

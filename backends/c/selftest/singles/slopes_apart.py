@@ -93,7 +93,7 @@ class _Search:
     def _far(self, trials: Trials, slope: int, below: Array) -> Array:
         """How far each step is from its aim; only where that is below a limit it is exact."""
         wide = Trials(trials.starts, trials.numbers.astype(np.float64))
-        slopes = self._decisions.doubtful(self._twin.slopes(wide), len(wide))
+        slopes = self._decisions.doubtful(self._twin.run(wide), len(wide))
         with np.errstate(divide="ignore"):
             beyond = np.log2(np.abs(slopes)) - self._largest
         beyond = np.where(np.isnan(beyond), _FARTHEST, np.clip(beyond, -_FARTHEST, _FARTHEST))
@@ -104,7 +104,7 @@ class _Search:
         rows = np.flatnonzero(far < below)
         if len(rows):
             part = trials.of(rows)
-            wrong = ~np.isfinite(self._decisions.doubtful(self._steps.slopes(part), len(part)))
+            wrong = ~np.isfinite(self._decisions.doubtful(self._steps.run(part), len(part)))
             wrong[:, slope] ^= True
             far[rows] += wrong.sum(axis=1)
         return far

@@ -17,6 +17,8 @@ from backends.c.selftest.singles.trial_steps import Trials, TrialSteps, joined_t
 
 _RARE = 5
 """A change that shows in fewer of the plain steps may show in no golden step."""
+_ASKED = 16
+"""Plain steps of which is asked at once what they show."""
 _FIRST = 128
 """Steps of which is asked first what they show; of the others only where that is not enough."""
 _TRIED = 300_000
@@ -43,7 +45,7 @@ def telling_steps(
 
     def outcomes(trials: Trials) -> Outcomes:
         values = steps.run(trials)
-        infinite = ~np.isfinite(decisions.doubtful(values.slopes, len(trials)))
+        infinite = ~np.isfinite(decisions.doubtful(values, len(trials)))
         signs = decisions.signs(values, len(trials))
         return np.concatenate([signs, np.where(infinite, 1, -1).astype(np.int8)], axis=1)
 
@@ -53,8 +55,7 @@ def telling_steps(
     rare = np.arange(len(found)) >= len(found) - len(beside.equal)
     found, rare = found.of(np.flatnonzero(settled)), rare[settled]
     changes = steps.changes()
-    plain = steps.seen(found.of(np.arange(PLAIN)), changes, states=False).sum(axis=0)
-    left = [change for change, count in zip(changes, plain, strict=True) if count < _RARE]
+    left = _rare(found.of(np.arange(PLAIN)), changes, steps)
     alone = slopes_alone(steps, decisions, random)
     chosen = [*_at_limits(found, decisions, steps), *_both_sides(beside, outcomes, steps)]
     order = random.permutation(len(found))
@@ -80,6 +81,21 @@ def telling_steps(
             hits = (decisions.signs(values, len(equal)) == 0).sum(axis=0)
             few = few[hits[few] == 0]
     return alone[:_MOST], chosen[:_MOST]
+
+
+def _rare(
+    plain: Trials, changes: list[tuple[int, Change]], steps: TrialSteps
+) -> list[tuple[int, Change]]:
+    """The changes that show in few of the plain steps.
+
+    Most show in nearly all: what has shown often enough is not tried in the other steps.
+    """
+    counts, open = np.zeros(len(changes), np.int64), np.arange(len(changes))
+    for rows in np.split(np.arange(len(plain)), range(_ASKED, len(plain), _ASKED)):
+        tried = [changes[k] for k in open]
+        counts[open] += steps.seen(plain.of(rows), tried, states=False).sum(axis=0)
+        open = np.flatnonzero(counts < _RARE)
+    return [changes[k] for k in open]
 
 
 def _choose(

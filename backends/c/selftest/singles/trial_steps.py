@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -54,25 +55,43 @@ def joined_trials(parts: Iterable[Trials]) -> Trials:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class TrialSlopes:
-    """The Jacobians of B steps."""
-
-    matrices: dict[str, Array]
-    """By name, (B, rows, columns)."""
-    nodes: Sequence[Array]
-    """The values of its graph, (B, …) or (1, …)."""
-
-
-@dataclass(frozen=True, slots=True)
 class TrialValues:
-    """What they answer, each value (B, …) or (1, …)."""
+    """What B steps answer; a graph is evaluated when its values are first asked for.
 
-    outputs: dict[str, Array]
-    next_states: dict[str, Array]
-    nodes: Sequence[Array]
-    """The values of the step's graph."""
-    slopes: TrialSlopes
+    Most questions are about the step or about its slopes, few about both.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        count: int,
+        nodes: Callable[[], Sequence[Array]],
+        slopes: Callable[[], Sequence[Array]],
+    ) -> None:
+        self._program, self._count = program, count
+        self._nodes, self._slopes = nodes, slopes
+
+    @cached_property
+    def nodes(self) -> Sequence[Array]:
+        """The values of the step's graph, (B, …) or (1, …)."""
+        return self._nodes()
+
+    @cached_property
+    def slopes(self) -> Sequence[Array]:
+        """The values of the Jacobian's graph, (B, …) or (1, …)."""
+        return self._slopes()
+
+    @property
+    def outputs(self) -> dict[str, Array]:
+        """By name, (B, …)."""
+        outputs = self._program.outputs
+        return {out.name: repeated_batch(self.nodes[out.node], self._count) for out in outputs}
+
+    @property
+    def next_states(self) -> dict[str, Array]:
+        """By name, (B, …)."""
+        states = self._program.states
+        return {s.name: repeated_batch(self.nodes[s.next], self._count) for s in states}
 
 
 class TrialSteps:
@@ -184,30 +203,26 @@ class TrialSteps:
 
     def run(self, trials: Trials) -> TrialValues:
         """What the interpreter answers; no policy looks at the inputs."""
-        values = self._whole.run(self._around(trials), self._parameters(trials))
-        count, step = len(trials), self.program
+
+        def nodes_of(graph: ChangeableGraph) -> list[Array]:
+            return graph.run(self._around(trials), self._parameters(trials))
+
         return TrialValues(
-            {out.name: repeated_batch(values[out.node], count) for out in step.outputs},
-            {state.name: repeated_batch(values[state.next], count) for state in step.states},
-            values,
-            self.slopes(trials),
+            self.program,
+            len(trials),
+            lambda: nodes_of(self._whole),
+            lambda: nodes_of(self._shown[1][0]) if self._matrices else (),
         )
 
-    def slopes(self, trials: Trials) -> TrialSlopes:
-        """What it answers for the Jacobian alone; nothing without one."""
-        count = len(trials)
-        if not self._matrices:
-            return TrialSlopes({}, ())
-        nodes = self._shown[1][0].run(self._around(trials), self._parameters(trials))
-        return TrialSlopes(
-            {
-                matrix.name: matrix.filled(
-                    {n: repeated_batch(nodes[n], count) for n in matrix.nodes}, count, self.dtype
-                )
-                for matrix in self._matrices
-            },
-            nodes,
-        )
+    def matrices(self, trials: Trials) -> dict[str, Array]:
+        """The Jacobian that it answers, by name, (B, rows, columns); nothing without one."""
+        count, nodes = len(trials), self.run(trials).slopes
+        return {
+            matrix.name: matrix.filled(
+                {n: repeated_batch(nodes[n], count) for n in matrix.nodes}, count, self.dtype
+            )
+            for matrix in self._matrices
+        }
 
     def with_trained(self, trials: Trials) -> Trials:
         """The same steps with the trained parameters."""
