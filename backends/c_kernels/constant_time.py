@@ -32,12 +32,14 @@ class ConstantTimeLowering(RoutineLowering):
     """Lowers a routine without branches; `choices` has the names of the functions it calls."""
 
     def type(self, kind: ValueKind) -> c.CType:
+        # a C `bool` would be normalised by a comparison, which a compiler may branch on
         return super().type(ValueKind.UNSIGNED if kind is ValueKind.TRUTH else kind)
 
     def constant(self, kind: ValueKind, value: float) -> c.Expression:
         return super().constant(ValueKind.UNSIGNED if kind is ValueKind.TRUTH else kind, value)
 
     def opposite(self, condition: c.Expression) -> c.Expression:
+        # `!` may become a branch; exclusive or of a number that is 0 or 1 has none to become
         return c.Binary("^", condition, c.Unsigned(1))
 
     def binary(self, operator: Operator, left: Operand, right: Operand) -> c.Expression:

@@ -44,6 +44,7 @@ def c_sources(
     functions = {name: f"{prefix}_{name}" for name in sorted(set(names))}
     routines = callees_first(functions, FORMATS[real])
     if constant_time:
+        # an `if` costs time by its condition: both arms are computed and one is chosen
         routines = [without_branches(routine) for routine in routines]
     printer = KernelPrinter(prefix, dtype_of(FORMATS[real]))
     lowering = ConstantTimeLowering if constant_time else RoutineLowering
@@ -78,6 +79,7 @@ def callees_first(names: Iterable[str], format: Format) -> list[Routine]:
         for callee in _called(routine.body):
             visit(callee)
         # after its callees: C reads a file from top to bottom
+        # by name: a routine that two kernels call is traced for each of them and defined once
         ordered.setdefault(routine.name, routine)
 
     for name in sorted(set(names)):

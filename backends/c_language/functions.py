@@ -66,6 +66,7 @@ class FunctionTable:
 
     def apply(self, function: str, arguments: tuple[Expression, ...]) -> Expression:
         """A scalar function of the language."""
+        # no IEEE operation and no kernel: comparisons give it exactly
         if function == "sign":
             return self.helper("sign", arguments)
         if function == "sqrt" and self.constant_time:

@@ -40,6 +40,8 @@ def one_if(condition: c.Expression) -> c.Expression:
 def _truth(calls: Calls) -> c.Function:
     condition, known = c.Name("condition"), c.Name("known")
     body: tuple[c.Statement, ...] = (
+        # read back from memory: a compiler that knew where the value is from would branch on the
+        # comparison
         c.Declare(c.CType.BOOL, known.text, condition, constant=True, volatile=True),
         c.Return(known),
     )
@@ -69,6 +71,8 @@ def _selecting(calls: Calls, name: str, type: c.CType, written: str, doc: str) -
         c.Argument(written, otherwise.text),
     )
     body: tuple[c.Statement, ...] = (
+        # in memory at two places that differ by the condition: a load, whose time is the same for
+        # both
         c.Declare(type, both.text, size=2),
         c.Assign(c.Element(both, c.Unsigned(0)), otherwise),
         c.Assign(c.Element(both, c.Unsigned(1)), then),
@@ -115,6 +119,7 @@ def _choice(name: str, first: str, second: str, doc: str) -> Callable[[Calls], c
 
 def _clamp(calls: Calls) -> c.Function:
     raised = calls.helper("maximum", (c.Name("x"), c.Name("low")))
+    # low first, then high: the upper limit wins where a range is empty, as in the interpreter
     limited = calls.helper("minimum", (raised, c.Name("high")))
     return _inline(calls, "clamp", ("x", "low", "high"), limited, "x within low .. high.")
 

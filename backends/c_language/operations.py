@@ -28,6 +28,7 @@ def scalar_operation(
             return c.Binary("/", *operands)
         case ops.Negate():
             return c.Unary("-", *operands)
+        # not `fmin`: C lets it drop a NaN, which a model must show
         case ops.Minimum():
             return functions.helper("minimum", operands)
         case ops.Maximum():
@@ -51,6 +52,7 @@ def expression_size(expression: c.Expression) -> int:
         case (
             c.Name() | c.Real() | c.Integer() | c.Unsigned() | c.Truth() | c.Member() | c.Element()
         ):
+            # loads are not counted: what is limited is the length of a line, and how deep it nests
             return 0
         case c.Unary(_, operand) | c.Convert(_, operand):
             return 1 + expression_size(operand)

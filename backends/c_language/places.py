@@ -20,10 +20,12 @@ class Index:
         terms = dict(self.terms)
         for variable, coefficient in other.terms:
             terms[variable] = terms.get(variable, 0) + coefficient
+        # a coefficient of 0 is no term: an index is known exactly where no term is left
         kept = tuple((variable, c) for variable, c in terms.items() if c)
         return Index(self.constant + other.constant, kept)
 
     def times(self, factor: int) -> Index:
+        # of repeated axes, whose stride is 0: the counter must not appear in the text
         if factor == 0:
             return Index()
         return Index(self.constant * factor, tuple((v, c * factor) for v, c in self.terms))
@@ -90,6 +92,7 @@ class ArrayView:
         position = self.position(indices)
         if not isinstance(self.storage, tuple):
             return Element(self.storage, position.expression())
+        # a number of the spec where it is used: an array in flash is made only for a loop
         if not position.terms:
             number = self.storage[position.constant]
             return Truth(bool(number)) if self.boolean else Real(number)

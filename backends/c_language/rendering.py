@@ -56,6 +56,7 @@ def render(template: str, interface: Generated, title: str, folder: str = "c", *
         **_WITHOUT_JACOBIAN,
         **_WITHOUT_CALIBRATION,
     }
+    # facts of a file win over the empty ones: most files know neither Jacobian nor calibration
     text = _environment().get_template(f"{folder}/{template}").render(common | facts)
     if not template.endswith((".c.j2", ".h.j2")):
         return text

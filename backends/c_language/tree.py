@@ -232,6 +232,7 @@ class Comment:
     text: str
 
 
+# closed unions: pyright names each `match` of printer and passes that forgets a new kind
 Statement = (
     Declare | ConstantTable | Assign | SetBits | Evaluate | Discard | Loop | If | Return | Comment
 )

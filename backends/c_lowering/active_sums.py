@@ -40,12 +40,14 @@ def active_sets(graph: Graph, roots: Iterable[NodeId]) -> ActiveSets:
     users = _users(graph, roots)
     sums = {node: sets for node, sets in sums.items() if _settled(graph, users[node])}
     carried: list[set[NodeId]] = [set() for _ in graph.nodes]
+    # users have higher numbers: what they carry is known when their operand is looked at
     for index in range(len(graph) - 1, -1, -1):
         read_by = users[index]
         carried[index] = {
             sets
             for sets in support[index].values()
             # a sum along another axis asks for the sets that are 0 too
+            # a value that nobody reads carries nothing: `all` of nothing would be true
             if read_by
             and all(
                 user is not None and (sums.get(user) == sets or sets in carried[user])

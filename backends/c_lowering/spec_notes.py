@@ -31,10 +31,13 @@ class SpecNotes:
         for node in graph.nodes:
             if node.span is not None and node.label is not None:
                 line = self._named.setdefault((node.span.file, node.span.line), {})
+                # the first of nodes with one place: substeps of an integrator write an equation
+                # many times
                 line.setdefault(node.span, node.label)
         self._formulas: dict[tuple[str, int], list[Formula]] = {}
         for formula in formulas:
             span = formula.span
+            # a formula over several lines is found from each: nodes know their own line alone
             for line in range(span.line, span.end_line + 1):
                 self._formulas.setdefault((span.file, line), []).append(formula)
         self._shown: set[Formula] = set()

@@ -29,6 +29,8 @@ def sum_along(
     active: Sequence[Index] = (),
 ) -> Computed:
     """Σ over the axis of the product of one or two factors; of the `active` terms if there are."""
+    # every factor of a contraction has the axis that is summed, with one size: the verifier sees to
+    # it
     first = factors[0][1]
     count = first.axes[first.position(axis)].size
     names = node.type.axis_names
@@ -39,6 +41,7 @@ def sum_along(
             element_of(value, [where[name] for name in type.axis_names], scope)
             for value, type in factors
         )
+        # a plain sum has no factor of 1: multiplying by it would be an operation in C
         if len(elements) == 1:
             return elements[0]
         return scalar_operation(Multiply(), elements, locals.functions)
@@ -56,6 +59,8 @@ def sum_along(
         return _written_out(indices, scope) if count <= locals.unroll else _loop(indices, scope)
 
     def _written_out(indices: Indices, scope: BlockScope) -> Expression:
+        # from the first term on, as an expression of at most `_SHORT` terms does: no neutral number
+        # is needed
         total = _variable(term(indices, Index(), scope), scope)
         for along in range(1, count):
             scope.assign(total, added(total, indices, Index(along), scope))
@@ -81,6 +86,8 @@ def sum_along(
             for lane, total in enumerate(totals):
                 place = along.times(width).plus(Index(lane))
                 inner.assign(total, added(total, indices, place, inner))
+        # leftovers go on in their lanes: element k always joins total k mod width, whatever the
+        # count
         for lane in range(count % width):
             place = Index(count - count % width + lane)
             scope.assign(totals[lane], added(totals[lane], indices, place, scope))

@@ -67,6 +67,7 @@ def repeated(value: Value, old: Type, new: Type) -> Value:
 
     # the indices of the old axes among those of the new; a repeated axis has none
     def moved(indices: Indices) -> Indices:
+        # index 0 stays for axes of size 1 that the new shape lacks
         result = [Index()] * len(old.shape)
         for index, axis in zip(indices, kept, strict=True):
             if axis is not None:

@@ -32,6 +32,7 @@ def _objects(program: IntegerProgram, names: FixedNames) -> Iterable[MemoryObjec
     for port, _ in program.outputs:
         yield _object(port, "out", names.outputs[port.name], word)
     for memory in program.memories:
+        # buffers move every step: at a fixed address a tool would see another sample each time
         if all(axis.name != WINDOW for axis in memory.axes):
             bits = wide if memory.wide else word
             yield _object(memory, "state", names.memories[memory.name], bits)

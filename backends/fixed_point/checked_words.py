@@ -49,6 +49,8 @@ def _check(
     if port.axes:
         scope.add(c.Declare(c.CType.WORD, local, size=port.size))
         with scope.loop(port.size) as (along, inner):
+            # the local is what the step reads: the caller's struct is const and may be shared by
+            # models
             word = word_of(port, field, along)
             raw = c.Element(given, along.expression())
             inner.assign(word, _limited(raw, port, helpers))

@@ -46,6 +46,7 @@ def file_texts(
 ) -> dict[str, str]:
     """Texts by path in the folder, the same bytes for the same program."""
     names = fixed_names(program, prefix)
+    # `fixed_names` may have numbered a prefix that is a word of C: every file takes the one it gave
     prefix = names.prefix
     texts = {
         **step_texts(program, prefix, errors),
@@ -71,6 +72,7 @@ def step_texts(
     """What a program needs that calls the code: headers, sources, their description, the FFI."""
     names = fixed_names(program, prefix)
     prefix = names.prefix
+    # the functions come first: the helpers that `definitions` prints are those that they called
     writer = FixedFunctions(program, names)
     functions = writer.all()
     printer = _printer(program, names)
@@ -84,6 +86,8 @@ def step_texts(
             word_type=f"int{program.width.word}_t",
             sum_type=f"int{program.width.sum}_t",
             **origin(program.spec_hash),
+            # no float may stand in the header, not even a macro: code in fixed point builds where
+            # there is none
             sample_time=None,
             status=[_bit(names, bit) for bit in writer.status_bits()],
             selftest=[_selftest_bit(names)],
@@ -158,6 +162,8 @@ def _shown(names: FixedNames, port: WordPort) -> str:
 def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
     """`test/<prefix>_sil.c`, the vectors that it replays, and the words that it must answer."""
     prefix = names.prefix
+    # the last run begins at `init`, the others at a drawn past: the template counts them by
+    # `from_init`
     runs = [
         *(golden_run(program, _STEPS, _SEED + run) for run in range(_RUNS - 1)),
         *golden_equalities(program, _STEPS, _SEED),
@@ -174,6 +180,8 @@ def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
         steps=_STEPS,
         singles=0,
         from_init=1,
+        # every run has a start of its own; those behind them are only judged by the status of
+        # `reset`
         starts=len(runs) + len(starts),
         written=0,
         writes=False,
@@ -293,5 +301,7 @@ def _metadata(
             for e in program.step_errors
         ],
     }
+    # floats are written by their shortest text that reads back alike, so the bytes depend on no
+    # machine
     # JSON has no infinity: what is not proved is null above
     return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

@@ -48,6 +48,8 @@ class FixedFunctions:
         for entry in self._program.inputs:
             bits |= _POLICY_BITS.get(entry.policy, FixedStatus.CLAMPED)
         for memory in self._program.memories:
+            # bounds are proved for every node: where those of the next value lie within the memory,
+            # no word can saturate, and the header does not promise the bit
             ends = [self._program.step[node] for node in memory.next]
             ends += [self._program.start[node] for node in memory.start]
             if any(end.low < memory.low or end.high > memory.high for end in ends):
@@ -67,6 +69,7 @@ class FixedFunctions:
         for memory in self._program.memories:
             self._memories(scope).set(memory, state.memories[memory.name])
         self._set_held(scope, state.held)
+        # sums of distinct bits, so that the constant in C is one literal
         ready = _INITIALISED + (_FILLS if self._fills else 0) + (_WAITS if self._waits else 0)
         scope.assign(self._ready, c.Unsigned(ready))
         doc = "Initialises the state without history."
@@ -113,6 +116,8 @@ class FixedFunctions:
             scope.add(c.Discard("y"))
         if not program.memories and not names.held:
             scope.add(c.Discard("s"))
+        # the declaration comes before all statements: MISRA has it so, and every check below may
+        # set a bit
         scope.add(c.Declare(c.CType.STATUS, "status", c.Name(f"{names.macro}_OK")))
         for entry in program.inputs:
             bits = _POLICY_BITS.get(entry.policy, FixedStatus.CLAMPED)

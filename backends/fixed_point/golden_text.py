@@ -59,6 +59,7 @@ def golden_functions(
 
 def expected_text(program: IntegerProgram, runs: Sequence[GoldenWords]) -> str:
     """One line a step: the status, then each word, in hexadecimal digits."""
+    # two's complement, as C prints the word as unsigned: Python would write a minus sign
     digits = program.width.word // 4
     mask = 2**program.width.word - 1
     blocks: list[str] = []

@@ -31,6 +31,7 @@ class FixedHelpers:
 
     def definitions(self) -> tuple[c.Function, ...]:
         """What was called, each after what it calls."""
+        # a dict keeps the order of first calls: a helper that another calls was called before it
         return tuple(make() for make in self._used.values())
 
     def _call(

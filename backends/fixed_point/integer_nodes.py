@@ -88,6 +88,8 @@ class IntegerNodes:
             elif isinstance(node.op, WeightedSum) and len(node.args) > _SHORT:
                 self._write_sum(c.Name(f"n{index}"), node.op, node.args)
             else:
+                # a constant a node, as in the integer program: each keeps the bounds that were
+                # proved for it
                 value = self._expression(node)
                 # by the number of the node: a word of the spec may be many nodes of other scales
                 self._scope.add(c.Declare(c.CType.SUM, f"n{index}", value, constant=True))
@@ -157,6 +159,8 @@ class IntegerNodes:
             case RoundShift(bits):
                 return self._helpers.rounded(args[0], bits)
             case Smaller():
+                # both arms have been computed: neither has an effect or can overflow, as their
+                # bounds are proved
                 return c.Conditional(c.Binary("<", args[0], args[1]), args[0], args[1])
             case Larger():
                 return c.Conditional(c.Binary(">", args[0], args[1]), args[0], args[1])
@@ -226,6 +230,8 @@ class IntegerNodes:
                 total.add(*_term(weights[0], value), inner)
             else:
                 weight = c.Convert(c.CType.SUM, c.Element(table, along.expression()))
+                # with the weights in a table a sign is in the number: `_term` would need it to be
+                # known in the text
                 total.add("+", c.Binary("*", weight, value), inner)
 
         in_blocks(len(weights), _BLOCK, self._scope, add)

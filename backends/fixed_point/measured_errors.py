@@ -43,8 +43,12 @@ def measured_errors(
     and where a start reads samples that are yet to come, the interpreters run fewer steps.
     """
     exact = reference(program)
+    # float64, as the judge has it: what is measured is rounding to words, and a float32 reference
+    # would add its own
     interface = c_interface(exact, COptions(dtype="float64", prefix=_PREFIX))
     if interface.supplied:
+        # the C of `reals` would ask its caller for fitted starts or future samples, which nobody
+        # has here
         return output_errors(program, weights, integers)
     with TemporaryDirectory(prefix="msnn_") as place:
         try:
@@ -74,6 +78,8 @@ class _Comparison:
         spreads = {output.name: ErrorSpread(name=output.name) for output in self.program.outputs}
         ports = {port.name: port for port, _ in self.integers.outputs}
         inputs = {entry.port.name: entry.port for entry in self.integers.inputs}
+        # Philox counts: the draws of a seed are the same on every machine and with every version of
+        # numpy
         random = np.random.Generator(np.random.Philox(_SEED))
         count = STEPS // _RUNS
         for run in range(_RUNS):
@@ -95,6 +101,7 @@ class _Comparison:
         found: dict[str, Array] = {}
         for name, shape in self.reals.start_shapes.items():
             port = ports.get(name)
+            # a window that fixed point left out has no influence, so any value in its range will do
             low = self._low_end(name)
             values = np.full(shape, low) if port is None else _real(port, np.array(windows[name]))
             found[name] = values.reshape(shape)

@@ -46,6 +46,8 @@ class MemoryWriter:
     def set(self, memory: IntegerMemory, values: Sequence[int]) -> None:
         """Sets a memory to numbers."""
         if memory.axes and len(set(values)) == 1:
+            # an array of one value, mostly zeros, takes a loop: its turns written out would cost
+            # flash
             with self._scope.loop(len(values)) as (along, inner):
                 inner.assign(self.element(memory, along), _known(memory, values[0]))
             return
@@ -54,6 +56,7 @@ class MemoryWriter:
 
     def fill(self, memory: IntegerMemory, words: Sequence[c.Expression]) -> None:
         """Makes all samples of each row equal to a word."""
+        # C order with time last, (rows, samples): each row has one newest word
         samples = memory.size // len(words)
         for row, word in enumerate(words):
             with self._scope.loop(samples) as (along, inner):
@@ -87,6 +90,8 @@ class MemoryWriter:
         self._scope.add(c.Declare(c.CType.BOOL, left.text, c.Truth(False)))
         self._commit(memory, nodes, (c.Assign(left, c.Truth(True)),))
         inner = self._scope.inner()
+        # the bit once for all elements, then the whole array: half of a state from before would be
+        # a state that no step ever reached
         inner.add(saturated)
         MemoryWriter(self._program, self._names, self._helpers, inner).set(memory, restart)
         self._scope.add(c.If(left, tuple(inner.statements)))
@@ -129,6 +134,8 @@ class MemoryWriter:
         moved = elements[begin : begin + count]
         op = graph[moved[0]].op
         whole = all(nodes.is_inline(node) and _fits(memory, graph[node]) for node in moved)
+        # a wide memory holds sums, ports hold words: a loop over both would need a conversion in
+        # it, which `_keep` writes for each element
         if count == 1 or memory.wide or not whole or not isinstance(op, ReadWord | ReadMemory):
             return False
 

@@ -41,6 +41,7 @@ class FixedNames:
 def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
     """Names that neither C nor the headers use."""
     prefix = c_identifier(prefix, set())
+    # one set a struct: members of different structs may share a name in C
     ins, outs, wins, mems = (set[str]() for _ in range(4))
     # before the memories: a state that is called so gives way
     ready = c_identifier("ready", mems)
@@ -51,6 +52,7 @@ def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
         outputs={port.name: c_identifier(port.name, outs) for port, _ in program.outputs},
         windows={port.name: c_identifier(port.name, wins) for port in program.windows},
         memories={memory.name: c_identifier(memory.name, mems) for memory in program.memories},
+        # held words lie in the state struct, among the memories, and so take names from their set
         held={
             e.port.name: c_identifier(f"{e.port.name}.held", mems)
             for e in program.inputs

@@ -30,6 +30,7 @@ def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
     outputs = [_field(port, names.outputs[port.name], word) for port, _ in program.outputs]
     starts = [_field(port, names.windows[port.name], word) for port in program.windows]
     return [
+        # the order of the four is that of the functions' arguments; the JSON file keeps it
         _struct("in", "Inputs of a step.", inputs),
         _struct("out", outputs_text(program.late), outputs),
         _struct("init", "What reset takes: samples around the first step t0.", starts),
@@ -40,6 +41,7 @@ def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
 def port_comment(port: WordPort | IntegerMemory) -> str:
     """Unit, limits, scale, meaning and place in the spec."""
     unit = f"[{port.unit.text}] " if port.unit is not None else ""
+    # exact: a word of 32 bits times a power of two is a double
     low, high = (math.ldexp(limit, -port.fraction) for limit in (port.low, port.high))
     doc = f"; {port.doc.strip()}" if port.doc.strip() else ""
     place = f" ({span_text(port.span)})" if port.span is not None else ""

@@ -109,6 +109,8 @@ def _facts(
 
 
 def _row(interface: Interface, variable: Variable, marks: dict[str, int]) -> dict[str, Any]:
+    # the functions of FMI treat both alike: what may be set before the first step, and has a mark
+    # then
     kind = VariableKind.SAMPLES if variable.kind is VariableKind.FIRST else variable.kind
     return {
         "name": comment_text(variable.name),
@@ -129,6 +131,7 @@ def _mark(interface: Interface, variable: Variable, marks: dict[str, int]) -> st
     ):
         found = interface.jacobian.jacobian
         vector = found.inputs if variable.kind is VariableKind.INPUT else found.outputs
+        # the mark of an input or output is its place in the Jacobian, for directional derivatives
         for member in vector.members:
             if member.name == variable.name:
                 return f"{member.first}U"
@@ -172,6 +175,8 @@ def _fills(
             continue
         to = samples[f"x0.{field.identifier}"]
         source = inputs[f"u.{input.field.identifier}"]
+        # samples of one element stand in a row, as time is the last axis: `length` in the window,
+        # `ahead` in the input, of which the first is its sample now
         length = 1 if port.first == port.last else field.shape[-1]
         ahead = 1 if input.port.first == input.port.last else input.field.shape[-1]
         target = f"m->{to.place}" if to.shape else f"(&m->{to.place})"

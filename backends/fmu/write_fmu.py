@@ -87,6 +87,7 @@ def _depends(interface: Interface, variables: UnitVariables) -> dict[str, Sequen
                 for i in range(row.size)
                 for j in range(column.size)
             )
+            # element (i, j) of D, row after row, of one output's numbers by one input's
             # a slope that is not known to be 0 is a dependency
             if any(direct.known[place] != 0.0 for place in places):
                 columns.append(inputs[column.name])

@@ -138,6 +138,7 @@ def whole_source(
     printer = LanePrinter(PREFIX, dtype)
     losses = memory.step.losses
     parts = [
+        # macros first: the prelude chooses the types of lanes by them
         f"#define MSNN_DOUBLE {int(dtype == 'float64')}",
         f"#define PARAMETERS {memory.parameter_count}",
         f"#define LOSSES {len(losses)}",
@@ -182,6 +183,8 @@ def forward_arrays(memory: LaneMemory) -> dict[str, list[ArrayRows]]:
     """The arrays over time that the functions of the step forward work on."""
     return {
         "logs": [
+            # a log has rows before the first step for its past and behind the last for what lies
+            # ahead
             ArrayRows(tape.name, tape.elements, tape.last - tape.first, tape.first)
             for tape in memory.signals.values()
         ],

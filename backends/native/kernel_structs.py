@@ -16,6 +16,8 @@ _ALIGNMENT = 64
 class ProblemStruct(ctypes.Structure):
     """`struct problem` of templates/native/driver.c."""
 
+    # ctypes lays fields out by the platform's ABI: order and widths are all that must agree with
+    # the C
     _fields_ = (
         ("series", ctypes.c_void_p),
         ("rows", ctypes.c_int64),
@@ -107,6 +109,7 @@ def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
 
 def pointers(arrays: Sequence[NDArray[Any]]) -> ctypes.Array[ctypes.c_void_p]:
     """The addresses of several arrays, as an array of C."""
+    # at least one: C has no empty arrays
     return (ctypes.c_void_p * max(len(arrays), 1))(*(array.ctypes.data for array in arrays))
 
 

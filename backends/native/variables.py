@@ -77,6 +77,7 @@ class CurvatureMemory:
         }
         self._room = (np.zeros(rule.history), np.zeros((_VECTORS, numbers)))
         addresses = (array.ctypes.data for array in (*self.arrays.values(), *self._room))
+        # as many looks at the losses as torch.optim.LBFGS allows by default
         looks = rule.iterations * 5 // 4
         self.struct = CurvatureStruct(rule.history, rule.iterations, looks, 0, 0, *addresses)
 
@@ -111,10 +112,12 @@ class Variables:
 
         arrays: dict[str, NDArray[Any]] = {
             "kind": numbers(lambda p: int(mapping_of(p))).astype(np.int32),
+            # a bound that is absent is never read: `kind` says which there are
             "low": numbers(lambda p: p.minimum or 0.0),
             "high": numbers(lambda p: p.maximum or 0.0),
             "scale": numbers(lambda p: p.scale),
             "rate": numbers(lambda p: rates.get(p.name, 0.0)).astype(dtype),
+            # held parameters have no raw value, and one on its bound need not be moved off it
             "raw": numbers(lambda p: raws[p.name][0] if p.name in raws else 0.0).astype(dtype),
             "physical": numbers(lambda p: weights[p.name]).astype(dtype),
         }

@@ -60,6 +60,7 @@ class Draft:
         if real not in _ELEMENTS:
             message = f"an ONNX model is made in float32 or float64, not {real}"
             raise ValueError(message)
+        # before expansion: the names and shapes of parameters are the same after it
         arrays = physical_weights(program, weights or {})
         expanded = expand_functions(program, NATIVE)
         interface = step_interface(expanded)
@@ -144,6 +145,7 @@ class Draft:
         shape: list[int | str] = [axis.size for axis in axes]
         names = [axis.name for axis in axes]
         if series:
+            # a text in place of a number is a free dimension: one model runs logs of any length
             shape, names = [STEPS, *shape], [STEPS, *names]
         declared = helper.make_tensor_value_info(name, _ELEMENTS[self.dtype], shape, doc)
         # ONNX has no names of axes: denotations are where tools look for them

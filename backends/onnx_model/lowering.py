@@ -101,6 +101,7 @@ def _lower(
         case ops.Concat(axis):
             return onnx.add("Concat", values, axis=types[0].position(axis))
         case ops.Sum(axis):
+            # an input since opset 13, where it was an attribute before
             along = onnx.integers([types[0].position(axis)])
             return onnx.add("ReduceSum", [values[0], along], keepdims=0)
         case ops.Contract(axis):
@@ -132,6 +133,7 @@ def _contract(
     """A matrix product, stacked over the axes that both operands keep."""
     left, right = types
     summed = left.axes[left.position(axis)]
+    # MatMul sums the last axis of the left with the last but one of the right, and pairs all before
     shared = [a for a in result.axes if _has(left, a) and _has(right, a)]
     rows = [a for a in result.axes if _has(left, a) and a not in shared]
     columns = [a for a in result.axes if _has(right, a) and a not in shared]

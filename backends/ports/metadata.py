@@ -42,6 +42,7 @@ def interface_metadata(
     step that is `late` the outputs are those of so many samples before t, and its samples, those of
     the start too, are counted from the t at which it is called.
     """
+    # raw values mean nothing to a reader: bounds are folded in
     arrays = physical_weights(program, weights or {})
     # some only the start needs, and a reader wants all that the export has
     parameters = {p.name: p for p in (*interface.parameters, *interface.start_parameters)}
@@ -122,6 +123,7 @@ def _origin(origin: Origin) -> dict[str, Any]:
 def _parameter(parameter: Parameter, name: str, values: list[float]) -> dict[str, Any]:
     return {
         **_value(parameter.name, name, parameter.axes, parameter.unit, parameter.doc),
+        # a parameter without bounds has an open range, which is not "unknown": two nulls
         "range": json_range(
             (_or_infinite(parameter.minimum, -1), _or_infinite(parameter.maximum, 1))
         ),

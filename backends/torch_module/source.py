@@ -43,6 +43,7 @@ def torch_source(program: Program, prefix: str, dtype: str) -> str:
     program = prepared(program)
     interface = step_interface(program)
     names = _attribute_names(program)
+    # one list of roots for outputs and next states: both are split again by the number of outputs
     outputs = [output.node for output in program.outputs]
     nexts = [state.next for state in program.states]
     step = _function(program.step, outputs + nexts, interface, names, STEP)
@@ -131,6 +132,7 @@ def _body(lowered: LoweredGraph) -> list[str]:
     for line in code.splitlines():
         statement = _RELEASES.sub("", line.strip())
         name, equals, _ = statement.partition(" = ")
+        # the signature and `return` are the template's: only statements that make a value are kept
         if not equals or not name.isidentifier():
             continue
         origin = lowered.origins.get(name)
@@ -144,6 +146,7 @@ def _body(lowered: LoweredGraph) -> list[str]:
 def _argument_name(leaf: TorchLeaf) -> str:
     match leaf.source:
         case ReadParameter(name) | ReadState(name) | ReadSignal(name) | ReadLog(name):
+            # a set of its own for each: fx numbers names that are alike by itself
             return c_identifier(name, {*_OWN_NAMES})
         case _:
             raise AssertionError("an exported step is one piece")
@@ -170,6 +173,7 @@ def _source(
 
 def _window(leaf: TorchLeaf, name: str, first: int, last: int, interface: StepInterface) -> str:
     whole = next(port for port in interface.start_windows if port.signal.name == name)
+    # `windows` has every sample that some state reads of the signal: counted from its oldest
     start, stop = first - whole.first, last - whole.first + 1
     return f"windows[{name!r}][..., {f'{start}:{stop}' if leaf.windowed else start}]"
 
@@ -197,6 +201,7 @@ def _bounds(parameter: Parameter) -> str:
         case None, None:
             return ""
         case low, None:
+            # shortest text that reads back alike: the bound in the file has the bits of the spec
             return f"Above({low!r}, {parameter.scale!r})"
         case None, high:
             return f"Below({high!r}, {parameter.scale!r})"
@@ -248,4 +253,5 @@ def _quoted(text: str) -> str:
 
 
 def _comment(text: str) -> str:
+    # a line break in a name would end the comment and begin code
     return "".join(c if c.isprintable() else "_" for c in text)[:60]

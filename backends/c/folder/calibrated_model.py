@@ -56,6 +56,8 @@ def _objects(program: Program, interface: Interface) -> Iterable[MemoryObject]:
                 doc=parameter.doc,
                 axes=_axes(field),
                 scale=_scale(field),
+                # infinite limits are those of the storage: ASAP2 has no infinity and the writer of
+                # the text knows
                 low=-math.inf if parameter.minimum is None else parameter.minimum,
                 high=math.inf if parameter.maximum is None else parameter.maximum,
                 storage=storage,

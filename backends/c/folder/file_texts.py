@@ -56,6 +56,8 @@ def _model_texts(
 ) -> tuple[dict[str, str], Collection[str]]:
     """The same, and the kernels that the code calls."""
     prefix, options = interface.prefix, interface.options
+    # one table for all functions: what two of them call is defined once, and in the order of first
+    # use
     table = FunctionTable(FunctionNames(prefix, options.dtype, options.math, options.constant_time))
     model = ControllerCode(interface, weights, table, program.formulas)
     every = program.sample_time
@@ -114,6 +116,7 @@ def _source(
 
 def _readme(interface: Interface, files: dict[str, str]) -> str:
     dtype = interface.options.dtype
+    # windows and supplied states share one struct of `reset`, so one table of ranges serves both
     signals = {port.signal.name: port.signal.range for _, port in interface.windows}
     signals |= {state.name: state.range for _, state in interface.supplied}
     starts = [field for field, _ in interface.windows] + [f for f, _ in interface.supplied]

@@ -37,6 +37,8 @@ def header_text(
         "Interface",
         doc=comment(program.doc) if program.doc else "",
         **origin(program.spec_hash),
+        # in double whatever the model computes in: callers derive timers from it, and 0.1f is
+        # another time
         sample_time=program.sample_time and real_literal(program.sample_time, "float64"),
         c_real="float" if interface.options.dtype == "float32" else "double",
         status=[_bit(interface, bit) for bit in step_bits(interface)],

@@ -60,6 +60,7 @@ def ros2_texts(program: Program, interface: Interface, paths: Iterable[str]) -> 
         "description": escape(" ".join((program.doc or program.name).split())),
     }
 
+    # `facts` is read when a text is made: the two meanings of `node` below rely on it
     def text(template: str, title: str = "") -> str:
         return render(template, interface, title, "ros2", **facts)
 

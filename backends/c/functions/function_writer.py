@@ -84,6 +84,8 @@ class FunctionWriter:
                 return self._memory[name].samples
             case ReadLog(name, first, last):
                 return self._window(name, first, last, type)
+            # seeds of the reverse graph: `native/` alone has them, and lowers them by its own
+            # reader
             case ReadTraining():
                 raise AssertionError("no program reads values of training")
             case _:
@@ -154,6 +156,7 @@ class FunctionWriter:
         samples = self.checked_windows.get(name, field.place("x0")).reshaped(port.type.shape)
         assert samples is not None  # at most an axis of length 1 is added
         axis = len(port.type.shape) - 1
+        # sample `first` of the log is at `first - port.first` in the array, whose oldest is 0
         part = samples.sliced(axis, first - port.first, last - port.first + 1)
         read = part.reshaped(type.shape)
         assert read is not None

@@ -31,6 +31,7 @@ def limits(signal: Signal, dtype: Dtype) -> tuple[float, float]:
 
 
 def _finite(limits: tuple[float, float] | None, dtype: Dtype) -> tuple[float, float]:
+    # of the code's own type: the limit of float64 would be infinite as a float literal
     most = largest(dtype)
     if limits is None:
         return -most, most
@@ -197,6 +198,7 @@ def policy_functions(interface: Interface, table: FunctionTable) -> tuple[c.Func
             constant_time_check(policy, table) if table.constant_time else body(table.prefix),
         )
         for policy, (_, body) in _CHECKS.items()
+        # a static function that nobody calls is a warning of compilers and a finding of MISRA (2.1)
         if policy in used
     )
 
@@ -222,6 +224,7 @@ def _clamped(prefix: str) -> tuple[c.Statement, ...]:
     # neither above nor below: NaN, which has no nearest limit
     unordered = (_bit(prefix, StatusBit.NOT_A_NUMBER),)
     nearest = c.If(_ABOVE, (to_high,), (c.If(_BELOW, (to_low,), unordered),))
+    # starts as what NaN becomes: only a value that has a nearest limit replaces it below
     given = c.Declare(c.CType.REAL, _RESULT.text, _INSTEAD)
     return (given, _bit(prefix, StatusBit.CLAMPED), nearest, c.Return(_RESULT))
 

@@ -102,6 +102,8 @@ class _LinearizeWriter(FunctionWriter):
         blocks = [(f, block) for f in self._fields for block in f.matrix.perhaps_infinite]
         if blocks:
             self.comment("slopes that can be infinite")
+        # entries beyond it are infinite or NaN, as `report_outside` compares and a NaN is in no
+        # range
         largest = float(np.finfo(self.interface.options.dtype).max)
         for field, block in blocks:
             place = _entries(field, block, graph)
@@ -115,6 +117,7 @@ class _LinearizeWriter(FunctionWriter):
         if len(known) > _FEW:
             with scope.loop(field.matrix.size) as (index, inner):
                 inner.assign(place.element([index]), Real(0.0))
+            # -0.0 equals 0.0: the loop has written +0, which is the same slope
             known = {i: x for i, x in known.items() if x != 0.0}
         for run in number_runs(known):
             along = ArrayView(place.storage, (run.count,), (run.stride,), Index(run.first))

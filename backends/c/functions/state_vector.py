@@ -63,6 +63,8 @@ def _set_state(interface: Interface, vector: VectorNames) -> Function:
             source = vector.place(_VECTOR, memory.state.name, memory.shape)
             memory.write_start(source, scope, interface.options.unroll)
         if interface.from_record:  # what waited for its values has them
+            # bits go out and none comes in: a vector cannot make an instance ready that `init` has
+            # never seen
             ready = Member("s", interface.ready)
             scope.add(Assign(ready, Binary("&", ready, Unsigned(_waiting(interface, listed)))))
 

@@ -34,6 +34,8 @@ def build_library(
 
     Raises CompilerMissingError and CompilerFailedError.
     """
+    # contraction to fused operations rounds once where the interpreter rounds twice: bits would
+    # differ
     head = [*(compiler or find_compiler()), "-std=c99", *flags, "-ffp-contract=off", "-fPIC"]
     sources = sorted((folder / "src").glob("*.c"))
     return link_library(head, sources, [folder / "include"], library)
@@ -55,6 +57,8 @@ def link_library(
     with TemporaryDirectory(prefix="msnn-objects-") as place:
         objects: list[str] = []
         for path in sources:
+            # the key of the cache holds what is read, never where it lies: temporary folders have
+            # new names
             texts: dict[Path, str] = {}
             _read(path, folders, texts)
             source = _Source(tuple(texts.values()), path, tuple(folders))

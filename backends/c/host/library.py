@@ -30,6 +30,7 @@ class CStep:
         weights: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         self._prefix: str = layout["prefix"]
+        # a float model has reals, one in fixed point has words and sums: never both
         types = NUMBERS[layout["dtype"]]
         self.dtype = np.dtype(types.get("real", types.get("word")))
         """Of inputs and outputs; in fixed point they are words."""
@@ -149,6 +150,7 @@ class CStep:
             return struct.filled({name: weights[name] for name in struct.shapes}, 1)
         first = ctypes.c_char.in_dll(self._library, f"{self._prefix}_params_default")
         # a copy: the constant of the library is shared by all instances, and read-only
+        # with a length: numbers have bytes of 0, at the first of which a text would end
         text = ctypes.string_at(ctypes.addressof(first), struct.dtype.itemsize)
         return np.frombuffer(text, struct.dtype)
 
@@ -162,6 +164,7 @@ class CStep:
         function = getattr(self._library, f"{self._prefix}_{name}")
         function.restype = result
 
+        # as void pointers: a plain integer would be passed as a C int and lose its upper half
         def call(*addresses: int) -> Any:
             return function(*map(ctypes.c_void_p, addresses))
 

@@ -17,6 +17,7 @@ class StructMemory:
     def __init__(self, fields: list[dict[str, Any]], types: Mapping[str, str]) -> None:
         kinds = {**types, "uint32": "uint32"}
         members = [(f["field"], np.dtype(kinds[f["type"]]), tuple(f["shape"])) for f in fields]
+        # the order of the JSON file is the order of the header's fields
         self.dtype = np.dtype(members, align=True)
         self._fields = {f["name"]: f for f in fields if f["name"] is not None}
 

@@ -43,6 +43,8 @@ def output_comment(
     """Of an output that is so many samples older than the inputs of its step."""
     means = ""
     if output.predicts is not None:
+        # counted from the newest input of the step, t: a step that is late predicts less far ahead
+        # of it
         ahead = output.predicts.ahead - late
         means = f"predicts {output.predicts.signal}[t{f'{ahead:+d}' if ahead else ''}]"
     return _comment(type.unit, type.axes, (_limits(limits), means, output.doc), output.span)
@@ -81,6 +83,7 @@ def _comment(
 
 
 def _limits(range: tuple[float, float] | None) -> str:
+    # nine digits tell every float32 from its neighbours
     return "" if range is None else f"{range[0]:.9g} .. {range[1]:.9g}"
 
 

@@ -136,6 +136,7 @@ def c_interface(program: Program, options: COptions) -> Interface:
     """The interface of a program in step form; ValueError where it is not."""
     prefix = c_identifier(options.prefix or program.name, set())
     newest = _newest_of_record(program)
+    # a fitted start reads all of the log, whatever nodes its graph has: 1 puts it behind t0
     newest |= {state.name: 1 for state in program.states if state.fit_over is not None}
     # what a start reads of the time after t0 is not there yet when a device begins
     supplied = {name for name, sample in newest.items() if sample > 0}
@@ -181,6 +182,7 @@ def c_interface(program: Program, options: COptions) -> Interface:
         ),
         from_record=frozenset(newest),
         ready=ready,
+        # chosen here, so that the header, its description and the code agree on the bits
         checks=state_checks(program, states, in_place, options.dtype),
         checks_equations=bool(program.expected),
         late=program.late,
@@ -255,6 +257,7 @@ def _parameter(parameter: Parameter, names: _FieldNames) -> Field:
 
 def _window(port: Port, names: _FieldNames) -> Field:
     signal, comment = port.signal, window_comment(port)
+    # one sample has no axis of time: a signal of one number is then a plain field
     axes = signal.axes if port.first == port.last else port.type.axes
     return Field(
         name=signal.name,

@@ -139,6 +139,7 @@ def jacobian_interface(
 def _names(vector: Vector, prefix: str, meaning: str) -> VectorNames:
     begin = f"{prefix}_{vector.letter}".upper()
     taken: set[str] = set()
+    # upper case before names are made unique: `Kp` and `kp` are two fields but would be one macro
     places = tuple(
         FirstPlace(
             member.name,

@@ -55,9 +55,12 @@ def state_checks(
     found: list[StateCheck] = []
     for memory in memories:
         state = memory.state
+        # NaN is outside every range as well: one bit says both
         if isinstance(memory, PlainState) and state.range is not None:
             found.append(StateCheck(memory, state.range, StatusBit.STATE_OUT_OF_RANGE))
         elif isinstance(state.origin, Declared) or _feeds_itself(program, state, in_place):
+            # within the largest numbers are exactly the finite ones: no `isfinite` of a C library,
+            # whose kind of result C99 leaves open
             finite = (-largest(dtype), largest(dtype))
             found.append(StateCheck(memory, finite, StatusBit.STATE_NOT_FINITE))
     return tuple(found)

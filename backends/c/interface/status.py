@@ -8,6 +8,7 @@ from enum import IntFlag
 class StatusBit(IntFlag):
     """Bits of what step, reset and linearize return; 0 means that nothing was out of order."""
 
+    # values are part of the interface of deployed code: new bits are added, none is moved
     OUT_OF_RANGE = 1
     NOT_A_NUMBER = 2
     CLAMPED = 4
@@ -16,7 +17,7 @@ class StatusBit(IntFlag):
     UNINITIALISED = 32
     EQUATION_OUT_OF_RANGE = 64
     STATE_NOT_FINITE = 128
-    SLOPE_NOT_FINITE = 8192  # beyond those of the self-test
+    SLOPE_NOT_FINITE = 8192  # of the self-test it is another bit: no result has both
 
 
 class SelfTestBit(IntFlag):

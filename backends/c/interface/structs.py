@@ -50,6 +50,8 @@ class Struct:
 def structs(interface: Interface) -> tuple[Struct, ...]:
     """All struct types that the header declares."""
     starts = [field for field, _ in interface.windows] + [f for f, _ in interface.supplied]
+    # a struct of parameters is left out, where the others stay with a reserved field: inline code
+    # takes no pointer to them
     parameters = Struct("params", "Trained values.", _plain(interface.parameters))
     return (
         Struct("in", "Inputs of a step.", _plain(input.field for input in interface.inputs)),

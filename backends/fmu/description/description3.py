@@ -61,6 +61,7 @@ def description_text(facts: UnitFacts, token: str) -> str:
         places = None if known is None else " ".join(str(input.first) for input in known)
         reference = {"valueReference": str(variable.first)}
         child(structure, "Output", {**reference, "dependencies": places})
+    # without `dependencies`: a status may depend on everything
     counts = [{"valueReference": str(variables.status_reference)}]
     if variables.iterations is not None:
         counts.append({"valueReference": str(variables.iterations_reference)})

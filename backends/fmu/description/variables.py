@@ -38,6 +38,8 @@ def unit_variables(program: Program, interface: Interface, weights: Weights) -> 
     """The variables of a program in step form, as its C knows it."""
     names = VariableNames()
     found = [
+        # the order of this list is that of the references, which importers keep: new kinds come
+        # last
         *_inputs(interface, names),
         *_outputs(program, interface, names),
         *_states(interface, names),
@@ -141,6 +143,7 @@ def _samples(interface: Interface, names: VariableNames) -> Iterable[Variable]:
             start=_valid(field, signal.range, dtype),
             first_sample=port.first,
         )
+    # without `first_sample`: these are values at the first step itself, not samples of a log
     for field, state in interface.supplied:
         yield Variable(
             name=names.add(f"start.{state.name}"),

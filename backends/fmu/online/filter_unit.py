@@ -107,6 +107,8 @@ def _measured(
     problem: EstimationProblem, fields: list[dict[str, Any]], names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
     """The measurements, and behind them inputs that they depend on at once."""
+    # `measured` of the description lists both kinds in one array, measurements first: the rest are
+    # inputs
     count = len(problem.measured)
     for measurement, field in zip(problem.measured, fields[:count], strict=True):
         output = problem.program.output(measurement.value)
@@ -125,6 +127,8 @@ def _measured(
         yield _signal(
             problem,
             field["signal"],
+            # the same input is a variable of `_inputs` too, for the step that ends here: two
+            # samples, two names
             name=names.add(f"now.{field['signal']}"),
             place=_first_of("measured", field),
             doc="at this sample, for what is measured depends on it",
@@ -175,6 +179,7 @@ def _estimated(
             start=np.zeros(member.size),
             first_sample=_first_sample(problem, member.name),
         )
+    # innovations of all measurements lie in one array, in the order of the problem
     first = 0
     for measurement in problem.measured:
         type = problem.program.step[problem.program.output(measurement.value).node].type
@@ -227,6 +232,7 @@ def _first_sample(problem: EstimationProblem, name: str) -> int:
     origin = problem.registers.get(name)
     if origin is None:
         return 0
+    # an origin without `ahead` is a history, whose newest sample is the one before the step's
     axes = problem.states.member(name).axes
     # the oldest sample, counted from the step's
     return getattr(origin, "ahead", 0) - (Type(axes).window or 1)

@@ -21,6 +21,8 @@ def why_folder_is_not_trusted(folder: Path, *, is_above: bool = False) -> str | 
     if sys.platform == "win32":
         return None
     for place in (folder, *folder.parents):
+        # `lstat`: a link that appeared after `realpath` shows as no folder instead of being
+        # followed
         found = place.lstat()
         if not stat.S_ISDIR(found.st_mode):
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(place))
@@ -35,6 +37,7 @@ def why_folder_is_not_trusted(folder: Path, *, is_above: bool = False) -> str | 
 
 def is_trusted_file(descriptor: int) -> bool:
     """Whether an open file is one that only this user or root could write."""
+    # of the open file: its path may lead to another one by now
     found = os.fstat(descriptor)
     if sys.platform == "win32":
         return stat.S_ISREG(found.st_mode)

@@ -94,6 +94,8 @@ class LaneMemory:
                 c_identifier(f"tape_{state.name}", taken),
                 size_of(state.axes[:-1]),
                 0,
+                # n rows are held at t and the newest is row n: pointers at t+1 begin one row later,
+                # nothing moves
                 state.axes[-1].size,
             )
             for state in self.program.states
@@ -109,6 +111,7 @@ class LaneMemory:
         """The adjoints of the samples that a buffer holds at t."""
         tape = self.buffers[state.name]
         place = tape.place(_shape(state.axes), 0, state.axes[-1].size)
+        # adjoints lie as their samples do: the same view of another array
         return ArrayView(Name(f"d_{tape.name}"), place.shape, place.strides, place.offset)
 
     @cached_property

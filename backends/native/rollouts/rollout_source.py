@@ -37,6 +37,7 @@ class RolloutSource:
 def rollout_source(program: Program) -> RolloutSource:
     """The kernel of one program whose loops are closed, in float64: its outputs and its losses."""
     builder = GraphBuilder(program.step)
+    # appended to the step's own graph: losses read the outputs that it computes anyway
     losses = loss_terms(builder, program)
     memory = LaneMemory(forward_only(replace(program, step=builder.graph()), losses))
     functions = LaneFunctions(FunctionNames(PREFIX, "float64", "own"))
