@@ -11,6 +11,8 @@ from compiler.optimal_control.structure import Chosen
 
 def reachable(tolerance: float, dtype: Dtype) -> float:
     """The tolerance, or in single precision what rounding leaves of it."""
+    # float32 has 1.2e-7 of relative precision, and residuals are differences of sums of many
+    # products
     return tolerance if dtype == "float64" else max(tolerance, 1e-3)
 
 
@@ -25,6 +27,8 @@ def solver_constants(
     projects: bool,
 ) -> list[dict[str, str]]:
     """Name, value as C, and meaning of each that the solver needs."""
+    # ε is the distance of 1 from the next number, so that a rounded number errs by at most half of
+    # it
     precision = float(np.finfo(dtype).eps)
     exact = dtype == "float64"
     is_staged = structure == "staged"

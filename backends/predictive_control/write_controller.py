@@ -84,6 +84,7 @@ def solver_texts(
     nx, nu = problem.states.size, problem.controls.size
     results = made.stages.size
     scales = [problem.state_scales[m.name] for m in problem.states.members for _ in range(m.size)]
+    # lowest and highest of each row in turn, which is what numbers sides 2 r and 2 r + 1
     sides = [limit for row in rows.rows for limit in (row.minimum, row.maximum)]
     hard = [int(row.hard) for row in rows.rows]
     # a limit of a rate is one of two controls
@@ -130,6 +131,7 @@ def solver_texts(
         "controls": nu,
         "stage": nx + nu,
         "results": results,
+        # results are next values, the cost, then bounded values: those behind the cost
         "paths": results - made.stages.results[problem.stage] - 1,
         "terminal_paths": rows.terminal,
         "sides": 2 * len(rows.rows),
@@ -157,6 +159,7 @@ def solver_texts(
         "limits": [0.0 if limit is None else limit for limit in sides],
         "limits_move": rows.move,
         "scales": [row.scale for row in rows.rows],
+        # C has no empty arrays: a model without states has one number that nothing reads
         "state_scales": [scales[at] for at in made.newest] or [1.0],
         "linear": [row.linear for row in rows.rows],
         "quadratic": [row.quadratic for row in rows.rows],

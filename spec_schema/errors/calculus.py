@@ -96,6 +96,7 @@ def steep_within_ranges(
     span: Span,
 ) -> Diagnostic:
     """W0743: an operation whose slope is infinite somewhere inside the declared ranges."""
+    # of a power the base alone is judged: its slope is infinite at 0 where the exponent is below 1
     what = {"/": "the divisor", "pow": "the base"}.get(operation, "the argument")
     where = " or ".join(f"{value:g}" for value in at)
     ranges = " and ".join(f"`{n}` in [{low:g}, {high:g}]" for n, (low, high) in declared.items())

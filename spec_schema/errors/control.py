@@ -11,6 +11,7 @@ def not_a_control(name: str, found: str | None, span: Span, known: Iterable[str]
     """E1101: a control that is no open input."""
     is_what = "which nothing declares" if found is None else f"which is {found}"
     message = f"`controls` names `{name}`, {is_what}"
+    # a declared name was not misspelt: it is of the wrong kind
     meant = nearest(name, known) if found is None else None
     repair = did_you_mean(meant) or "a control is an input that nothing inside the model feeds"
     label = "the controller cannot decide it"
@@ -78,6 +79,7 @@ def soft_and_hard(span: Span) -> Diagnostic:
 
 def bound_option(name: str, key: str, kind: str, span: Span) -> Diagnostic:
     """E1109: a rate of what is no control, or a soft or hard bound of a control."""
+    # the two mistakes share a code: a user meets both by moving a bound from one name to another
     is_rate = key == "rate"
     message = f"`{key}` in the bound of `{name}`, which is {kind}"
     label = "only controls have a rate" if is_rate else "bounds of controls always hold"

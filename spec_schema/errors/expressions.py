@@ -8,6 +8,7 @@ def foreign_character(
     character: str, span: Span, meant: str | None, repair: str | None
 ) -> Diagnostic:
     """E0320: a character that expressions do not have."""
+    # what no terminal shows would leave the sentence with a hole: its code point instead
     shown = character if character.isprintable() else f"U+{ord(character):04X}"
     message = f"`{shown}` does not belong in an expression"
     return error("E0320", span, message, "unexpected character", help=repair, replacement=meant)
@@ -100,6 +101,7 @@ def boolean_word(word: str, span: Span) -> Diagnostic:
 def python_word(word: str, span: Span) -> Diagnostic:
     """E0331: another word of Python."""
     message = f"`{word}` cannot be used in an expression"
+    # only these have a counterpart: a spec has no loops, imports or functions of that kind
     repair = _CHOICE if word in {"if", "else"} else None
     return error("E0331", span, message, "a word of Python", help=repair)
 
@@ -135,6 +137,7 @@ def unpacked_argument(span: Span) -> Diagnostic:
 
 def malformed_number(text: str, span: Span) -> Diagnostic:
     """E0336: a number with leading zeros."""
+    # zeros alone are the number 0
     meant = text.lstrip("0") or "0"
     message, label = f"`{text}` has leading zeros", "octal in some languages"
     return error("E0336", span, message, label, help=f"write `{meant}`", replacement=meant)
@@ -143,6 +146,7 @@ def malformed_number(text: str, span: Span) -> Diagnostic:
 def foreign_operator(operator: str, span: Span) -> Diagnostic:
     """E0337: an operator of Python that the language does not have."""
     message = f"the operator `{operator}` is not in the language"
+    # others, such as `%`, have no counterpart: the label lists the operators that there are
     repair = _OPERATORS.get(operator)
     return error("E0337", span, message, "operators are + - * / @ **", help=repair)
 
@@ -165,6 +169,7 @@ def missing_operator(left: str, right: str, span: Span, is_unit: bool = False) -
     message = f"an operator is missing between `{left}` and `{right}`"
     product = f"{left} * {right}"
     repair = f"for a product write `{product}`"
+    # no replacement then: `3 * bar` would be a name that nobody declared
     if is_unit:
         repair += "; a duration is in us, ms, s, min or h, and other units go into `unit:`"
     meant = None if is_unit else product
@@ -173,6 +178,7 @@ def missing_operator(left: str, right: str, span: Span, is_unit: bool = False) -
 
 def malformed_word(word: str, span: Span) -> Diagnostic:
     """E0340: a word that cannot be a name."""
+    # letters to Python (`str.isalnum`), so they come here as a part of a word
     if any(character in "²³" for character in word):
         repair = "a power is `x**2`"
         return error("E0340", span, f"`{word}` is not a name", "not a letter", help=repair)

@@ -15,6 +15,7 @@ def unknown_name(
     meant: str | None = None,
 ) -> Diagnostic:
     """E0301: a name that nothing declares."""
+    # the caller's guess first: it knows of habits from other languages, distance knows letters only
     meant = meant or nearest(name, known)
     message, repair = f"unknown name `{name}`", did_you_mean(meant)
     return error("E0301", span, message, f"not {wanted}", help=repair, replacement=meant)
@@ -55,6 +56,7 @@ def wrong_argument_count(name: str, wanted: str, found: int, span: Span) -> Diag
 
 def unknown_keyword(name: str, keyword: str, span: Span, known: Iterable[str]) -> Diagnostic:
     """E0306: a keyword argument that the function does not have."""
+    # read twice below, and the caller may have given a generator
     known = tuple(known)
     takes = f"it takes {', '.join(known)}" if known else "it takes no keywords"
     message = f"`{name}` has no argument `{keyword}`"
@@ -82,6 +84,7 @@ def no_value_of_layer(
     in_loss: bool,
 ) -> Diagnostic:
     """E0350: something of a layer that is no value there."""
+    # arrays of weights are values in losses alone: elsewhere they would tie two layers unseen
     known = [*values, *(arrays if in_loss else ())]
     message, label = f"the layer `{layer}` has no member `{member}`", "unknown member"
     if member in members:
@@ -109,6 +112,7 @@ def member_of_grid(grid: str, member: str, inner: Sequence[str], span: Span) -> 
     """E0349: the centres of a grid of fuzzy sets."""
     layers = " and ".join(f"`{name}`" for name in inner)
     message = f"`{grid}` is a grid of {layers}: it has no `.{member}`"
+    # `centers` is a value, `offset` takes what the set is evaluated at
     arguments = "(…)" if member == "offset" else ""
     repair = f"take that of each: {', '.join(f'`{name}.{member}{arguments}`' for name in inner)}"
     return error("E0349", span, message, "a grid has no centres of its own", help=repair)

@@ -10,6 +10,7 @@ from spec_schema.diagnostics.suggest import did_you_mean, nearest
 def unreadable_robot(path: str, reason: str, span: Span) -> Diagnostic:
     """E1201: a URDF file that cannot be read."""
     message = f"cannot read the robot's URDF {path}: {reason}"
+    # in a note, not the help line: the reason may be another one, such as a file that is too large
     notes = ("a path is relative to the folder of the file that it stands in",)
     return error("E1201", span, message, "used here", notes=notes)
 
@@ -55,6 +56,7 @@ def not_a_tree(problem: str, span: Span, repair: str | None = None) -> Diagnosti
 def unknown_joint_type(name: str, found: str, span: Span) -> Diagnostic:
     """E1209: a joint that robots here do not have."""
     message = f"the joint `{name}` is of the type `{found}`"
+    # what robots do have can be composed to the same motion; an unknown type has no such recipe
     repair = {
         "floating": "make its child the root, and write `base: floating` in the spec",
         "planar": "write two prismatic joints and a revolute one, with links without mass between",
@@ -96,6 +98,7 @@ def moves_without_mass(joint: str, span: Span) -> Diagnostic:
 def unknown_joint(name: str, why: str | None, span: Span, known: Iterable[str]) -> Diagnostic:
     """E1214: a joint of the spec that the robot does not have, or that does not move."""
     message = f"the robot has no joint `{name}`" if why is None else f"the joint `{name}` {why}"
+    # a joint that is there and does not move was not misspelt
     meant = did_you_mean(nearest(name, known)) if why is None else None
     return error("E1214", span, message, "listed here", help=meant)
 
@@ -121,6 +124,7 @@ def unlearnable_inertia(link: str, span: Span, learned: Span) -> Diagnostic:
 
 def unknown_robot_member(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
     """E1218: something after the dot that a robot does not have."""
+    # the last dot: the robot may be a member of a sub-model itself
     base, _, member = name.rpartition(".")
     known = tuple(known)
     notes = (f"it has {', '.join(known)}",)
@@ -181,6 +185,7 @@ def rotation_as_quaternion(span: Span) -> Diagnostic:
 
 def held_joints(positions: Mapping[str, float], span: Span, place: Span) -> Diagnostic:
     """W1201: joints that the spec does not list; they are held at 0, or where `<mimic>` says."""
+    # at 0, of which -0 is one too, they are only listed; other places are said with their number
     resting = [f"`{name}`" for name, position in positions.items() if position == 0.0]
     others = [f"`{name}` at {position:g}" for name, position in positions.items() if position]
     at_rest = [f"at 0: {', '.join(resting)}"] if resting else []

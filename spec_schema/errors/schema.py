@@ -15,10 +15,12 @@ _SHORT_LIST = 12
 def unknown_key(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagnostic:
     """E0201: a key that the language does not have."""
     known = tuple(known)
+    # a key of another tool is worth more than one of like letters, if this entry has it
     elsewhere = (meant for meant in KEYS_ELSEWHERE.get(key.lower(), ()) if meant in known)
     meant = next(elsewhere, None)
     needed, form = FORMS_ELSEWHERE.get(key.lower(), ("", ""))
     message = f"unknown key `{key}` in {owner}"
+    # the same idea in another form: no replacement, since key and value both change
     if meant is None and needed in known:
         return error("E0201", span, message, "no such key", help=f"write {form}")
     meant = meant or nearest(key, known)

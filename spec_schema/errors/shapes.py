@@ -109,6 +109,7 @@ def unfit_parameter(
         f"`{layer}` needs an array of {wanted}, and `{parameter}` has {found}",
         f"`{layer}` takes it from here",
         secondary=((declared, f"declared with {found}"),),
+        # orientation decides which array fits, and nothing in the numbers shows it
         notes=("axes in this order; samples of a window, oldest first, are the last",),
         help=f"change `dims:` of `{parameter}`; `any` is whichever dim has that size",
     )

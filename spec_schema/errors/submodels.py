@@ -34,6 +34,7 @@ def other_sample_time(name: str, found: str, expected: str, span: Span, place: S
 
 def not_an_input(name: str, kind: str | None, span: Span, known: Iterable[str]) -> Diagnostic:
     """E0734: a connection to something else than an input of a sub-model."""
+    # a name that is something else was not misspelt
     meant = nearest(name, known) if kind is None else None
     label = "no such input" if kind is None else f"this is {kind}"
     message = f"`{name}` is not an input of a sub-model"

@@ -11,6 +11,7 @@ def other_syntax(problem: str, span: Span) -> Diagnostic:
 
 def tab(span: Span) -> Diagnostic:
     """E0102: a tab where YAML wants blanks."""
+    # the YAML standard forbids it (6.1): how far a tab indents is each editor's own
     return error("E0102", span, "YAML does not indent by tabs", "a tab", help="use blanks")
 
 
@@ -42,12 +43,14 @@ def duplicate_key(key: str, span: Span, first: Span) -> Diagnostic:
 
 def tagged(tag: str, span: Span) -> Diagnostic:
     """E0106: a YAML tag."""
+    # a tag could make objects of Python: the reader refuses all of them
     message = f"the YAML tag `{tag}` is not used in specs"
     return error("E0106", span, message, "tag", help="remove it")
 
 
 def merge_key(span: Span) -> Diagnostic:
     """E0107: a merge key."""
+    # of YAML 1.1 only: 1.2 has no such key, and readers of JSON would not know it
     message = "merge keys (`<<`) are not used in specs"
     return error("E0107", span, message, "merge key", help="write the keys out")
 
@@ -112,6 +115,7 @@ def no_blank_after_colon(key: str, value: str, span: Span) -> Diagnostic:
 def decimal_comma(text: str, span: Span) -> Diagnostic:
     """E0130: `2,5` for a number."""
     message = f"`{text}` is two values: numbers have a decimal point"
+    # YAML 1.2 reads a text here, which a message about numbers would not explain
     meant = text.replace(",", ".")
     return error("E0130", span, message, "a comma", help=f"write `{meant}`", replacement=meant)
 
@@ -150,6 +154,7 @@ def malformed_json(problem: str, span: Span) -> Diagnostic:
 def missing_colon(text: str, span: Span) -> Diagnostic:
     """E0121: a line that should be a key and has no colon."""
     label = "neither a key nor part of a value"
+    # other texts may be half of a value: adding a colon would make nonsense of them
     meant = f"{text}:" if text.isidentifier() else None
     repair = f"for a key write `{meant}`" if meant else "a key ends with `:`"
     message = "this line has no `:`"
@@ -196,6 +201,7 @@ def block_text(indicator: str, span: Span) -> Diagnostic:
 
 def reserved_start(character: str, span: Span) -> Diagnostic:
     """E0128: a value that starts with a character that YAML keeps for itself."""
+    # the sentence quotes by backticks
     shown = "a backtick" if character == "`" else f"`{character}`"
     message = f"an unquoted value cannot start with {shown}"
     return error("E0128", span, message, "reserved by YAML", help="quote the value")

@@ -63,6 +63,7 @@ def _read_rate(node: Node, findings: Findings) -> Quantity:
     return rate
 
 
+# located, as a wrong sum of blocks is reported at the last of them
 def _read_block(node: Node, findings: Findings) -> Located[int]:
     return Located(read_count(node, findings, 1), node.span, node.key)
 

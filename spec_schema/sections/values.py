@@ -139,6 +139,7 @@ class Initializer(OneOf):
     @property
     def choice(self) -> InitialValue:
         """The one that is given."""
+        # `OneOf` has seen to it that exactly one is given, so the order of these does not matter
         random = self.normal or self.uniform
         given = self.value or random or self.exp or self.negexp or self.lin or self.file
         assert given is not None
@@ -180,6 +181,7 @@ class Prior(Entry):
         if self.std.value <= 0:
             findings_of(info).report(knowledge.narrow_prior(self.std.text, self.std.span))
         else:
+            # a deviation may be positive while its square is 0 or infinite in float64
             has_variance(self.std, findings_of(info))
         return self
 
@@ -188,6 +190,7 @@ OfData: TypeAlias = Literal["data"]
 
 
 def _read_scale(node: Node, findings: Findings) -> float | OfData:
+    # by its text: in quotes or not it is the same word
     if isinstance(node, Scalar) and node.text == "data":
         return "data"
     value = read_number(node, findings)
@@ -243,6 +246,7 @@ def _with_split_unit(node: Node, key: str, findings: Findings) -> Node:
     """`{init: 5 N/m}` as `{init: 5, unit: N/m}`."""
     value = node.entries.get(key) if isinstance(node, Table) else None
     parts = split_quantity(value) if isinstance(value, Scalar) else None
+    # what is no entry or no quantity is reported where its field reads it
     if not isinstance(node, Table) or parts is None:
         return node
     amount, unit = parts

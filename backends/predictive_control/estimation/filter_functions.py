@@ -42,6 +42,7 @@ def filter_functions(
     # the transition needs no outputs: they would keep nodes that it does not compute
     columns = _slopes(replace(program, outputs=()))
     found = [
+        # no curvature: an extended filter takes first derivatives only
         step_derivatives(_measuring(program, m.value), inputs=(), next_states=(), hessian=False)
         for m in problem.measured
     ]

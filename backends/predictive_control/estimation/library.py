@@ -49,6 +49,7 @@ class FilterLibrary:
     @classmethod
     def of_folder(cls, folder: Path, library: Path) -> FilterLibrary:
         """A filter of what `write_estimator` wrote and `build_library` compiled."""
+        # one of the two: a folder with both would not say which filter is meant
         (file,) = [*folder.glob("*_ekf.json"), *folder.glob("*_mhe.json")]
         return cls(json.loads(file.read_text(encoding="utf-8")), ctypes.CDLL(str(library)))
 
@@ -75,6 +76,7 @@ class FilterLibrary:
         self, measured: Mapping[str, ArrayLike], inputs: Mapping[str, ArrayLike] | None = None
     ) -> FilterEstimate:
         """The estimate; signals that are not named are not measured."""
+        # NaN is "not measured" in the C too: the filter skips that row and keeps its innovation NaN
         missing = {
             signal: np.full(self._measured.dtype[field].shape, np.nan)
             for signal, field in self._signals.items()

@@ -83,6 +83,7 @@ class StageWriter:
         # what slopes take from the values is kept, not computed twice
         cut = cut_at_values(found, arrays.wanted(found.graph))
         types = [found.graph[node].type for node in cut.kept]
+        # kept values lie one after the other in `kept`, which the values write and the slopes read
         firsts = [sum(type.size for type in types[:number]) for number in range(len(types))]
         places = dict(arrays.places)
         for number, (first, type) in enumerate(zip(firsts, types, strict=True)):
@@ -122,6 +123,7 @@ class StageWriter:
                 # one number for all rows is stored at each of them
                 for number in range(limit.size):
                     place = Index(limit.first_side + 2 * number)
+                    # a stride of 0 along every axis: the one element has the place as its own
                     zeros = (0,) * len(type.shape)
                     lowered.store(limit.node, ArrayView(Name("limit"), type.shape, zeros, place))
                 continue

@@ -37,6 +37,7 @@ class Addresses:
     has_blocks: bool
     """Whether controls stay the same over several samples."""
 
+    # called by the templates of `mpc/`, with C in place of the numbers
     def of_stage(self, array: str, k: str) -> str:
         return self.stage.format(array, k)
 

@@ -81,6 +81,8 @@ def rows_of(problem: ControlProblem) -> Rows:
         rows += [Row(control.name, low[i], high[i], control.scale) for i in range(member.size)]
         if control.rate is not None:
             places = problem.previous(control.name)
+            # a control with a rate has its last value in the state: the problem adds that where it
+            # is missing
             assert places is not None
             rates += [
                 RatedControl(member.first + i, place, control.rate)

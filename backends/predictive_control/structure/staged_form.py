@@ -61,6 +61,8 @@ def _arrays(
     problem: ControlProblem, stages: Stages, found: StepDerivatives, results: Mapping[str, int]
 ) -> StageArrays:
     width = problem.states.size + problem.controls.size
+    # rows of the slopes by where the result stands among all of any stage, which the terminal's
+    # skip
     of_results = [results[m.name] + i for m in found.results.members for i in range(m.size)]
     numbers = numbers_of(problem, found.variables)
     firsts = [(member, member.first) for member in problem.states.members]
@@ -70,6 +72,8 @@ def _arrays(
     def placed(array: str, rows: Sequence[int] | NDArray[np.int64]) -> PlacedMatrix:
         matrix = found.jacobian if array == "slopes" else found.hessian
         assert matrix is not None
+        # only this stretch is cleared before entries are written: rows between may belong to no
+        # derivative
         first, last = (min(rows) * width, (max(rows) + 1) * width) if len(rows) else (0, 0)
         return PlacedMatrix(array, matrix, np.asarray(rows, int) * width, numbers, first, last)
 

@@ -45,6 +45,7 @@ def stages_of_problem(
     for name, size in following:
         places[name] = end
         end += size
+    # cost and terminal cost share one place: stages then differ in their functions alone
     cost = end
     places[problem.stage] = cost
     end += 1
@@ -68,6 +69,7 @@ def stages_of_problem(
         ),
         terminal=step_derivatives(
             _with_outputs(program, at_end, flat),
+            # no control acts at N: nothing is derived by it there
             inputs=(),
             next_states=(),
             outputs=at_end,

@@ -21,6 +21,7 @@ SETS = ("train", "val", "test")
 """What a split makes of a source."""
 
 
+# spans are no part of a share's value: two specs that say the same are equal
 @dataclass(frozen=True)
 class Fraction:
     """A share of the files or rows, 0 to 1."""
@@ -173,6 +174,7 @@ class Split(Entry):
             problem = "`blocks:` goes with `by: block`, and only with it"
             repair = "add `blocks: 10`" if self.by == "block" else "write `by: block` too"
             findings.report(errors.misfitting_split(problem, key, repair))
+        # in the order train, val, test, so that the later of two that overlap is underlined
         before: list[OneShare] = []
         for share in self.shares:
             if (misfit := self._misfit(share, before)) is not None:
@@ -186,6 +188,7 @@ class Split(Entry):
         # a share of another kind than `by:` wants fits nothing, whatever its numbers are
         match share:
             case Fraction(value=value) if self.by in ("file", "fraction"):
+                # below 1 is legal: rows that no set takes are left out
                 rest = 1 - sum(other.value for other in before if isinstance(other, Fraction))
                 if value > rest + _ROUNDING:
                     return "the fractions exceed 1", f"write `{max(rest, 0):.6g}` or less"
@@ -198,6 +201,7 @@ class Split(Entry):
                         "no moment belongs to two sets: all ranges are of one kind and apart",
                         "begin it where the other one ends",
                     )
+            # the guards above have let through the kinds that fit: here the kind itself is wrong
             case Fraction():
                 return _WANTED[self.by], wanted
             case Blocks():

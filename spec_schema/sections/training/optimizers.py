@@ -49,6 +49,8 @@ _Rate = Annotated[float | FromSearch, reads(_read_rate, _RATE)]
 class OptimizerOptions(Entry):
     """What an optimiser is set to, and what holds of it whatever the model."""
 
+    # facts of the class, not fields: a user cannot set them, and the schema for editors leaves them
+    # out
     steps_by: ClassVar[Literal["kernel", "torch", "LAPACK"]] = "kernel"
     """Whose arithmetic makes a step of the slopes that a kernel or torch has found."""
     takes_all_starts: ClassVar[bool] = False
@@ -68,6 +70,7 @@ class Adam(OptimizerOptions):
 
     lr: _Rate = 1e-3
     """Step length of the optimiser; `auto` tries many before the first epoch."""
+    # defaults of the paper and of torch.optim, so that a spec behaves as people expect of the name
     beta1: _BelowOne = 0.9
     """Decay of the mean."""
     beta2: _BelowOne = 0.999
@@ -110,6 +113,7 @@ class Lbfgs(OptimizerOptions):
     takes_factors = False
     reaches_corners = False
 
+    # no `auto`: the line search finds the length of each step, 1 being the whole quasi-Newton step
     lr: PositiveNumber = 1.0
     """Step length of the optimiser."""
     history: PositiveCount = 10
@@ -132,6 +136,7 @@ def _read_option(node: Node, findings: Findings) -> Located[OptionValue]:
 
 def _read_item(node: Node, findings: Findings) -> bool | int | float | str | None:
     if isinstance(node, Scalar):
+        # `null` is an argument of some classes of torch: within a list None passes
         return node.value
     findings.report(errors.wrong_kind("a number", kind(node), node.span))
     raise RefusedError

@@ -74,6 +74,8 @@ class GoldenTables:
             scope.add(self._table(columns))
         else:
             scope.add(c.Discard(row_name))
+            # a struct without fields of the spec has one that is reserved: unset memory would be
+            # read by copies
             scope.assign(c.Member(struct.name, RESERVED), c.Unsigned(0))
         fields = [field for field, _ in columns]
         for field, row in zip(fields, _row("golden", fields, row_name), strict=True):
@@ -85,6 +87,7 @@ class GoldenTables:
         return scope.function(f"{self.prefix}_load_{name}", "void", arguments)
 
     def _start_of(self) -> c.Function:
+        # tables hold floats, which are exact for numbers of steps
         starts = tuple(map(float, self.singles))
         body = (
             c.ConstantTable("golden_start", starts, c.CType.UNSIGNED),
@@ -146,6 +149,7 @@ class GoldenTables:
 
     def _table(self, columns: Sequence[Column]) -> c.ConstantTable:
         """All fields of a step in one row, the rows one after the other."""
+        # C order of each field, so that a row is the struct as the header declares it
         parts = [values.reshape(-1, field.size) for field, values in columns]
         numbers = np.concatenate(parts, axis=1).ravel().tolist()
         return c.ConstantTable("golden", tuple(numbers), self.number, hexadecimal=True)
@@ -159,6 +163,7 @@ def _row(table: str, fields: Iterable[Field], row: str) -> list[ArrayView]:
     """Where each field stands in the table."""
     listed = list(fields)
     width = sum(field.size for field in listed)
+    # row · width + place: one table for all fields, so that a step's numbers lie together
     begin = variable(row).times(width)
     places: list[ArrayView] = []
     for field in listed:

@@ -161,6 +161,7 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
 def _golden_runs(program: Program, interface: Interface, weights: Weights) -> list[GoldenVectors]:
     """Runs from `reset`, the last of them with a written state, then runs from `init`."""
     begun: list[tuple[StartPoint | Outside | None, int, int | None, WrittenNumber | None]] = [
+        # a seed of its own for each run: none repeats the inputs of another
         *((start, 0, None, None) for start in _STARTS),
         *((StartPoint(part, _PARTS), opening, kind, None) for part, opening, kind in _OPENINGS),
         *(

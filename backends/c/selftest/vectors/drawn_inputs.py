@@ -58,6 +58,7 @@ def drawn_record(
     With `invalid` the first samples, and of the others every second or so, are invalid where the
     policy replaces them: by turns of each kind, beginning with that one.
     """
+    # rounded to the type of the code first: the number beside a threshold is another one in float32
     knots = knots_of(program, dtype)
     reads = extents(program.start, log=True)
     # as little of the past as the start reads: a golden vector is data in somebody's flash
@@ -81,6 +82,8 @@ def drawn_record(
         log[name] = (low + (high - low) * random.random((rows, *shape))).astype(dtype)
         if invalid is not None and signal.on_invalid in ("clamp", "hold"):
             chosen = random.random(log[name].shape) < 0.5
+            # everything up to the oldest sample that is read: `hold` has nothing valid to fall back
+            # to there
             chosen[: t0 + reads[name].first + 1] = True
             kinds = np.roll([*_invalid(signal, dtype), *_NO_NUMBERS], -invalid)
             log[name][chosen] = np.resize(kinds, chosen.sum())
@@ -117,6 +120,7 @@ def drawn_series(
     outside the range.
     """
     signal = input.port.signal
+    # drawn in double and rounded: both types see the same points of the range
     low, high = drawable(signal.range)
     series = random.uniform(low, high, (steps, *input.field.shape)).astype(knots.dtype)
     rows = series.reshape(steps, -1)
