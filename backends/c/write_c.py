@@ -30,5 +30,6 @@ def write_c(
     ValueError for a program in window form or weights of a wrong shape, OSError.
     """
     interface = c_interface(program, options)
+    # all texts first: a model that cannot be lowered leaves no half of a folder behind
     texts = file_texts(program, interface, physical_weights(program, weights))
     return tuple(write_text(folder / name, text) for name, text in texts.items())

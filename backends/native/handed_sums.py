@@ -40,6 +40,8 @@ class HandedSums:
     def __init__(self, ranks: Ranks) -> None:
         self._ranks = ranks
         self._failure: BaseException | None = None
+        # kept in the object: ctypes frees a callback that nothing refers to, and C would call freed
+        # memory
         self._function = _FUNCTION(self._called)
         self.address = ctypes.cast(self._function, ctypes.c_void_p).value
 

@@ -142,6 +142,7 @@ class Findings:
     """Collects the diagnostics of one stage, so that a user sees all of them at once."""
 
     def __init__(self) -> None:
+        # a dict keeps the order of reports and drops what is equal: a set would lose the order
         self._diagnostics: dict[Diagnostic, None] = {}
 
     def report(self, *diagnostics: Diagnostic) -> None:
@@ -158,6 +159,7 @@ class Findings:
 
     def forget(self, mark: int) -> None:
         """Drops what came after a mark: an attempt that failed and does not matter."""
+        # what is reported again after `mark` kept its first place, and stays
         for diagnostic in list(self._diagnostics)[mark:]:
             del self._diagnostics[diagnostic]
 
@@ -179,4 +181,5 @@ class Findings:
 
 def _place(diagnostic: Diagnostic) -> tuple[bool, str, int, int]:
     span = diagnostic.span
+    # False sorts before True: what has no place follows what has one
     return (False, span.file, span.line, span.column) if span else (True, "", 0, 0)

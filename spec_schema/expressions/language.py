@@ -69,6 +69,7 @@ LOSS_FUNCTIONS: dict[str, Signature] = {
 }
 """Functions that stand in the sum of a loss and nowhere else."""
 
+# by what people type, so that the message names the function that they mean, however unlike it is
 ELSEWHERE = {
     "absolute": "abs",
     "arccos": "acos",

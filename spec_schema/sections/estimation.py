@@ -59,6 +59,7 @@ class EstimatedParameter(Entry):
 
     std: Deviation
     """How far from the trained value it may be at first: its standard deviation."""
+    # None is 0: a parameter that does not move at all, whose variance only shrinks
     walk: Drift | None = None
     """Standard deviation of what it moves in a second; 0 by default."""
     min: QuantityField | None = None
@@ -74,6 +75,7 @@ class KalmanFilter(Entry):
 
     measured: SomeBySignal[Deviation]
     """Outputs with `predicts`, and the standard deviation of what is measured of each."""
+    # per second, so that a change of the sample time leaves the spec as it is
     process: BySignal[Drift] = Field(default_factory=dict[str, Quantity])
     """Standard deviation of what the model misses of each state in a second."""
     initial: BySignal[Drift] = Field(default_factory=dict[str, Quantity])
@@ -107,6 +109,7 @@ class Estimator(OneOf):
     @property
     def choice(self) -> KalmanFilter | MovingHorizon:
         """The one that is given."""
+        # `OneOf` has seen to it that exactly one is given
         chosen = self.ekf or self.mhe
         assert chosen is not None
         return chosen

@@ -29,6 +29,7 @@ UnitPlatform: TypeAlias = Literal[
 class TargetEntry(Entry):
     """What every target takes: `outputs` to keep (None: all) and inputs to `close`."""
 
+    # None is not (): all outputs, or none of them
     outputs: References | None = None
     """Outputs that are kept, or equations; by default all outputs."""
     close: References = ()
@@ -71,6 +72,7 @@ class CasadiExport(FloatTargetEntry):
     """Parameters as inputs of the functions, or as numbers in them."""
     form: Annotated[Literal["mx", "sx"], choice("mx", "sx")] = "mx"
     """Expressions of arrays, or of single numbers."""
+    # three meanings: true smooths, false accepts, None warns
     smooth: Switch | None = None
     """Whether kinks are rounded off; false accepts them, and by default they are warned of."""
 

@@ -32,6 +32,7 @@ def _read_joints(node: Node, findings: Findings) -> Joints:
         name = scalar(node, findings, "a dimension, or a list of joints")
         # whether a dimension of this name has labels is known once the whole spec is read
         return Joints(Located(name.text, name.span, name.key), (), node.span)
+    # in the order of the list: it is the order of q, and so of every array of the robot
     labels: dict[str, Located[str]] = {}
     for item in node.items:
         label = scalar(item, findings, "the name of a joint")
@@ -83,6 +84,7 @@ class Robot(Entry):
     """Acceleration of free fall along x, y, z of the base; `[0, 0, -9.81]`, in m/s^2."""
     armature: Annotated[tuple[Quantity, ...], reads(_read_armature, _ARMATURE)] | None = None
     """Inertia of the motors seen at the joints, in kg*m^2 (kg where a joint slides)."""
+    # None is `fixed`: located where it is given, as messages about joints of the base point there
     base: Annotated[Choice[str], located_choice("fixed", "floating")] | None = None
     """Whether the base is fixed (default) or moves by six joints, `base_x` … `base_yaw`."""
     frames: Named[LocatedText] = Field(default_factory=dict[str, Located[str]])

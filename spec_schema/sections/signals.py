@@ -31,6 +31,7 @@ class Signal(Entry):
     dims: References = ()
     range: RangeField | None = None
     """Lowest and highest value that is plausible, numbers in its unit or with one."""
+    # `flag` by default: it reports and changes no number, so that C agrees with training
     on_invalid: Annotated[InvalidPolicy, choice("clamp", "hold", "flag", "trust")] = "flag"
     """What generated code does with a sample that is NaN or out of range."""
     doc: Text | None = None

@@ -36,6 +36,7 @@ class Scalar:
     text: str
     value: bool | int | float | str | None
     quoted: bool
+    # one place a character: escapes and folded lines make text and file differ in length
     positions: Positions
     span: Span
     key: Span | None = None
@@ -83,6 +84,7 @@ Node: TypeAlias = Scalar | Listing | Table
 
 def with_key(node: Node, key: Span) -> Node:
     """The node as the value of a key; an aliased node has a different key at each use."""
+    # a copy: the node itself is shared by all aliases of it
     return replace(node, key=key)
 
 

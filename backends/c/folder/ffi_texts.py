@@ -12,6 +12,7 @@ def ffi_texts(
     interface: Generated, numbers: Mapping[str, str], *, linearizes: bool = False
 ) -> dict[str, str]:
     """Texts by path in the folder; `numbers` are ctypes of the number types in the layout."""
+    # the names of types are those of the JSON file, from which the Python file builds its structs
     types = {**numbers, "uint32": "c_uint32"}
     facts: dict[str, Any] = {"types": types, "words": "word" in numbers, "jacobian": linearizes}
     return {

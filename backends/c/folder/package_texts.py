@@ -39,4 +39,6 @@ def _forward(interface: Generated, header: str) -> tuple[str, str]:
     name = header.removeprefix("include/")
     guard = f"{name.removesuffix('.h').upper()}_FORWARD_H"
     template = "packages/forward.h.j2"
+    # Arduino compiles `src/` alone and finds headers there: the interface stays in `include/` for
+    # all others
     return f"src/{name}", render(template, interface, "Interface", header=header, guard=guard)

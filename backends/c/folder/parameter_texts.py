@@ -38,6 +38,8 @@ def calibration_text(interface: Interface, weights: Weights) -> str:
 def _checksum(interface: Interface, weights: Weights) -> int:
     """CRC-32 of the numbers, the least significant byte of each first, whatever the target does."""
     order = "<f4" if interface.options.dtype == "float32" else "<f8"
+    # in the order of the struct's fields, whose elements are all of one type: no padding lies
+    # between
     numbers = [np.asarray(weights[field.name]).ravel() for field in interface.parameters]
     return zlib.crc32(np.concatenate(numbers).astype(order).tobytes())
 

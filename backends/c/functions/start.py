@@ -52,6 +52,7 @@ def reset_function(program: Program, model: ControllerCode) -> c.Function:
     writer.set_states(program, {s.name: supplied.get(s.name) for s in program.states})
     writer.finish_states(INITIALISED)
     if interface.checks:
+        # after the states are set: `reset` has moved the heads
         writer.read_heads()
         report_first_states(writer)
     writer.scope.add(c.Return(c.Name("status")))

@@ -33,6 +33,7 @@ def step_function(program: Program, model: ControllerCode) -> c.Function:
     interface = model.interface
     # which sets are active depends on the numbers
     constant_time = interface.options.constant_time
+    # with none of them every membership is computed: as much work in each step
     active = ActiveSets() if constant_time else active_sets(program.step, roots)
     moving = moving_sums(program.step, roots, interface.states, writer.unroll)
     lowered = GraphLowering(
@@ -44,6 +45,7 @@ def step_function(program: Program, model: ControllerCode) -> c.Function:
         lowered.store(output.node, field.place("y"))
     writer.check_equations(program, lowered)
     writer.check_saturated(program, lowered)
+    # states together and last: every output and next state has been made of the old ones (R1)
     writer.commit(lowered, moved={memory.state.name for memory in moving.values()})
     report_next_states(writer)
     writer.scope.add(c.Return(c.Name("status")))

@@ -82,6 +82,7 @@ def _state(memory: StateMemory) -> dict[str, Any]:
         "shape": [*memory.shape],
     }
     match memory:
+        # a delay line is the state as it is: oldest sample first, and no room for another
         case PlainState() | DelayLine():
             return {**value, "kind": "plain"}
         case ShiftBuffer():

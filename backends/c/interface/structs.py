@@ -106,6 +106,7 @@ def _state(interface: Interface) -> tuple[StructField, ...]:
     fields: list[StructField] = []
     for memory in interface.states:
         name, comment = memory.state.name, state_comment(memory)
+        # only a plain state has the shape of the spec: C indexes buffers by rows that overlap
         # a buffer has room for more than its state, in one row
         shape = memory.shape if isinstance(memory, PlainState) else (memory.size,)
         fields.append(

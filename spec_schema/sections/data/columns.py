@@ -58,6 +58,7 @@ def _pattern(node: Scalar, findings: Findings) -> list[Node]:
         raise RefusedError
     before, first, last, after = found.groups()
     names = [f"{before}{index}{after}" for index in range(int(first), int(last) + 1)]
+    # as text: a pattern makes names, never the index that `3` alone would be
     return [
         Scalar(
             text=name,

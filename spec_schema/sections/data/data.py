@@ -134,5 +134,7 @@ class Data(Layout):
     @property
     def sets(self) -> tuple[str, ...]:
         """The sets that it makes: its sources, and those of a split."""
+        # a dict drops what is named twice: a source may be called `test` while a split makes one
+        # too
         split = SETS if self.split is not None else ()
         return tuple(dict.fromkeys((*self.source, *split)))

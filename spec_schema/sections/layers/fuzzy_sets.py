@@ -31,6 +31,7 @@ def _read_membership(node: Node, findings: Findings) -> Membership | CustomMembe
             return CustomMembership(Located(normalised(function.text), function.span))
         case Table():
             repair = f"write {', '.join(_SHAPES)} or `{{function: NAME}}`"
+            # the key: the braces of a mapping underlined would be all of it
             place = node.key or node.span
             findings.report(errors.wrong_kind("a membership", "another mapping", place, repair))
             raise RefusedError

@@ -17,6 +17,7 @@ from spec_schema.fields.plain import (
 from spec_schema.fields.quantities import PositiveLength
 from spec_schema.sections.values import Initializer
 
+# below 1: the rest is divided by 1 − share, so that its mean stays
 Share: TypeAlias = Annotated[float, number(least=0.0, below=1.0)]
 
 
@@ -38,6 +39,7 @@ class Fir(Entry):
     """Share of the elements that training leaves out at random."""
 
     @model_validator(mode="after")
+    # pydantic wants a method of each class: what both check is one function below
     def _has_one_start(self, info: ValidationInfo) -> "Fir":
         _refuse_two_starts(self, info)
         return self
