@@ -109,9 +109,9 @@ def unfit_joints(problem: str, span: Span, labels: Sequence[str]) -> Diagnostic:
     return error("E1215", span, problem, "these joints", help=f"write `[{listed}]`")
 
 
-def unfit_setting_of_robot(key: str, problem: str, span: Span) -> Diagnostic:
+def unfit_setting_of_robot(key: str, problem: str, span: Span, repair: str) -> Diagnostic:
     """E1216: a setting of a robot that does not fit it."""
-    return error("E1216", span, f"`{key}` {problem}", "this setting")
+    return error("E1216", span, f"`{key}` {problem}", "this setting", help=repair)
 
 
 def unlearnable_inertia(link: str, span: Span, learned: Span) -> Diagnostic:

@@ -62,8 +62,11 @@ def robot_part(
         place, first = (entry.joints or entry.urdf).span, next(iter(held))
         findings.report(errors.held_joints(held, place, urdf.joints[first].span))
     if not tree.bodies:
-        problem = "moves by no joint"
-        findings.report(errors.unfit_setting_of_robot("urdf", problem, entry.urdf.span))
+        problem, repair = (
+            "moves by no joint",
+            "give it a joint that is not fixed, or `base: floating`",
+        )
+        findings.report(errors.unfit_setting_of_robot("urdf", problem, entry.urdf.span, repair))
         return None
     slides = {body.joint: body.slides for body in tree.bodies}
     positions = tuple(labels.index(body.joint) for body in tree.bodies)
@@ -150,13 +153,14 @@ def _armature(
     place = entry.armature[0].span
     if len(given) != len(slides) - free:
         problem = f"has {len(given)} numbers, one for each joint are {len(slides) - free}"
-        findings.report(errors.unfit_setting_of_robot("armature", problem, place))
+        repair = "write one number for all joints, or one for each in their order"
+        findings.report(errors.unfit_setting_of_robot("armature", problem, place, repair))
         return (0.0,) * len(slides)
     units = (_SLIDING if sliding else _TURNING for sliding in slides[free:])
     found = [_in(part, unit, findings) for part, unit in zip(given, units, strict=True)]
     if any(number < 0.0 for number in found):
-        problem = "must be at least 0"
-        findings.report(errors.unfit_setting_of_robot("armature", problem, place))
+        problem, repair = "must be at least 0", "leave `armature:` out where it is not known"
+        findings.report(errors.unfit_setting_of_robot("armature", problem, place, repair))
     return (*(0.0,) * free, *found)
 
 
@@ -193,8 +197,10 @@ def _described(
     if robot.learned:
         heavy = [robot.bodies[index] for index in robot.heavy]
         if not heavy:
-            report = errors.unfit_setting_of_robot("learn", _WEIGHTLESS, entry.learn[0].span)
-            findings.report(report)
+            place_of_learn, repair = entry.learn[0].span, "give a link that moves its `<inertial>`"
+            findings.report(
+                errors.unfit_setting_of_robot("learn", _WEIGHTLESS, place_of_learn, repair)
+            )
             return _node({"msnn": 1, "name": name}, place)
         dims["body"] = [body.link for body in heavy]
         parameters = _parameters(robot, heavy, urdf, entry, findings)

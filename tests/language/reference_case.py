@@ -44,6 +44,7 @@ from msnn.agreement.judging.judgement import FloatType
 from msnn.agreement.judging.record import AgreementRecord
 from msnn.data.starts import reach
 from msnn.exports.export import load_export, write_export
+from msnn.simulation.engines.engine import EngineName
 from spec_schema.reading.reader import read_spec
 from tests.agreement.exported import plan_of
 from tests.every_op.agreement import assert_agrees, assert_same_bits
@@ -181,15 +182,30 @@ def _native(case: Case) -> Arrays:
     }
 
 
+ENGINES: dict[EngineName, dict[str, tuple[Callable[[Case], Arrays], float]]] = {
+    "interpreter": {
+        "judge": (_interpreter(np.float64), 0.0),
+        "judge32": (_interpreter(np.float32), SINGLE),
+    },
+    "torch": {"torch": (_torch, 0.0)},
+    "native": {"native": (_native, 0.0)},
+}
+"""What runs the cases inside the product, by the engine's name; tolerances as in `BACKENDS`."""
+
+EXPORTS: dict[str, tuple[str, FloatType]] = {
+    "torch export": ("torch", "float64"),
+    "casadi": ("casadi", "float64"),
+    "onnx": ("onnx", "float64"),
+    "c": ("c", "float64"),
+    "c32": ("c", "float32"),
+}
+"""What runs what was exported: the target and its numbers. An `fmu` holds the C that runs here."""
+
 BACKENDS: dict[str, tuple[Callable[[Case], Arrays], float]] = {
-    "judge": (_interpreter(np.float64), 0.0),
-    "judge32": (_interpreter(np.float32), SINGLE),
-    "torch": (_torch, 0.0),
-    "torch export": (_exported("torch", "float64"), 0.0),
-    "casadi": (_exported("casadi", "float64"), 0.0),
-    "onnx": (_exported("onnx", "float64"), 0.0),
-    "c": (_exported("c", "float64"), 0.0),
-    "c32": (_exported("c", "float32"), SINGLE),
-    "native": (_native, 0.0),
+    **{name: run for engine in ENGINES.values() for name, run in engine.items()},
+    **{
+        name: (_exported(target, dtype), 0.0 if dtype == "float64" else SINGLE)
+        for name, (target, dtype) in EXPORTS.items()
+    },
 }
 """Each backend and the tolerance that its arithmetic needs whatever the case says."""
