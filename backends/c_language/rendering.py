@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import Any, Protocol
 
-import jinja2
-
-import templates
 from backends.c_language.layout import comment, wrapped
+from backends.files.text_templates import text_templates
 
 
 class Generated(Protocol):
@@ -57,7 +53,7 @@ def render(template: str, interface: Generated, title: str, folder: str = "c", *
         **_WITHOUT_CALIBRATION,
     }
     # facts of a file win over the empty ones: most files know neither Jacobian nor calibration
-    text = _environment().get_template(f"{folder}/{template}").render(common | facts)
+    text = text_templates().get_template(f"{folder}/{template}").render(common | facts)
     if not template.endswith((".c.j2", ".h.j2")):
         return text
     return "\n".join(part for line in text.split("\n") for part in _fitted(line))
@@ -67,14 +63,3 @@ def _fitted(line: str) -> list[str]:
     """The line broken where a long name made it too long; directives cannot be broken."""
     # a directive ends with its line
     return [line] if line.startswith("#") else wrapped(line)
-
-
-@cache
-def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(templates.__path__[0])),
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        autoescape=False,  # noqa: S701  (C; texts of a spec arrive as safe comments and literals)
-    )

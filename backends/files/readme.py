@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import jinja2
-
-import templates
+from backends.files.text_templates import text_templates
 
 
 def readme_text(target: str, **facts: str | bool) -> str:
     """The text of `templates/<target>/README.md.j2` with these facts; a missing one is an error."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(templates.__path__[0])),
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        autoescape=False,  # noqa: S701  (Markdown, not HTML)
-    )
-    return environment.get_template(f"{target}/README.md.j2").render(**facts)
+    return text_templates().get_template(f"{target}/README.md.j2").render(**facts)
 
 
 def one_line(text: str) -> str:

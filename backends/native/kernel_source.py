@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from backends.c_kernels.sources import c_definitions
 from backends.c_language.functions import FunctionNames, FunctionTable
 from backends.c_language.literals import Dtype
 from backends.c_language.tree import Call, Expression
+from backends.files.text_templates import text_templates
 from backends.native.kernel_functions import ModelFunction, ModelFunctions
 from backends.native.lanes.fused_products import with_fused_products
 from backends.native.lanes.lane_kernels import lane_kernels
@@ -199,16 +197,6 @@ def forward_arrays(memory: LaneMemory) -> dict[str, list[ArrayRows]]:
 def rendered(template: str, made: Mapping[str, ModelFunction], **values: object) -> str:
     """The loops of a template around the model's functions, called with their arguments."""
     arguments = {f"{name}_arguments": ", ".join(one.values) for name, one in made.items()}
-    return _environment().get_template(template).render(**values, **arguments)
-
-
-@cache
-def _environment() -> Environment:
-    """Kept, as its templates are: compiling them takes longer than filling them in."""
-    return Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        autoescape=False,  # noqa: S701  (C, not HTML; every name is an identifier made here)
-    )
+    loops = text_templates("native", strips=True).get_template(template)
+    # the parts of a kernel are joined by line ends
+    return loops.render(**values, **arguments).removesuffix("\n")

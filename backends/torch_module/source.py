@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import jinja2
 import torch
 
-import templates
+from backends.files.text_templates import text_templates
 from backends.ports.identifiers import c_identifier
 from backends.ports.step_interface import Port, StepInterface, step_interface
 from backends.torch_module.lowering import (
@@ -48,34 +46,34 @@ def torch_source(program: Program, prefix: str, dtype: str) -> str:
     nexts = [state.next for state in program.states]
     step = _function(program.step, outputs + nexts, interface, names, STEP)
     start = _function(program.start, [s.start for s in program.states], interface, names, START)
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(templates.__path__[0])),
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        autoescape=False,  # noqa: S701  (Python, not HTML)
-    )
     learned = [p for p in program.parameters if p.learn]
-    return environment.get_template("torch/module.py.j2").render(
-        model=_quoted(program.name),
-        doc=_quoted(program.doc),
-        version=__version__,
-        prefix=prefix,
-        dtype=dtype,
-        sample_time=program.sample_time,
-        ports=_port_lines(program, interface),
-        parameters=[_parameter(parameter, names) for parameter in program.parameters],
-        bounded=any(_bounds(parameter) for parameter in learned),
-        step=step,
-        start=start,
-        outputs=list(zip((repr(o.name) for o in program.outputs), step.results, strict=False)),
-        next_states=list(
-            zip((repr(s.name) for s in program.states), step.results[len(outputs) :], strict=True)
-        ),
-        states=list(zip((repr(s.name) for s in program.states), start.results, strict=True)),
-        has_tensors=bool(interface.inputs or program.states),
-        has_windows=bool(interface.start_windows),
+    return (
+        text_templates("torch", strips=True)
+        .get_template("module.py.j2")
+        .render(
+            model=_quoted(program.name),
+            doc=_quoted(program.doc),
+            version=__version__,
+            prefix=prefix,
+            dtype=dtype,
+            sample_time=program.sample_time,
+            ports=_port_lines(program, interface),
+            parameters=[_parameter(parameter, names) for parameter in program.parameters],
+            bounded=any(_bounds(parameter) for parameter in learned),
+            step=step,
+            start=start,
+            outputs=list(zip((repr(o.name) for o in program.outputs), step.results, strict=False)),
+            next_states=list(
+                zip(
+                    (repr(s.name) for s in program.states),
+                    step.results[len(outputs) :],
+                    strict=True,
+                )
+            ),
+            states=list(zip((repr(s.name) for s in program.states), start.results, strict=True)),
+            has_tensors=bool(interface.inputs or program.states),
+            has_windows=bool(interface.start_windows),
+        )
     )
 
 

@@ -56,13 +56,6 @@ class Residuals:
         return float(np.max(parts))
 
 
-def kkt_residual(
-    problem: ControlProblem, given: Given, plan: Plan, multipliers: Multipliers
-) -> Residuals:
-    """The residuals of the optimality conditions at a plan with multipliers of its limits."""
-    return Judge(problem).residuals(given, plan, multipliers)
-
-
 class Judge:
     """The same for many plans of one problem, whose slopes are derived once."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from compiler.robots.numbers import (
@@ -11,6 +10,7 @@ from compiler.robots.numbers import (
     Rows,
     Triple,
     congruent,
+    dot,
     plus,
     scaled,
     sum_of,
@@ -74,8 +74,4 @@ def of_factor(mass: Number, size: Triple, shear: Triple) -> Rows:
     (a, b, c), (d, e, f) = size, shear
     rows: tuple[Triple, Triple, Triple] = ((a, 0.0, 0.0), (d, b, 0.0), (e, f, c))
     pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-    return symmetric(*(mass * _sum_of_products(rows[i], rows[j]) for i, j in pairs))
-
-
-def _sum_of_products(a: Sequence[Number], b: Sequence[Number]) -> Number:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return symmetric(*(mass * dot(rows[i], rows[j]) for i, j in pairs))

@@ -37,7 +37,7 @@ class Solution:
     cost: float
     """J, penalties included; NaN where there is no plan."""
     residual: float
-    """Largest of the optimality conditions, as `kkt_residual` has them; ∞ without a plan."""
+    """Largest of the optimality conditions, as `Judge` has them; ∞ without a plan."""
     violation: float
     """Of hard limits, relative to their scales."""
     excess: float

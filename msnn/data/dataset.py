@@ -78,16 +78,6 @@ class Record:
         return f"{float(piece.time[row - piece.start]):.6g} s in {piece.file}"
 
 
-def whole_file(file: str, start: int, stop: int) -> Record:
-    """A record of all rows of a file without time."""
-    return Record(
-        file,
-        start,
-        stop,
-        (FileRows(file=file, start=start, stop=stop, rows=range(stop - start), time=None),),
-    )
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dataset:
     """All records one after the other; memory is that of the signals, windows are never stored."""

@@ -14,9 +14,14 @@ from msnn.data.reading.load import load_data
 from msnn.data.reading.row_filter import row_filters
 from msnn.errors.commands import no_data_section
 from msnn.model.model import Model
-from msnn.model.model_data import data_folder, sources_of, told_where_they_were
+from msnn.model.model_data import (
+    data_folder,
+    plain_layout,
+    sources_of,
+    told_where_they_were,
+)
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.sections.data.data import Data, Source
+from spec_schema.sections.data.data import Data
 
 # `nan: split` cuts at missing values in place of refusing them; without `split` all is one set
 _KEPT: Mapping[str, str | None] = {"nan": "split", "split": None}
@@ -63,7 +68,7 @@ def read_resampled(
 
 def frames_as_recorded(model: Model, frames: Frames) -> Dataset:
     """The records of a session, laid out as the section `data` says, if there is one."""
-    return _framed(model, _as_recorded(model.spec.data or _plain_layout(model), model), frames)
+    return _framed(model, _as_recorded(model.spec.data or plain_layout(model), model), frames)
 
 
 def frames_resampled(model: Model, frames: Frames) -> Dataset | None:
@@ -78,12 +83,6 @@ def _framed(model: Model, section: Data, frames: Frames) -> Dataset:
     filters = row_filters(model.spec.model_copy(update={"data": section}))
     with sources_of(model):
         return frame_data(model.program, section, frames, model.spec.place, filters, split=False)
-
-
-def _plain_layout(model: Model) -> Data:
-    place = model.spec.place
-    source = Source.model_construct(place=place, files=())
-    return Data.model_construct(place=place, source={"data": source})
 
 
 def _read(model: Model, section: Data, data_root: str | Path | None) -> Dataset:

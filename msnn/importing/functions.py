@@ -112,12 +112,12 @@ class Functions:
         term = joined(Call(name), *(whole.term for whole in wholes), dim=size)
         return one_piece(term)
 
-    def of_offset(self, key: str, index: int) -> str | None:
-        """The function of the spec that a fuzzy set has of the distance to its centre."""
-        code, name, place = self._membership(key, index)
+    def of_offset(self, key: str) -> str | None:
+        """The function of the spec that fuzzy sets have of the distance to their centre."""
+        code, name, place = self._membership(key, 0)
         function = self._parsed(place, code, name)
         try:
-            return self._formula(function, (key, index), [Whole(number(0), (1, 1, 1))])
+            return self._formula(function, (key, 0), [Whole(number(0), (1, 1, 1))])
         except NeedsElementsError:
             return None
         except FunctionError as fault:

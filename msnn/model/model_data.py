@@ -15,6 +15,7 @@ from msnn.errors.disk_data import not_on_disk
 from msnn.model.model import Model
 from msnn.model.weights.given_weights import Weights, weights_path
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from spec_schema.sections.data.data import Data, Source
 
 if TYPE_CHECKING:
     from msnn.data.reading.frames import Frames
@@ -118,3 +119,10 @@ def sources_of(model: Model) -> Generator[None]:
         yield
     except SpecError as error:
         raise SpecError(error.diagnostics, (*error.sources, *model.sources)) from None
+
+
+def plain_layout(model: Model) -> Data:
+    """The section of a session whose spec has none: its columns are the signals."""
+    place = model.spec.place
+    source = Source.model_construct(place=place, files=())
+    return Data.model_construct(place=place, source={"data": source})

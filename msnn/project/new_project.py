@@ -6,10 +6,8 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-import jinja2
-
-import templates
 from backends.files.atomic_write import naming
+from backends.files.text_templates import text_templates
 from backends.ports.identifiers import c_identifier
 from msnn.errors.commands import folder_exists, unusable_name
 from msnn.project.from_data.new_spec import NewSpec, spec_from_data
@@ -40,7 +38,7 @@ def new_project_from(folder: Path, data: Path, predict: str | None) -> tuple[Pat
     spec = spec_from_data(name, data, folder, predict)
     texts = {
         f"{name}.msnn.yaml": spec.text,
-        "README.md": _environment().get_template("README_data.md.j2").render(name=name),
+        "README.md": text_templates("project").get_template("README_data.md.j2").render(name=name),
         ".gitignore": _IGNORED,
         SCHEMA_FILE: json_schema_text(),
     }
@@ -75,7 +73,7 @@ def _written(folder: Path, texts: Mapping[str, str]) -> Path:
 
 
 def _texts(name: str) -> dict[str, str]:
-    environment = _environment()
+    environment = text_templates("project")
     facts = {"name": name, "prefix": c_identifier(name, set())}
     return {
         f"{name}.msnn.yaml": environment.get_template("spec.yaml.j2").render(facts),
@@ -84,12 +82,3 @@ def _texts(name: str) -> dict[str, str]:
         SCHEMA_FILE: json_schema_text(),
         **{f"data/{file}": text for file, text in sample_records().items()},
     }
-
-
-def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(templates.__path__[0]) / "project"),
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-        autoescape=False,  # noqa: S701  (YAML and Markdown, not HTML)
-    )

@@ -14,10 +14,9 @@ from msnn.data.reading.load import load_data
 from msnn.data.reading.row_filter import row_filters
 from msnn.errors.data.files import no_file
 from msnn.model.model import Model
-from msnn.model.model_data import read_data, sources_of
+from msnn.model.model_data import plain_layout, read_data, sources_of
 from msnn.simulation.simulate import measured_beside
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.sections.data.data import Data, Source
 
 GivenData: TypeAlias = "Frames | Sequence[Path | str] | Path | str"
 
@@ -51,7 +50,7 @@ def simulation_data(
         if missing:
             raise SpecError([no_file(str(file), None, None) for file in missing])
         # other files have the columns of the spec's: only what is read of them differs
-        section = data_of_files(model.spec.data or _plain_layout(model), files, data_set)
+        section = data_of_files(model.spec.data or plain_layout(model), files, data_set)
         filters = row_filters(model.spec.model_copy(update={"data": section}))
         return load_data(program, section, Path.cwd(), filters, beside)
 
@@ -65,9 +64,3 @@ def given_files(data: GivenData) -> list[Path] | None:
         if items and all(isinstance(item, str | Path) for item in items):
             return [Path(cast("str | Path", item)) for item in items]
     return None
-
-
-def _plain_layout(model: Model) -> Data:
-    place = model.spec.place
-    source = Source.model_construct(place=place, files=())
-    return Data.model_construct(place=place, source={"data": source})

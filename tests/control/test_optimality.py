@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compiler.optimal_control.kkt import kkt_residual
+from compiler.optimal_control.kkt import Judge
 from tests.control.specs import DOUBLE_INTEGRATOR, controller, mpc
 
 A = np.array([[1.0, 0.1], [0.0, 1.0]])
@@ -50,19 +50,20 @@ def test_the_judge_sees_what_is_not_optimal(tmp_path: Path) -> None:
     assert given is not None
     assert plan is not None
     assert multipliers is not None
-    assert kkt_residual(own.problem, given, plan, multipliers).largest <= 1.001e-6
+    judge = Judge(own.problem)
+    assert judge.residuals(given, plan, multipliers).largest <= 1.001e-6
     moved = replace(plan, controls=plan.controls + 1e-3)
-    told = kkt_residual(own.problem, given, moved, multipliers)
+    told = judge.residuals(given, moved, multipliers)
     assert told.dynamics > 1e-5
     assert told.stationarity > 1e-5
     beyond = replace(plan, controls=plan.controls - 5)
-    assert kkt_residual(own.problem, given, beyond, multipliers).bounds > 1
+    assert judge.residuals(given, beyond, multipliers).bounds > 1
     negative = replace(multipliers, control_max=multipliers.control_max - 1e-3)
-    assert kkt_residual(own.problem, given, plan, negative).complementarity >= 1e-3
+    assert judge.residuals(given, plan, negative).complementarity >= 1e-3
     steep = replace(multipliers, path_min=tuple(z + 1e6 for z in multipliers.path_min))
-    assert kkt_residual(own.problem, given, plan, steep).largest > 1
+    assert judge.residuals(given, plan, steep).largest > 1
     lost = replace(plan, states=np.where(plan.states > 0.9, np.nan, plan.states))
-    assert not kkt_residual(own.problem, given, lost, multipliers).largest <= 1e30
+    assert not judge.residuals(given, lost, multipliers).largest <= 1e30
 
 
 def test_no_wrong_solved_among_random_problems(tmp_path: Path) -> None:

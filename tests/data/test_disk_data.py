@@ -15,11 +15,12 @@ import pytest
 
 import msnn
 from backends.files.disk_arrays import PAUSE, ArrayFile, DiskArray, laid_out
-from msnn.data.dataset import Dataset, whole_file
+from msnn.data.dataset import Dataset
 from msnn.model.model_data import measured
 from msnn.training.records.run_record import data_hash
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
+from tests.data.whole_file import whole_file
 
 SPEC = """
 msnn: 1

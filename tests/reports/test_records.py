@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 import msnn
-from msnn.data.dataset import Dataset, FloatArray, Record, whole_file
+from msnn.data.dataset import Dataset, FloatArray, Record
 from msnn.reports.page.records import Ports, Records, records
 from msnn.simulation.simulate import Simulation, StepPlaces
+from tests.data.whole_file import whole_file
 
 SPEC = """
 msnn: 1

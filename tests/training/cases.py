@@ -8,9 +8,10 @@ import numpy as np
 
 from compiler.elaboration.compile import compile_spec
 from compiler.ir.program import Program
-from msnn.data.dataset import Dataset, FloatArray, Record, whole_file
+from msnn.data.dataset import Dataset, FloatArray, Record
 from spec_schema.reading.reader import read_spec
 from spec_schema.sections.spec import Spec
+from tests.data.whole_file import whole_file
 
 GAIN = """
 msnn: 1

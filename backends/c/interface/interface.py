@@ -33,7 +33,7 @@ from backends.c_lowering.state_memory import (
 from backends.ports.identifiers import c_identifier
 from backends.ports.step_interface import Port, step_interface
 from compiler.ir.ops import ReadLog
-from compiler.ir.program import Output, Parameter, Program, State, Tape
+from compiler.ir.program import Output, Program, State, Tape
 from compiler.ir.types import Axis
 from spec_schema.units.unit import Unit
 
@@ -169,14 +169,14 @@ def c_interface(program: Program, options: COptions) -> Interface:
         inputs=tuple(_input(port, in_inputs, in_states) for port in step.inputs),
         outputs=tuple(_output(output, program, in_outputs) for output in program.outputs),
         parameters=tuple(
-            _parameter(parameter, in_parameters)
-            for parameter in program.parameters
-            if parameter.name in used
+            in_parameters.field(p.name, p.axes, p.unit, parameter_comment(p))
+            for p in program.parameters
+            if p.name in used
         ),
         states=states,
         windows=tuple((_window(port, in_reset), port) for port in start.start_windows),
         supplied=tuple(
-            (_supplied(state, in_reset), state)
+            (in_reset.field(state.name, state.axes, state.unit, supplied_comment(state)), state)
             for state in program.states
             if state.name in supplied
         ),
@@ -204,6 +204,10 @@ class _FieldNames:
             plain = f"v_{plain}"
         return c_identifier(plain, self._taken)
 
+    def field(self, name: str, axes: tuple[Axis, ...], unit: Unit | None, comment: str) -> Field:
+        """The field of a name of the spec."""
+        return Field(name=name, identifier=self.add(name), axes=axes, unit=unit, comment=comment)
+
 
 def _newest_of_record(program: Program) -> dict[str, int]:
     """For states whose start reads the record: the newest sample that it reads, relative to t0."""
@@ -219,14 +223,7 @@ def _newest_of_record(program: Program) -> dict[str, int]:
 
 def _input(port: Port, names: _FieldNames, states: _FieldNames) -> InputField:
     signal = port.signal
-    comment = input_comment(port)
-    field = Field(
-        name=signal.name,
-        identifier=names.add(signal.name),
-        axes=port.type.axes,
-        unit=signal.unit,
-        comment=comment,
-    )
+    field = names.field(signal.name, port.type.axes, signal.unit, input_comment(port))
     held = states.add(f"{signal.name}.held") if signal.on_invalid == "hold" else None
     return InputField(field, port, held)
 
@@ -235,48 +232,14 @@ def _output(output: Output, program: Program, names: _FieldNames) -> Field:
     type = program.step[output.node].type
     limits = program.expected_range(output.name)
     comment = output_comment(output, type, limits, program.late)
-    return Field(
-        name=output.name,
-        identifier=names.add(output.name),
-        axes=type.axes,
-        unit=type.unit,
-        comment=comment,
-    )
-
-
-def _parameter(parameter: Parameter, names: _FieldNames) -> Field:
-    name, comment = parameter.name, parameter_comment(parameter)
-    return Field(
-        name=name,
-        identifier=names.add(name),
-        axes=parameter.axes,
-        unit=parameter.unit,
-        comment=comment,
-    )
+    return names.field(output.name, type.axes, type.unit, comment)
 
 
 def _window(port: Port, names: _FieldNames) -> Field:
-    signal, comment = port.signal, window_comment(port)
+    signal = port.signal
     # one sample has no axis of time: a signal of one number is then a plain field
     axes = signal.axes if port.first == port.last else port.type.axes
-    return Field(
-        name=signal.name,
-        identifier=names.add(signal.name),
-        axes=axes,
-        unit=signal.unit,
-        comment=comment,
-    )
-
-
-def _supplied(state: State, names: _FieldNames) -> Field:
-    comment = supplied_comment(state)
-    return Field(
-        name=state.name,
-        identifier=names.add(state.name),
-        axes=state.axes,
-        unit=state.unit,
-        comment=comment,
-    )
+    return names.field(signal.name, axes, signal.unit, window_comment(port))
 
 
 def _memory(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 
-from compiler.elaboration.control.control_spec import FORMULA, STAGE, TERMINAL, ControlSpec
+from compiler.elaboration.control.control_spec import STAGE, TERMINAL, ControlSpec
 from compiler.elaboration.control.dependence import signals_behind
 from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
@@ -18,8 +18,6 @@ from compiler.passes.to_step_form import to_step_form
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import control as errors
 from spec_schema.errors.states import not_closable
-
-_SAMPLE = "mpc: sample of "
 
 
 def control_program(
@@ -50,16 +48,13 @@ def control_program(
     # read a sample back, a control gets a register: the u_{k−1} of rates and blocks
     reads |= {(name, -1) for name in with_previous}
     whole = to_step_form(_with_samples(program, sorted(reads)))
-    kept = tuple(output for output in whole.outputs if not output.name.startswith(_SAMPLE))
-    return replace(whole, outputs=kept, step=_as_the_spec_calls_it(whole.step))
+    kept = tuple(output for output in whole.outputs if output.name in asked.formulas)
+    return replace(whole, outputs=kept, step=_without_names(whole.step, asked.formulas))
 
 
-def _as_the_spec_calls_it(graph: Graph) -> Graph:
+def _without_names(graph: Graph, formulas: Collection[str]) -> Graph:
     """The graph without the names of formulas, which outputs have: they would be read in code."""
-    nodes = (
-        replace(node, label=None) if (node.label or "").startswith(FORMULA) else node
-        for node in graph.nodes
-    )
+    nodes = (replace(n, label=None) if n.label in formulas else n for n in graph.nodes)
     return Graph(tuple(nodes))
 
 
@@ -70,7 +65,7 @@ def _with_samples(program: Program, reads: Iterable[tuple[str, int]]) -> Program
     for name, at in reads:
         signal = program.signal(name)
         node = builder.signal(name, at, at, Type(signal.axes, signal.unit))
-        outputs.append(Output(f"{_SAMPLE}{name} {at}", node))
+        outputs.append(Output(f"mpc: sample of {name} {at}", node))
     return replace(program, step=builder.graph(), outputs=tuple(outputs))
 
 

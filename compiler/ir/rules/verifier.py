@@ -108,9 +108,9 @@ def verify(program: Program) -> None:
     _check_log_reads(program)
 
 
-def _require(holds: bool, reason: str, node: Node | None = None) -> None:
+def _require(holds: bool, reason: str) -> None:
     if not holds:
-        raise InvalidProgram(reason, node)
+        raise InvalidProgram(reason)
 
 
 def _unique(what: str, names: Iterable[str]) -> None:

@@ -39,18 +39,15 @@ def with_sign_of(x: Real, magnitude: Real) -> Real:
     return select(x < 0.0, -magnitude, magnitude)
 
 
-def odd_function(
-    x: Real, limit_near: float, near: Callable[[], Real], far: Callable[[Real], Real]
-) -> Real:
-    """x where tiny, near() for |x| < limit_near, elsewhere far(|x|) with the sign of x; `far` gets
-    the NaN."""
+def odd_function(x: Real, near: Callable[[], Real], far: Callable[[Real], Real]) -> Real:
+    """x where tiny, near() for |x| < 1, elsewhere far(|x|) with the sign of x and the NaN."""
     size = abs(x).named("size")
 
     def not_near() -> Real:
         return with_sign_of(x, far(size))
 
     def not_tiny() -> Real:
-        return branch(size < limit_near, near, not_near, "value")
+        return branch(size < 1.0, near, not_near, "value")
 
     return branch(size < tiny(x.format), lambda: x, not_tiny, "result")
 
@@ -109,7 +106,7 @@ def _sinh(x: Real) -> tuple[Value, ...]:
     def near() -> Real:
         return odd_near_zero(x, HYPERBOLIC_SINE[x.format])
 
-    return (odd_function(x, 1.0, near, far),)
+    return (odd_function(x, near, far),)
 
 
 def _cosh(x: Real) -> tuple[Value, ...]:

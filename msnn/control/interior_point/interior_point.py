@@ -35,7 +35,7 @@ class Outcome:
 
     iterate: Iterate
     residual: float
-    """Largest of the optimality conditions, as `kkt_residual` has them; NaN where one is."""
+    """Largest of the optimality conditions, as `Judge` has them; NaN where one is."""
     violation: float
     """Of hard limits, scaled."""
     iterations: int

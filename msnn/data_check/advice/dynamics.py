@@ -33,7 +33,6 @@ def dynamics_findings(system: CheckedSystem) -> Iterator[Diagnostic]:
                 order=found.order,
                 needed=found.tested,
                 highest=highest_frequency(found, system.step),
-                why="to tell its delay and response takes",
             )
     for target in system.targets:
         yield from _target(system, target)

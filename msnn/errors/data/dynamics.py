@@ -31,12 +31,11 @@ def _at(signal: str, ahead: int) -> str:
     return f"{signal}[t+{ahead}]" if ahead else f"{signal}[t]"
 
 
-def weak_excitation(
-    *, input: str, order: int, needed: int, highest: float | None, why: str
-) -> Diagnostic:
+def weak_excitation(*, input: str, order: int, needed: int, highest: float | None) -> Diagnostic:
     """W0821: an input that excites less than the model has to learn."""
     band = "" if highest is None else f", with 99 % of its power below {highest:.3g} Hz"
-    message = f"`{input}` excites {order} numbers at most{band}; {why} {needed}"
+    takes = f"to tell its delay and response takes {needed}"
+    message = f"`{input}` excites {order} numbers at most{band}; {takes}"
     repair = (
         f"learn fewer (a shorter `window:` of what reads `{input}`, physics in `equations:`), or "
         "record steps of random length or more sines"

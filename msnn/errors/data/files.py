@@ -24,11 +24,11 @@ def unreadable_file(file: str, reason: str, repair: str | None = None) -> Diagno
     return error("E0802", None, f"cannot read {file}: {reason}", help=repair)
 
 
-def spreadsheet(file: str, span: Span | None = None) -> Diagnostic:
+def spreadsheet(file: str) -> Diagnostic:
     """E0826: a workbook of a spreadsheet program where a table of text belongs."""
     message = f"{file} is a workbook of a spreadsheet, not a table of text"
     repair = "give a workbook of Excel the name `….xlsx`, or save the sheet as CSV and name that"
-    return error("E0826", span, message, help=repair)
+    return error("E0826", None, message, help=repair)
 
 
 def empty_file(file: str, *, header: bool) -> Diagnostic:

@@ -17,11 +17,11 @@ def wrong_kernel(stage: str, what: str, instead: str, span: Span | None) -> Diag
 
 
 def kernel_not_made(
-    stage: str, reason: str, instead: str, span: Span | None, *, too_large: bool = False
+    stage: str, reason: str, span: Span | None, *, too_large: bool = False
 ) -> Diagnostic:
     """W0951: a training kernel that cannot be built though there is a compiler."""
     fault = "is too large" if too_large else "cannot be made"
-    message = f"stage `{stage}` goes on {instead}: its kernel {fault} ({reason})"
+    message = f"stage `{stage}` goes on on torch: its kernel {fault} ({reason})"
     smaller = "learn fewer numbers at a time, by `freeze`, or take an optimizer of first order"
     return warning("W0951", span, message, "no kernel", help=smaller if too_large else _REPORT)
 

@@ -57,7 +57,7 @@ def _settings(
         return {} if shape == "Triangular" else {"membership": _SHAPES[shape]}
     # one function for all: of the distance to the centre, as `membership: {function}` has it
     if isinstance(shape, str) and count > 1:
-        function = functions.of_offset(name, 0)
+        function = functions.of_offset(name)
         return None if function is None else {"membership": {"function": function}}
     return None
 

@@ -11,10 +11,9 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-import jinja2
 import numpy as np
 
-import templates
+from backends.files.text_templates import text_templates
 from msnn.data.dataset import BoolArray
 from msnn.data_check.signals.sampling import follows
 from msnn.errors.data.new_specs import few_rows, no_target
@@ -146,18 +145,13 @@ class _Facts:
 
 
 def _text(facts: _Facts) -> str:
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(templates.__path__[0]) / "project"),
-        # a name that the template has and the code has not is an error, not an empty place
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        autoescape=False,  # noqa: S701  (YAML, not HTML)
+    environment = text_templates(
+        "project",
+        strips=True,
+        quoted=quoted,
+        scalar=partial(scalar_text, in_flow=True),
+        comment=_comment,
     )
-    environment.filters["quoted"] = quoted
-    environment.filters["scalar"] = partial(scalar_text, in_flow=True)
-    environment.filters["comment"] = _comment
     return environment.get_template("from_data.yaml.j2").render(_values(facts))
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
 import templates
+from backends.files.text_templates import text_templates
 from msnn.verification.builds.boards import Board
 from msnn.verification.exported_c import ExportedC
 
@@ -63,15 +61,4 @@ def _facts(model: ExportedC) -> dict[str, Any]:
 
 
 def _text(template: str, facts: dict[str, Any]) -> str:
-    return _environment().get_template(f"{template}.j2").render(facts)
-
-
-@cache
-def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES),
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        autoescape=False,  # noqa: S701  (C; names were checked to be plain C identifiers)
-    )
+    return text_templates("verify").get_template(f"{template}.j2").render(facts)

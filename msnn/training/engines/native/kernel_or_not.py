@@ -54,13 +54,13 @@ def try_natively(
         reason = str(error)
         if plan.engine == "native":
             raise SpecError((errors.no_native_engine(plan.name, reason, plan.span),)) from error
-        note = kernels.kernel_not_made(plan.name, reason, "on torch", plan.span, too_large=True)
+        note = kernels.kernel_not_made(plan.name, reason, plan.span, too_large=True)
     except Exception as error:
         _raise_if_asked(error)
         reason = f"{type(error).__name__}: {str(error).strip()}".partition("\n")[0]
         if plan.engine == "native":
             raise SpecError((errors.no_native_engine(plan.name, reason, plan.span),)) from error
-        note = kernels.kernel_not_made(plan.name, reason, "on torch", plan.span)
+        note = kernels.kernel_not_made(plan.name, reason, plan.span)
     return Attempt(None, on_torch(plan), (note,))
 
 
