@@ -74,6 +74,7 @@ class LocalValues:
         indices = [Index()] * len(node.type.shape)
         # a scalar may have axes of length 1: an index for each
         made = value.make(indices, scope) if isinstance(value, Computed) else value.element(indices)
+        # what the recipe has named by itself needs no second name
         if isinstance(value, ArrayView) or not isinstance(made, c.Name):
             self.notes.write(node, scope)
             made = scope.constant(name, made, _c_type(node))
@@ -106,6 +107,7 @@ class LocalValues:
         """
         # by their bits: 0.0 and -0.0 compare equal and are two numbers
         if len({value.hex() for value in values}) == 1 and type.kind == "real":
+            # equal numbers are one literal wherever they stand: no array, no index
             if not (of_spec and self.names_constants):
                 return ArrayView.single(c.Real(values[0])).reshaped_single(type.shape)
             local = c.Name(scope.fresh(name))

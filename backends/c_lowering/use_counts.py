@@ -31,6 +31,7 @@ def demands(
     # from the last node on: all users of a node stand behind it
     for index in range(len(graph) - 1, -1, -1):
         sets = active.get(index)
+        # the value is compared with points on both sides of each active set: twice at the least
         if sets is not None and counts[index]:
             counts[sets.value] = counts[sets.points] = MANY
         elif counts[index]:
@@ -50,12 +51,14 @@ def _uses(node: Node, operand: Type, demand: int) -> int:
     """How often the node uses an element of the operand when its own are used `demand` times."""
     match node.op:
         case ops.Broadcast():
+            # each element of the operand stands for so many of the result
             return demand * (node.type.size // operand.size)
         case ops.Slice() | ops.Identity():
             return demand
         case ops.Reshape():
             return demand if only_units_moved(operand, node.type) else MANY
         case ops.Contract(axis):
+            # a factor is read once for each element of the result along the axes that it lacks
             return node.type.size * operand.axes[operand.position(axis)].size // operand.size
         case ops.Window():
             return MANY  # written to the buffer, and often to two places of it

@@ -21,6 +21,7 @@ def text_templates(
     its templates are: compiling them takes longer than filling them in.
     """
     environment = jinja2.Environment(
+        # found through the package: a wheel has the templates elsewhere than the repository
         loader=jinja2.FileSystemLoader(Path(templates.__path__[0]) / folder),
         # a name that the template has and the code has not is an error, not an empty place
         undefined=jinja2.StrictUndefined,

@@ -116,6 +116,7 @@ def pointers(arrays: Sequence[NDArray[Any]]) -> ctypes.Array[ctypes.c_void_p]:
 def aligned(size: int) -> NDArray[np.uint8]:
     """Bytes that begin where a vector may."""
     raw = np.zeros(size + _ALIGNMENT, np.uint8)
+    # numpy aligns to 16 bytes at most: loads of whole vectors would fault or be slow
     offset = -raw.ctypes.data % _ALIGNMENT
     # the view keeps the whole array alive
     return raw[offset : offset + size]

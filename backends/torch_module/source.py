@@ -46,6 +46,7 @@ def torch_source(program: Program, prefix: str, dtype: str) -> str:
     nexts = [state.next for state in program.states]
     step = _function(program.step, outputs + nexts, interface, names, STEP)
     start = _function(program.start, [s.start for s in program.states], interface, names, START)
+    # bounds of what is not learned hold anyway: only learned ones are written as parametrizations
     learned = [p for p in program.parameters if p.learn]
     return (
         text_templates("torch", strips=True)

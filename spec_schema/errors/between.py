@@ -59,6 +59,7 @@ def held_inputs(
     is_held, is_learned = (
         f"{_listed(names)} {'is' if len(names) == 1 else 'are'}" for names in (inputs, parameters)
     )
+    # a remark with its reason, not a fault: where inputs come from a hold circuit holding is right
     bias = "a held signal is half a sample late, and learned values make up for it, damping first"
     repair = "write `between: linear` where it samples a continuous signal, else `between: hold`"
     return remark(
@@ -74,6 +75,7 @@ def held_inputs(
 
 def _listed(names: Sequence[str]) -> str:
     """`a`, `b` and two more."""
+    # more names would push the sentence out of its line, and each has its place below
     most = 3
     shown = ", ".join(f"`{name}`" for name in names[:most])
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

@@ -8,6 +8,7 @@ KEYS_ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     "bounds": ("range",),
     "comment": ("doc",),
     "ddt": ("der",),
+    # of several the entry decides: a parameter has `init`, a constant `value`
     "default": ("init", "value"),
     "dense": ("linear",),
     "derivative": ("der",),
@@ -44,6 +45,7 @@ KEYS_ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     "path": ("source",),
     "sampling_time": ("sample_time",),
     "scheduler": ("schedule",),
+    # a key of `layers:`, where people look for what other tools call so
     "table": ("interpolation",),
     "taps": ("window",),
     "trainable": ("learn",),
@@ -56,6 +58,7 @@ KEYS_ELSEWHERE: Mapping[str, tuple[str, ...]] = {
 """The first that the section has is meant."""
 
 FORMS_ELSEWHERE: Mapping[str, tuple[str, str]] = {
+    # keys of a stage that were written into the options of its optimizer, all of which have `lr`
     "batch": ("lr", "`batch: …` beside `optimizer:`, in the stage"),
     "bounds": ("min", "`min: …` and `max: …`"),
     "clip": ("lr", "`clip: …` beside `optimizer:`, in the stage"),

@@ -11,6 +11,7 @@ def not_a_multiple(
 ) -> Diagnostic:
     """E0601: a duration between two samples."""
     message = f"{duration} is not a multiple of the sample time {sample_time}"
+    # the multiples on both sides: which of them is meant only the user knows
     repair = f"write {' or '.join(nearest)}"
     return error("E0601", span, message, "falls between two samples", help=repair)
 
@@ -24,6 +25,7 @@ def needs_sample_time(what: str, span: Span) -> Diagnostic:
 
 def empty_window(span: Span) -> Diagnostic:
     """E0603: a window that ends before it begins."""
+    # a note, as the window may be meant the other way round or shorter: there is no one repair
     notes = ("both ends are inclusive, the oldest sample comes first: `x[t-4:t]`",)
     return error("E0603", span, "the window ends before it begins", "empty window", notes=notes)
 
@@ -60,6 +62,7 @@ def bad_length(span: Span) -> Diagnostic:
 def window_too_long(samples: str, limit: int, span: Span) -> Diagnostic:
     """E0608: a window beyond any use, most likely a wrong unit."""
     message = f"the window has {samples} samples; at most {limit:,} are allowed"
+    # `20 s` at a sample time of 1 ms is the mistake that is made, a number of samples hardly ever
     repair = "check the unit of the duration, or count the samples: `window: 20`, `x.past(20)`"
     return error("E0608", span, message, "too long", help=repair)
 

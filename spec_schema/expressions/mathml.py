@@ -67,6 +67,7 @@ def name_mathml(name: str) -> str:
 
 def number_mathml(value: float) -> str:
     """A number; powers of ten are written as such."""
+    # `1e-06` is how text has it: mathematics writes 1 · 10⁻⁶
     mantissa, e, exponent = number_text(value).partition("e")
     number = f"<mn>{escape(mantissa)}</mn>"
     if not e:
@@ -106,6 +107,8 @@ def _call(call: tree.Call) -> str:
             case "abs":
                 return f"<mrow><mo>|</mo>{expression_mathml(argument)}<mo>|</mo></mrow>"
             case "der":
+                # in front of its operand: a fraction of a long formula would be taller than the
+                # line
                 slope = "<mfrac><mi>d</mi><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>"
                 return f"<mrow>{slope}{_within(argument, ATOM)}</mrow>"
             case _:
@@ -120,6 +123,7 @@ def _call(call: tree.Call) -> str:
 
 
 def _function(function: tree.Name | tree.Member) -> str:
+    # upright as a word: letters of one function in italics would read as a product
     if isinstance(function, tree.Name) and "_" not in function.name:
         return _text(function.name)
     if isinstance(function, tree.Member):

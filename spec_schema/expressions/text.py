@@ -30,12 +30,15 @@ def expression_text(expression: tree.Expression) -> str:
         case tree.Call(function=function, arguments=arguments, keywords=keywords):
             given = [expression_text(argument) for argument in arguments]
             given.extend(f"{word.name}={expression_text(word.value)}" for word in keywords)
+            # positional first: the grammar has keywords behind them, as Python's
             return f"{expression_text(function)}({', '.join(given)})"
         case tree.Negate(operand=operand):
+            # `-a**b` is −(a**b) without parentheses, `-(a + b)` needs them
             return f"-{_within(operand, _FACTOR)}"
         case tree.Binary(operator=operator, left=left, right=right):
             return _binary_text(operator, left, right)
         case tree.Compare(relation=relation, left=left, right=right):
+            # a comparison within one is no expression, so both sides are at least sums
             return f"{_within(left, _SUM)} {relation.value} {_within(right, _SUM)}"
         case tree.Window(operand=operand, first=first, last=last):
             ends = [first] if last is None else [first, last]

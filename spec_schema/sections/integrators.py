@@ -30,6 +30,7 @@ class LinearImplicit(Entry):
 
     noun: ClassVar[str] = "the linear_implicit integrator"
 
+    # an equation, not a state: its slope is all that the linear system has to hold
     of: Reference | None = None
     """Equation whose slope alone is implicit, such as a friction; without it all of them are."""
     substeps: Substeps = 1

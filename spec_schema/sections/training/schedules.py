@@ -6,6 +6,7 @@ from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.plain import PositiveCount, number
 
 _Share = Annotated[float, number(least=0.0, most=1.0)]
+# a rate of 0 would end training without a word, a factor above 1 would make it diverge
 _Factor = Annotated[float, number(above=0.0, most=1.0)]
 
 
