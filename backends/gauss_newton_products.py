@@ -16,7 +16,7 @@ _ROUNDED = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class StartBlocks:
-    """What the starts of runs have in the products of one loss: no run knows another's start."""
+    """The blocks of the starts in the products of one loss: no run knows another's start."""
 
     cross: FloatArray
     """JᵀK of each run, K the slopes in its start: (runs, learned, numbers of a start)."""

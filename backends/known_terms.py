@@ -36,7 +36,7 @@ LEAST_STD = 1e-100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownTerms:
-    """What is known of the numbers of some parameters, one after the other."""
+    """The priors and penalties of the numbers of some parameters, one after the other."""
 
     parameters: tuple[Parameter, ...]
     mean: FloatArray
@@ -196,7 +196,7 @@ def of_raw(
 
 
 def in_corners(terms: KnownTerms, values: FloatArray) -> NDArray[np.bool_]:
-    """Which numbers a penalty holds at exactly 0."""
+    """Marks the numbers that a penalty holds at exactly 0."""
     held = terms.magnitude > 0
     for numbers in terms.slices:
         held[numbers] = True

@@ -26,7 +26,7 @@ _STRAIGHT = 40.0
 
 
 class Mapping(IntEnum):
-    """Which of the four formulas a parameter has; the numbers are those of the training kernels."""
+    """The formula of a parameter, one of four; the numbers are those of the training kernels."""
 
     LINEAR = 0
     BETWEEN = 1

@@ -15,7 +15,7 @@ _BLOCKS = ("CHARACTERISTIC", "MEASUREMENT", "AXIS_PTS", "MEMORY_SEGMENT")
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """Where an object lies: the name of the variable with its member, and the address."""
+    """The place of an object: the name of the variable with its member, and the address."""
 
     name: str
     address: int
@@ -55,7 +55,7 @@ def filled(text: str, find: Find, *, big_endian: bool = False) -> str:
 
 
 def linked(text: str) -> list[str]:
-    """What every object of the file is linked to."""
+    """The symbols that the objects of the file are linked to."""
     tokens = [token.text for token in _tokens(text)]
     pairs = pairwise(tokens)
     return [after[1:-1] for before, after in pairs if before == "SYMBOL_LINK"]

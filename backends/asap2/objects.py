@@ -25,7 +25,7 @@ class Scale:
 
 @dataclass(frozen=True, slots=True)
 class Knots:
-    """Where the numbers along one axis of a curve or a map stand: they are part of the code."""
+    """The numbers along one axis of a curve or a map, which are part of the code."""
 
     values: tuple[float, ...]
     unit: str

@@ -36,7 +36,7 @@ def operands(block: Block) -> Iterator[Operand]:
 
 
 def branch_values(block: Block) -> Iterator[Operand]:
-    """What the arms of branches give: assigned as a whole, not part of an expression."""
+    """The values that arms of branches give: assigned as a whole, not part of an expression."""
     for statement in block.statements:
         if isinstance(statement, Branch):
             for arm in (statement.then, statement.otherwise):
@@ -45,7 +45,7 @@ def branch_values(block: Block) -> Iterator[Operand]:
 
 
 def plain_operands(block: Block) -> Iterator[Operand]:
-    """What is cast or chosen: a plain or negated variable, never an expression."""
+    """The operands that are cast or chosen: plain or negated variables, never expressions."""
     for statement in block.statements:
         match statement:
             case Assign(_, Convert(operand)):

@@ -21,7 +21,7 @@ _EXACT = {"sqrt": "sqrt", "abs": "fabs"}
 
 @dataclass(frozen=True, slots=True)
 class FunctionNames:
-    """How this program spells the functions it calls."""
+    """The names of functions as this program spells them."""
 
     prefix: str
     dtype: Dtype

@@ -10,7 +10,7 @@ from backends.files.text_templates import text_templates
 
 
 class Generated(Protocol):
-    """What every file of an export says: of which model it is, how its names begin."""
+    """The facts that every file of an export shows: its model, how its names begin."""
 
     @property
     def model(self) -> str:
@@ -28,7 +28,7 @@ class Generated(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class GeneratedNames:
-    """What files are named after whose functions take no parameters."""
+    """The names of an export whose functions take no parameters."""
 
     model: str
     prefix: str

@@ -18,7 +18,7 @@ from compiler.passes.analyses.compact_sets import (
 
 @dataclass(frozen=True, slots=True)
 class ActiveSets:
-    """What a function that evaluates active sets only treats in its own way."""
+    """The values that a function treats in its own way which evaluates active sets only."""
 
     sets: dict[NodeId, CompactSets] = field(default_factory=dict[NodeId, CompactSets])
     """Degrees of membership of which only those of active sets are computed."""

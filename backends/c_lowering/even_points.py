@@ -23,7 +23,7 @@ class EvenPoints:
 
 
 def even_points(points: Sequence[float], dtype: Dtype) -> EvenPoints | None:
-    """How to find the interval in the arithmetic of `dtype`; None where that is not reliable.
+    """The rule that finds the interval in the arithmetic of `dtype`; None where none is reliable.
 
     Subtraction, multiplication and truncation are monotonic, so that the lowest and the highest
     number of each interval speak for all.

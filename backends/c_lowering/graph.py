@@ -50,10 +50,10 @@ _DEEPEST = 40
 
 
 class LeafSource(Protocol):
-    """Where a graph finds what is not computed in it."""
+    """Finds for a graph what is not computed in it."""
 
     def read(self, op: ops.AnyRead, type: Type) -> ArrayView:
-        """Where the samples, the parameter or the state stand."""
+        """The samples, the parameter or the state as a view of memory."""
         ...
 
     def push(self, op: ops.Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:

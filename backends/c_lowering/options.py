@@ -15,7 +15,7 @@ Extra = Literal["jacobian", "state_jacobian", "parameter_jacobian", "feedthrough
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class COptions:
-    """What `write_c` is asked for; the defaults suit a core with a single-precision FPU."""
+    """The choices that `write_c` leaves; the defaults suit a core with a single-precision FPU."""
 
     dtype: Dtype = "float32"
     params: ParameterAccess = "const"

@@ -22,7 +22,7 @@ Positions = NDArray[np.int64]
 
 
 def positions(type: Type) -> Positions:
-    """Where each element of an array stands in its column; the array has the type's shape."""
+    """The place of each element of an array in its column; the array has the type's shape."""
     return np.arange(type.size, dtype=np.int64).reshape(type.shape)
 
 

@@ -34,7 +34,7 @@ from compiler.optimal_control.problem import ControlProblem, PathLimits
 
 
 class RowKind(Enum):
-    """What a constraint says."""
+    """The kind of a constraint."""
 
     GAP = "the next state is that of the plant"
     START = "the first state is the measured one"

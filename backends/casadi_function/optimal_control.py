@@ -36,7 +36,7 @@ _OPTIONS: dict[NlpSolver, dict[str, Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class NlpSolution:
-    """What CasADi's solver found."""
+    """The plan that CasADi's solver found."""
 
     succeeded: bool
     cost: float

@@ -96,7 +96,7 @@ def naming(path: Path, temporary: Path | None = None) -> Generator[None]:
 
 
 def part_of(path: Path) -> Path:
-    """Where this process writes what becomes `path`."""
+    """The temporary path at which this process writes what becomes `path`."""
     return path.with_name(f".{path.name}.{os.getpid()}.part")
 
 

@@ -47,7 +47,7 @@ def find_compiler() -> tuple[str, ...]:
 
 
 def installed_as(compiler: tuple[str, ...]) -> tuple[int, ...]:
-    """What changes when another compiler is installed under the name of this one."""
+    """Numbers that change when another compiler is installed under the name of this one."""
     found = shutil.which(compiler[0])
     if found is None:
         return ()

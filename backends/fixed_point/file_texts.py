@@ -69,7 +69,7 @@ def file_texts(
 def step_texts(
     program: IntegerProgram, prefix: str, errors: Sequence[OutputError] = ()
 ) -> dict[str, str]:
-    """What a program needs that calls the code: headers, sources, their description, the FFI."""
+    """The files that a program needs which calls the code: headers, sources, description, FFI."""
     names = fixed_names(program, prefix)
     prefix = names.prefix
     # the functions come first: the helpers that `definitions` prints are those that they called

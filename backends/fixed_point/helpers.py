@@ -30,7 +30,7 @@ class FixedHelpers:
         return self._call(name, lambda: self._interpolated(bits), (table, distance))
 
     def definitions(self) -> tuple[c.Function, ...]:
-        """What was called, each after what it calls."""
+        """The helpers that were called, each after those that it calls."""
         # a dict keeps the order of first calls: a helper that another calls was called before it
         return tuple(make() for make in self._used.values())
 

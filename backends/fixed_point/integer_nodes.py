@@ -38,7 +38,7 @@ _BLOCK = 4
 
 @dataclass(frozen=True, slots=True)
 class IntegerLeafSource:
-    """Where a graph finds its leaves."""
+    """Finds the leaves of a graph of integers."""
 
     word: Callable[[str, Index], c.Expression]
     """An element of a port."""

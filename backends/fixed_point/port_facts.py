@@ -12,7 +12,7 @@ from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 
 
 def port_facts(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
-    """What the templates say of every input, output and sample around the start."""
+    """The facts that templates show of every input, output and sample around the start."""
     listed = [
         *(("input", e.port, names.inputs[e.port.name]) for e in program.inputs),
         *(("output", port, names.outputs[port.name]) for port, _ in program.outputs),

@@ -24,7 +24,7 @@ WIDTHS = {"q15": Q15, "q31": Q31}
 
 @dataclass(frozen=True, slots=True)
 class FixedExport:
-    """What was written, and how far it is from float64."""
+    """The files that were written, and how far they are from float64."""
 
     files: tuple[Path, ...]
     errors: tuple[OutputError, ...]

@@ -23,7 +23,7 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """What binaries for a kind of machine are called."""
+    """The names of binaries for a kind of machine."""
 
     fmi2: str | None
     """None where FMI 2.0 has no name for it."""
@@ -33,7 +33,7 @@ class Platform:
     """As zig calls it, with the oldest C library or system that it is to run with."""
 
     def path(self, version: Version, prefix: str) -> str | None:
-        """Where the binary stands in the archive; None where it cannot."""
+        """The path of the binary in the archive; None where it can have none."""
         folder = self.fmi2 if version == 2 else self.fmi3
         return None if folder is None else f"binaries/{folder}/{prefix}.{self.suffix}"
 

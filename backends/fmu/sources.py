@@ -33,7 +33,7 @@ def model_sources(program: Program, interface: Interface, weights: Weights) -> d
 def unit_sources(
     program: Program, interface: Interface, variables: UnitVariables, version: Version, token: str
 ) -> dict[str, str]:
-    """What a version of FMI adds."""
+    """The sources that a version of FMI adds."""
     prefix = interface.prefix
     facts = _facts(program, interface, variables, token)
     titles = {
@@ -53,7 +53,7 @@ def has_slopes(interface: Interface) -> bool:
 
 
 def bits_of_steps(interface: Interface) -> list[StatusBit]:
-    """What a step and the start can report; of slopes an importer is told when it asks for them."""
+    """The bits of a step and the start; of slopes an importer is told when it asks for them."""
     return [bit for bit in step_bits(interface) if bit is not StatusBit.SLOPE_NOT_FINITE]
 
 

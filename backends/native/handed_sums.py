@@ -17,12 +17,12 @@ class Ranks(Protocol):
 
     @property
     def rank(self) -> int:
-        """Which one this is, from 0."""
+        """The number of this one, from 0."""
         ...
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """The number of all."""
         ...
 
     def receive(self, sums: Sums) -> None:

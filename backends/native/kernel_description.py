@@ -29,7 +29,7 @@ _SECONDS = 30.0
 
 @dataclass(frozen=True, slots=True)
 class KernelDescription:
-    """What kernels of this machine are made by and for."""
+    """The compiler and the processor that kernels of this machine are made by and for."""
 
     compiler: str
     command: str

@@ -55,7 +55,7 @@ class Rule:
 
 
 class KnownMemory:
-    """What is known of all numbers as a kernel reads it."""
+    """The priors and penalties of all numbers as a kernel reads them."""
 
     def __init__(self, known: KnownTerms) -> None:
         ends = np.cumsum([0, *(len(one) for one in known.slices)]).astype(np.int64)
@@ -67,7 +67,7 @@ class KnownMemory:
 
 
 class CurvatureMemory:
-    """What L-BFGS has learned of the curvature, as a kernel reads and writes it."""
+    """The curvature that L-BFGS has learned, as a kernel reads and writes it."""
 
     def __init__(self, rule: Rule, numbers: int) -> None:
         self.arrays = {

@@ -103,7 +103,7 @@ def build_initial_state(
 
 
 def onnx_names(program: Program) -> PortNames:
-    """What the values at the ports of the three models are called."""
+    """The names of the values at the ports of the three models."""
     return port_names(step_interface(program), (STEPS,))
 
 

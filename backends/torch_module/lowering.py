@@ -56,7 +56,7 @@ class LoweredGraph:
 
 
 def static_nodes(graph: Graph) -> list[bool]:
-    """Which nodes depend on parameters and constants only; their tensors have no batch axis."""
+    """Marks nodes of parameters and constants only, whose tensors have no batch axis."""
     static: list[bool] = []
     for _, node in graph:
         match node.op:

@@ -142,7 +142,7 @@ class TorchModel(nn.Module):
             }
 
     def frame(self) -> Frame:
-        """What all steps of one batch share; make a new one after each change of parameters."""
+        """The values that all steps of a batch share; make a new frame once parameters change."""
         return self.frame_of(self.physical())
 
     def frame_of(self, physical: dict[str, Tensor]) -> Frame:

@@ -59,7 +59,7 @@ class Diagnostic:
 
 
 class Facts(TypedDict, total=False):
-    """What a message may say beside its sentence, as `Diagnostic` has it."""
+    """The parts of a message beside its sentence, as `Diagnostic` has them."""
 
     secondary: Secondary
     notes: tuple[str, ...]
@@ -150,11 +150,11 @@ class Findings:
         self._diagnostics.update(dict.fromkeys(diagnostics))
 
     def mark(self) -> int:
-        """How many there are now; `forget` goes back to it."""
+        """The number of diagnostics so far; `forget` goes back to it."""
         return len(self._diagnostics)
 
     def since(self, mark: int) -> tuple[Diagnostic, ...]:
-        """What came after a mark."""
+        """The diagnostics that came after a mark."""
         return tuple(self._diagnostics)[mark:]
 
     def forget(self, mark: int) -> None:

@@ -26,7 +26,7 @@ class _Mark:
 
 
 class Told(Protocol):
-    """What is shown of a diagnostic, all of it as it may be printed."""
+    """The parts of a diagnostic that are shown, all of them as they may be printed."""
 
     @property
     def code(self) -> str: ...

@@ -46,7 +46,7 @@ class SourceText:
 
     @property
     def line_count(self) -> int:
-        """How many lines the text has; an empty text has one."""
+        """The number of lines of the text; an empty text has one."""
         return len(self._starts)
 
     def span(self, start: int, end: int) -> Span:

@@ -31,5 +31,5 @@ def binding(expression: Expression) -> int:
 
 
 def binding_of_operands(operator: Operator) -> int:
-    """What the left operand of a sum or product needs; the right one needs more."""
+    """The least binding of the left operand of a sum or product; the right one needs more."""
     return SUM if operator in (Operator.ADD, Operator.SUBTRACT) else PRODUCT

@@ -39,7 +39,7 @@ class PythonPositions:
         return self._positions.span(start, start + len(operator))
 
     def syntax_fault(self, error: SyntaxError) -> Diagnostic:
-        """What Python's parser complains of; its own words differ from version to version."""
+        """The diagnostic of what Python's parser refuses: its own words differ between versions."""
         line, column = error.lineno or 1, (error.offset or 1) - 1
         if line >= len(self._lines):
             # It stumbled over the added parenthesis.

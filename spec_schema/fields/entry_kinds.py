@@ -30,5 +30,5 @@ def kinds_of(annotation: Any) -> list[type[Entry]]:
 
 
 def about(kind: type[Entry]) -> str:
-    """What a kind of mapping is, in a sentence or two."""
+    """Describes a kind of mapping in a sentence or two."""
     return " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split())

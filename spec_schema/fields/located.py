@@ -26,7 +26,7 @@ class Choice(Located[Value]):
 
 @dataclass(frozen=True)
 class KeyAndValueSpan:
-    """Where an entry stands: its key (or name) and its whole value."""
+    """The places of an entry: its key (or name) and its whole value."""
 
     key: Span
     value: Span

@@ -31,7 +31,7 @@ class Inertia:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Body:
-    """What moves with one joint: a link with all that is fixed to it.
+    """A body that moves with one joint: a link with all that is fixed to it.
 
     `rotation` and `offset` lead from its frame, where the joint is at 0, to that of its parent. The
     joint turns about z of that frame, or slides along it. `axes` lead from it to the link's frame

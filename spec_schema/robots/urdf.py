@@ -58,7 +58,7 @@ class Mimic:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Joint:
-    """What joins a link to its parent: x of the child is R x + r of the parent where it is at 0.
+    """Joins a link to its parent: x of the child is R x + r of the parent where it is at 0.
 
     It turns about a unit vector along the child's axes, or slides along it.
     """
@@ -88,7 +88,7 @@ class Urdf:
 
 
 def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
-    """What a file describes; None once it is reported what keeps it from being read."""
+    """Reads what a file describes; None once it is reported what keeps it from being read."""
     root = read_xml(source, findings)
     if root is None:
         return None

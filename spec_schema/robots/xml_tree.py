@@ -31,7 +31,7 @@ class XmlElement:
 
     @property
     def text(self) -> str:
-        """What stands in it besides elements."""
+        """The text in it besides elements."""
         return "".join(self.texts)
 
     def all(self, tag: str) -> Iterator[XmlElement]:

@@ -10,7 +10,7 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True)
 class Positions:
-    """Where each character of a scalar's value stands in its file.
+    """The place of each character of a scalar's value in its file.
 
     `offsets` has one file offset for each character and one more for the end.
     """
@@ -89,7 +89,7 @@ def with_key(node: Node, key: Span) -> Node:
 
 
 def kind(node: Node) -> str:
-    """What a user calls such a node."""
+    """The words of a user for such a node."""
     match node:
         case Listing():
             return "a list"

@@ -47,7 +47,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
 
 
 def model_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """What a program needs that calls the code: header, sources, their description, the FFI."""
+    """The files that a program needs which calls the code: header, sources, description, FFI."""
     return _model_texts(program, interface, weights)[0]
 
 

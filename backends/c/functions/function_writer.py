@@ -41,7 +41,7 @@ Weights = Mapping[str, NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class ControllerCode:
-    """What the functions of one controller share."""
+    """The interface, weights and functions that all functions of one controller share."""
 
     interface: Interface
     weights: Weights
@@ -101,7 +101,7 @@ class FunctionWriter:
         return memory.window
 
     def before_push(self, memory: Buffer, newest: ArrayView) -> None:
-        """What happens before a buffer takes its newest sample; nothing, if not overridden."""
+        """Writes what comes before a buffer takes its newest sample; nothing, if not overridden."""
 
     def instance(self) -> tuple[Name, ...]:
         """The arguments of a function of this instance alone."""

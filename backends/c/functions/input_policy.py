@@ -26,7 +26,7 @@ _FUNCTIONS: dict[InvalidPolicy, str] = {"flag": "flagged", "clamp": "clamped", "
 
 
 def limits(signal: Signal, dtype: Dtype) -> tuple[float, float]:
-    """What is valid: the finite numbers within the range of the spec."""
+    """The ends of what is valid: the finite numbers within the range of the spec."""
     return _finite(signal.range, dtype)
 
 
@@ -41,7 +41,7 @@ def _finite(limits: tuple[float, float] | None, dtype: Dtype) -> tuple[float, fl
 
 
 def stand_in(signal: Signal, dtype: Dtype) -> float:
-    """What replaces NaN, or a last valid value before there is one: the valid one nearest to 0."""
+    """The valid number nearest to 0: for NaN, and for the last valid one before there is one."""
     return nearest_to_zero(signal.range, dtype)
 
 

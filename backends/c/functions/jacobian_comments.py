@@ -14,7 +14,7 @@ _MOST_ROWS, _MOST_COLUMNS = 32, 64
 
 
 def pattern_comments(matrix: Matrix) -> Iterator[str]:
-    """What kind each entry is of, one line a row; equal rows in a row share one."""
+    """The kind of each entry as a mark, a line for each row; equal rows in a row share one."""
     rows, columns = matrix.shape
     if rows > _MOST_ROWS or columns > _MOST_COLUMNS:
         return

@@ -53,12 +53,12 @@ class CStep:
 
     @property
     def start_shapes(self) -> dict[str, tuple[int, ...]]:
-        """What `reset` takes, by name."""
+        """Shapes of what `reset` takes, by name."""
         return self._structs["init"].shapes
 
     @property
     def input_shapes(self) -> dict[str, tuple[int, ...]]:
-        """What `step` takes, by name."""
+        """Shapes of what `step` takes, by name."""
         return self._structs["in"].shapes
 
     def init(self) -> None:

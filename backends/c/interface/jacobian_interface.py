@@ -39,7 +39,7 @@ class MatrixField:
 
     @property
     def extent(self) -> str:
-        """How many entries it has, as C."""
+        """The number of its entries, as C."""
         return f"{self.rows} * {self.columns}"
 
     @property
@@ -84,7 +84,7 @@ class VectorNames:
         return any(place.name == name for place in self.places)
 
     def place(self, base: str, name: str, shape: tuple[int, ...]) -> ArrayView:
-        """Where the numbers of a quantity stand in an array."""
+        """The numbers of a quantity as a view of an array."""
         macro = next(place.macro for place in self.places if place.name == name)
         return ArrayView(Name(base), shape, c_strides(shape), variable(macro))
 

@@ -33,7 +33,7 @@ class StateCheck:
 
     @property
     def place(self) -> ArrayView:
-        """What a step looks at: of a buffer the sample that joined it last."""
+        """The numbers that a step looks at: of a buffer the sample that joined it last."""
         memory = self.memory
         return memory.samples if isinstance(memory, PlainState) else memory.last_sample
 

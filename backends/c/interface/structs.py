@@ -64,12 +64,12 @@ def structs(interface: Interface) -> tuple[Struct, ...]:
 
 
 def outputs_text(late: int) -> str:
-    """What the struct of outputs holds, of a step that is so many samples late."""
+    """The comment of the struct of outputs, of a step that is so many samples late."""
     return f"Outputs of a step: those of sample t-{late}." if late else "Outputs of a step."
 
 
 def step_text(late: int) -> str:
-    """What a step does that is so many samples late."""
+    """The comment of a step that is so many samples late."""
     if not late:
         return "Computes the outputs of sample t, then the states of sample t+1."
     following = f"t-{late - 1}" if late > 1 else "t"

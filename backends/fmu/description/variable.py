@@ -121,7 +121,7 @@ def member_variable(
 
 
 def residual_variable(name: str, scale: str) -> Variable:
-    """How far from optimal a solve ended."""
+    """The variable that tells how far from optimal a solve ended."""
     return Variable(
         name=name,
         kind=VariableKind.OUTPUT,

@@ -44,7 +44,7 @@ class LateGradient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Phases:
-    """Which nodes are done when; ids are those of the training step's graphs."""
+    """The nodes of each phase of a kernel; ids are those of the training step's graphs."""
 
     ahead: tuple[NodeId, ...]
     """Contractions of the forward graph over logged samples."""
@@ -181,7 +181,7 @@ def _ahead(step: TrainingStep, room: _Room) -> tuple[NodeId, ...]:
 
 
 def view_leaf(graph: Graph, node: NodeId) -> NodeId | None:
-    """What a node shows under other indices, if that is a parameter, samples or a state."""
+    """The leaf that a node shows under other indices: a parameter, samples, a state; else None."""
     op = graph[node].op
     match op:
         case ops.ReadTraining(value):

@@ -29,7 +29,7 @@ class KeptKernel:
 
 @dataclass(frozen=True, slots=True)
 class CacheLimits:
-    """What may stay; None for no limit. `Limits(days=0)` keeps nothing."""
+    """The age and size of what may stay; None for no limit. `days=0` keeps nothing."""
 
     days: float | None = None
     """Since a kernel was used, by the day."""

@@ -37,13 +37,13 @@ class KernelFolder:
 
 
 def cache_folder() -> Path:
-    """Where kernels are wanted: MSNN_CACHE, else the user's cache folder."""
+    """The folder in which kernels are wanted: MSNN_CACHE, else the user's cache folder."""
     given = os.environ.get("MSNN_CACHE")
     return Path(given) if given else _folder_of_the_user()
 
 
 def kernel_folder() -> KernelFolder:
-    """Where kernels that are built now are kept."""
+    """The folder that keeps the kernels which are built now."""
     first: Refusal | None = None
     for folder in candidates():
         refused = _refusal(folder)

@@ -133,7 +133,7 @@ class LaneWriter:
         return replace(place, offset=place.offset.plus(self.time.times(elements)))
 
     def state_place(self, state: State) -> ArrayView:
-        """Where a state stands."""
+        """The view of a state."""
         return self._state(state.name, Type(state.axes))
 
     @staticmethod

@@ -103,7 +103,7 @@ class LaneMemory:
         }
 
     def newest_row(self, state: State) -> ArrayView:
-        """Where the newest sample of a buffer goes at t."""
+        """The row that takes the newest sample of a buffer at t."""
         tape = self.buffers[state.name]
         return tape.place(_shape(state.axes[:-1]), tape.last, None)
 
@@ -150,7 +150,7 @@ class LaneMemory:
 
     @cached_property
     def parameters(self) -> dict[str, int]:
-        """Where each parameter begins among all numbers that are learned or held."""
+        """The first number of each parameter among all that are learned or held."""
         offsets: dict[str, int] = {}
         total = 0
         for parameter in self.program.parameters:

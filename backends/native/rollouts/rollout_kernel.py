@@ -25,7 +25,7 @@ _LANE_ROWS = np.dtype([("steps", np.int64, (WIDTH,)), ("row", np.int64, (WIDTH,)
 
 @dataclass(frozen=True, slots=True)
 class Rolled:
-    """What rollouts did: outputs (Σ steps, numbers a step), rollout after rollout; sums, counts."""
+    """Results of rollouts: outputs (Σ steps, numbers a step), one after the other; sums, counts."""
 
     outputs: FloatArray
     sums: FloatArray
