@@ -5,29 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import assert_never
 
-from compiler.kernels.trace.statements import (
-    Assign,
-    Block,
-    Branch,
-    Call,
-    Convert,
-    Operand,
-    Select,
-    operation_operands,
-)
+from compiler.kernels.trace import statements as traced
 
 
-def operands(block: Block) -> Iterator[Operand]:
+def operands(block: traced.Block) -> Iterator[traced.Operand]:
     """Every use of an operand in a block and in those within it."""
     # results are uses too: without them the last statement would look unused
     yield from block.values
     for statement in block.statements:
         match statement:
-            case Assign(_, operation):
-                yield from operation_operands(operation)
-            case Call(_, _, arguments):
+            case traced.Assign(_, operation):
+                yield from traced.operation_operands(operation)
+            case traced.Call(_, _, arguments):
                 yield from arguments
-            case Branch(_, condition, then, otherwise):
+            case traced.Branch(_, condition, then, otherwise):
                 yield condition
                 yield from operands(then)
                 yield from operands(otherwise)
@@ -35,25 +26,25 @@ def operands(block: Block) -> Iterator[Operand]:
                 assert_never(statement)
 
 
-def branch_values(block: Block) -> Iterator[Operand]:
+def branch_values(block: traced.Block) -> Iterator[traced.Operand]:
     """The values that arms of branches give: assigned as a whole, not part of an expression."""
     for statement in block.statements:
-        if isinstance(statement, Branch):
+        if isinstance(statement, traced.Branch):
             for arm in (statement.then, statement.otherwise):
                 yield from arm.values
                 yield from branch_values(arm)
 
 
-def plain_operands(block: Block) -> Iterator[Operand]:
+def plain_operands(block: traced.Block) -> Iterator[traced.Operand]:
     """The operands that are cast or chosen: plain or negated variables, never expressions."""
     for statement in block.statements:
         match statement:
-            case Assign(_, Convert(operand)):
+            case traced.Assign(_, traced.Convert(operand)):
                 yield operand
-            case Assign(_, Select(_, then, otherwise)):
+            case traced.Assign(_, traced.Select(_, then, otherwise)):
                 yield then
                 yield otherwise
-            case Branch(_, _, then, otherwise):
+            case traced.Branch(_, _, then, otherwise):
                 yield from plain_operands(then)
                 yield from plain_operands(otherwise)
             case _:

@@ -14,20 +14,7 @@ from backends.c_lowering.sums import in_blocks
 from backends.fixed_point.helpers import FixedHelpers
 from backends.fixed_point.matrix_products import matrix_products
 from backends.fixed_point.neighbours import neighbours
-from compiler.fixed_point.integers.program import (
-    Choose,
-    IntegerLookup,
-    IntegerNode,
-    Larger,
-    Literal,
-    Product,
-    ReadMemory,
-    ReadWord,
-    RoundShift,
-    Smaller,
-    WeightedSum,
-    Width,
-)
+from compiler.fixed_point.integers import program as integer
 
 _SHORT = 3
 """Terms of a sum that is written as one expression."""
@@ -55,8 +42,8 @@ class IntegerNodes:
 
     def __init__(
         self,
-        nodes: Sequence[IntegerNode],
-        width: Width,
+        nodes: Sequence[integer.IntegerNode],
+        width: integer.Width,
         surroundings: IntegerLeafSource,
         helpers: FixedHelpers,
         scope: BlockScope,
@@ -85,7 +72,7 @@ class IntegerNodes:
                 self._scope.note(f"spec: {span_text(node.span)}")
             if index in self._products:
                 self._write_product(self._products[index])
-            elif isinstance(node.op, WeightedSum) and len(node.args) > _SHORT:
+            elif isinstance(node.op, integer.WeightedSum) and len(node.args) > _SHORT:
                 self._write_sum(c.Name(f"n{index}"), node.op, node.args)
             else:
                 # a constant a node, as in the integer program: each keeps the bounds that were
@@ -94,7 +81,7 @@ class IntegerNodes:
                 # by the number of the node: a word of the spec may be many nodes of other scales
                 self._scope.add(c.Declare(c.CType.SUM, f"n{index}", value, constant=True))
 
-    def node(self, index: int) -> IntegerNode:
+    def node(self, index: int) -> integer.IntegerNode:
         """A node of the graph."""
         return self._nodes[index]
 
@@ -110,17 +97,19 @@ class IntegerNodes:
         """A node that fits a word, as one."""
         op = self._nodes[index].op
         match op:
-            case ReadWord() | ReadMemory() if self.is_inline(index) and not self._is_wide(op):
+            case integer.ReadWord() | integer.ReadMemory() if self.is_inline(
+                index
+            ) and not self._is_wide(op):
                 return self.element(op, Index(op.index))
             case _:
                 return c.Convert(c.CType.WORD, self.value(index))
 
-    def element(self, op: ReadWord | ReadMemory, at: Index) -> c.Expression:
+    def element(self, op: integer.ReadWord | integer.ReadMemory, at: Index) -> c.Expression:
         """The element at another place of what a read reads."""
         match op:
-            case ReadWord(port):
+            case integer.ReadWord(port):
                 return self._surroundings.word(port, at)
-            case ReadMemory(memory):
+            case integer.ReadMemory(memory):
                 return self._surroundings.memory(memory, at)
             case _:
                 assert_never(op)
@@ -129,50 +118,50 @@ class IntegerNodes:
         """Whether a node is written where it is used."""
         op = self._nodes[index].op
         # once its memory has moved a read would find the next state: those are kept in a constant
-        if isinstance(op, ReadMemory):
+        if isinstance(op, integer.ReadMemory):
             return index not in self._surroundings.loaded
-        return isinstance(op, Literal | ReadWord)
+        return isinstance(op, integer.Literal | integer.ReadWord)
 
-    def _is_wide(self, op: ReadWord | ReadMemory) -> bool:
-        return isinstance(op, ReadMemory) and op.memory in self._surroundings.wide
+    def _is_wide(self, op: integer.ReadWord | integer.ReadMemory) -> bool:
+        return isinstance(op, integer.ReadMemory) and op.memory in self._surroundings.wide
 
-    def _leaf(self, node: IntegerNode) -> c.Expression:
+    def _leaf(self, node: integer.IntegerNode) -> c.Expression:
         match node.op:
-            case Literal(value):
+            case integer.Literal(value):
                 return c.Integer(value)
-            case ReadWord() | ReadMemory():
+            case integer.ReadWord() | integer.ReadMemory():
                 return self._read(node.op, Index(node.op.index))
             case _:
                 raise AssertionError("only leaves are written where they are used")
 
-    def _read(self, op: ReadWord | ReadMemory, at: Index) -> c.Expression:
+    def _read(self, op: integer.ReadWord | integer.ReadMemory, at: Index) -> c.Expression:
         element = self.element(op, at)
         return element if self._is_wide(op) else c.Convert(c.CType.SUM, element)
 
-    def _expression(self, node: IntegerNode) -> c.Expression:
+    def _expression(self, node: integer.IntegerNode) -> c.Expression:
         args = [self.value(arg) for arg in node.args]
         match node.op:
-            case WeightedSum(constant, coefficients):
+            case integer.WeightedSum(constant, coefficients):
                 return _sum(constant, coefficients, args)
-            case Product():
+            case integer.Product():
                 return c.Binary("*", args[0], args[1])
-            case RoundShift(bits):
+            case integer.RoundShift(bits):
                 return self._helpers.rounded(args[0], bits)
-            case Smaller():
+            case integer.Smaller():
                 # both arms have been computed: neither has an effect or can overflow, as their
                 # bounds are proved
                 return c.Conditional(c.Binary("<", args[0], args[1]), args[0], args[1])
-            case Larger():
+            case integer.Larger():
                 return c.Conditional(c.Binary(">", args[0], args[1]), args[0], args[1])
-            case Choose(relation):
+            case integer.Choose(relation):
                 left, right, then, otherwise = args
                 if isinstance(then, c.Integer) and isinstance(otherwise, c.Integer):
                     then = c.Convert(c.CType.SUM, then)  # not the small type of two small literals
                 return c.Conditional(c.Binary(relation.value, left, right), then, otherwise)
-            case IntegerLookup(first, bits, values):
+            case integer.IntegerLookup(first, bits, values):
                 distance = c.Binary("-", args[0], c.Integer(first)) if first else args[0]
                 return self._helpers.interpolated(self._table(values), distance, bits)
-            case Literal() | ReadWord() | ReadMemory():
+            case integer.Literal() | integer.ReadWord() | integer.ReadMemory():
                 return self._leaf(node)
             case _:
                 assert_never(node.op)
@@ -186,7 +175,7 @@ class IntegerNodes:
         scope.add(c.Declare(c.CType.WORD, operands.text, size=len(args)))
         for place, arg in enumerate(args):
             scope.assign(c.Element(operands, c.Unsigned(place)), self.as_word(arg))
-        ops = [op for row in rows if isinstance(op := self._nodes[row].op, WeightedSum)]
+        ops = [op for row in rows if isinstance(op := self._nodes[row].op, integer.WeightedSum)]
         weights = self._table(tuple(weight for op in ops for weight in op.coefficients))
         constants = tuple(op.constant for op in ops)
         # a table of equal numbers would only take flash
@@ -205,19 +194,19 @@ class IntegerNodes:
                 innermost.assign(total, c.Binary("+", total, c.Binary("*", weight, value)))
             inner.assign(c.Element(sums, row.expression()), total)
 
-    def _write_sum(self, name: c.Name, op: WeightedSum, args: Sequence[int]) -> None:
+    def _write_sum(self, name: c.Name, op: integer.WeightedSum, args: Sequence[int]) -> None:
         """The sum in its order: what one order keeps within bounds, another one might not."""
         total = _Total(name, op.constant, self._scope)
         for begin, count in neighbours([self._nodes[arg] for arg in args]):
             first = self._nodes[args[begin]].op
-            if count > 1 and isinstance(first, ReadWord | ReadMemory):
+            if count > 1 and isinstance(first, integer.ReadWord | integer.ReadMemory):
                 self._add_neighbours(total, op.coefficients[begin : begin + count], first)
                 continue
             for place in range(begin, begin + count):
                 total.add(*_term(op.coefficients[place], self.value(args[place])), self._scope)
 
     def _add_neighbours(
-        self, total: _Total, weights: tuple[int, ...], first: ReadWord | ReadMemory
+        self, total: _Total, weights: tuple[int, ...], first: integer.ReadWord | integer.ReadMemory
     ) -> None:
         """Adds elements that lie next to each other in a loop."""
         total.begin()

@@ -21,23 +21,7 @@ from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.unit_conflicts import report_unit_conflicts
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import shapes, time
-from spec_schema.expressions.tree import (
-    Binary,
-    Call,
-    Compare,
-    Duration,
-    Expression,
-    Future,
-    ListLiteral,
-    Member,
-    Name,
-    Negate,
-    Number,
-    Operator,
-    Past,
-    Relation,
-    Window,
-)
+from spec_schema.expressions import tree
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import ONE
 
@@ -45,14 +29,14 @@ from spec_schema.units.unit import ONE
 LARGEST_POWER = 64
 _SECOND = parse_unit("s")
 _RELATIONS = {
-    Relation.LESS: CoreRelation.LESS,
-    Relation.LESS_EQUAL: CoreRelation.LESS_EQUAL,
-    Relation.GREATER: CoreRelation.GREATER,
-    Relation.GREATER_EQUAL: CoreRelation.GREATER_EQUAL,
+    tree.Relation.LESS: CoreRelation.LESS,
+    tree.Relation.LESS_EQUAL: CoreRelation.LESS_EQUAL,
+    tree.Relation.GREATER: CoreRelation.GREATER,
+    tree.Relation.GREATER_EQUAL: CoreRelation.GREATER_EQUAL,
 }
 
 
-def lower(context: Context, expression: Expression, environment: Environment) -> NodeId:
+def lower(context: Context, expression: tree.Expression, environment: Environment) -> NodeId:
     """The node of an expression's value; LoweringFailed once its mistakes are reported."""
     builder = context.builder(environment)
     with builder.at(expression.span):
@@ -64,7 +48,7 @@ def lower(context: Context, expression: Expression, environment: Environment) ->
 
 
 def lower_all(
-    context: Context, expressions: Iterable[Expression], environment: Environment
+    context: Context, expressions: Iterable[tree.Expression], environment: Environment
 ) -> list[NodeId]:
     """The nodes of several operands; LoweringFailed once all their mistakes are reported."""
     nodes: list[NodeId] = []
@@ -80,7 +64,7 @@ def lower_all(
 
 
 def lower_operands(
-    context: Context, expressions: Iterable[Expression], environment: Environment
+    context: Context, expressions: Iterable[tree.Expression], environment: Environment
 ) -> list[NodeId]:
     """Of an elementwise operation.
 
@@ -100,41 +84,41 @@ def lower_operands(
 
 
 def _lower(
-    context: Context, expression: Expression, environment: Environment, builder: GraphBuilder
+    context: Context, expression: tree.Expression, environment: Environment, builder: GraphBuilder
 ) -> NodeId:
     match expression:
-        case Number(value=value):
+        case tree.Number(value=value):
             return builder.constant(value)
-        case Duration():
+        case tree.Duration():
             return builder.constant(expression.seconds, unit=_SECOND)
-        case Name():
+        case tree.Name():
             return context.names.value(expression, environment)
-        case Member():
+        case tree.Member():
             return context.names.member(expression, environment)
-        case Call():
+        case tree.Call():
             return context.names.call(expression, environment)
-        case Negate(operand=operand):
+        case tree.Negate(operand=operand):
             return builder.negate(lower(context, operand, environment))
-        case Binary():
+        case tree.Binary():
             return _lower_binary(context, expression, environment, builder)
-        case Compare(relation=relation, left=left, right=right):
+        case tree.Compare(relation=relation, left=left, right=right):
             nodes = lower_operands(context, (left, right), environment)
             operands = zip((left, right), nodes, strict=True)
             warn_of_twin_axes(context, builder, relation.value, expression, operands)
             with aligning(context, relation.value, expression, left, right):
                 return builder.compare(_RELATIONS[relation], *nodes)
-        case Window() | Past() | Future():
+        case tree.Window() | tree.Past() | tree.Future():
             return _lower_window(context, expression, environment)
-        case ListLiteral(elements=elements):
+        case tree.ListLiteral(elements=elements):
             return _lower_list(context, elements, environment, builder)
         case _:
             assert_never(expression)
 
 
 def _lower_binary(
-    context: Context, binary: Binary, environment: Environment, builder: GraphBuilder
+    context: Context, binary: tree.Binary, environment: Environment, builder: GraphBuilder
 ) -> NodeId:
-    contracts = binary.operator is Operator.CONTRACT
+    contracts = binary.operator is tree.Operator.CONTRACT
     lower_both = lower_all if contracts else lower_operands
     left, right = lower_both(context, (binary.left, binary.right), environment)
     if not contracts:
@@ -142,23 +126,23 @@ def _lower_binary(
         warn_of_twin_axes(context, builder, binary.operator.value, binary, operands)
     with aligning(context, binary.operator.value, binary, binary.left, binary.right):
         match binary.operator:
-            case Operator.ADD:
+            case tree.Operator.ADD:
                 return builder.add(left, right)
-            case Operator.SUBTRACT:
+            case tree.Operator.SUBTRACT:
                 return builder.subtract(left, right)
-            case Operator.MULTIPLY:
+            case tree.Operator.MULTIPLY:
                 return builder.multiply(left, right)
-            case Operator.DIVIDE:
+            case tree.Operator.DIVIDE:
                 return builder.divide(left, right)
-            case Operator.CONTRACT:
+            case tree.Operator.CONTRACT:
                 return _lower_contraction(context, binary, environment, builder, left, right)
-            case Operator.POWER:
+            case tree.Operator.POWER:
                 return _lower_power(builder, left, right)
 
 
 def _lower_contraction(
     context: Context,
-    binary: Binary,
+    binary: tree.Binary,
     environment: Environment,
     builder: GraphBuilder,
     left: NodeId,
@@ -203,24 +187,24 @@ def literal(builder: GraphBuilder, node: NodeId) -> float | None:
 
 
 def _lower_window(
-    context: Context, expression: Window | Past | Future, environment: Environment
+    context: Context, expression: tree.Window | tree.Past | tree.Future, environment: Environment
 ) -> NodeId:
     sampling = context.sampling
     if context.sampling.sample_time is None:
         context.findings.report(time.needs_sample_time("a time window", expression.span))
         raise LoweringFailed
     match expression:
-        case Window(first=first, last=None):
+        case tree.Window(first=first, last=None):
             # `e[t-1]` is no window: every signal in e is read one sample earlier (R1)
             return lower(context, expression.operand, environment.shifted(sampling.offset(first)))
-        case Window(first=first, last=last):
+        case tree.Window(first=first, last=last):
             assert last is not None
             bounds = (sampling.offset(first), sampling.offset(last))
-        case Past(length=length):
+        case tree.Past(length=length):
             # `x.past(3)` is x[t-2:t]: the newest sample is one of the three (R1)
             bounds = (1 - _positive(context, length.span, sampling.samples(length)), 0)
         # the first of them is t+1: the sample at t is no future
-        case Future(length=length):
+        case tree.Future(length=length):
             bounds = (1, _positive(context, length.span, sampling.samples(length)))
     if bounds[0] > bounds[1]:
         context.findings.report(time.empty_window(expression.span))
@@ -236,7 +220,7 @@ def _positive(context: Context, span: Span, samples: int) -> int:
 
 
 def window_of(
-    context: Context, operand: Expression, environment: Environment, first: int, last: int
+    context: Context, operand: tree.Expression, environment: Environment, first: int, last: int
 ) -> NodeId:
     """Samples t+first … t+last of an expression: every signal in it is read over that window."""
     if environment.window is not None:
@@ -253,7 +237,7 @@ def window_of(
 
 def _lower_list(
     context: Context,
-    elements: tuple[Expression, ...],
+    elements: tuple[tree.Expression, ...],
     environment: Environment,
     builder: GraphBuilder,
 ) -> NodeId:

@@ -48,11 +48,12 @@ def expression_mathml(expression: tree.Expression) -> str:
             ends = [first] if last is None else [first, last]
             return indexed(_within(operand, ATOM), " … ".join(map(time_text, ends)))
         case tree.Past(operand=operand, length=length):
-            return indexed(_within(operand, ATOM), f"t−{_length(length)} … t")
+            return indexed(_within(operand, ATOM), f"t−{length_text(length)} … t")
         case tree.Future(operand=operand, length=length):
-            return indexed(_within(operand, ATOM), f"t … t+{_length(length)}")
+            return indexed(_within(operand, ATOM), f"t … t+{length_text(length)}")
         case tree.ListLiteral(elements=elements):
-            return f"<mrow><mo>[</mo>{_listed(map(expression_mathml, elements))}<mo>]</mo></mrow>"
+            listed = "<mo>,</mo>".join(map(expression_mathml, elements))
+            return f"<mrow><mo>[</mo>{listed}<mo>]</mo></mrow>"
         case _:
             assert_never(expression)
 
@@ -87,14 +88,6 @@ def enclosed(inner: str) -> str:
 
 def _text(text: str) -> str:
     return f"<mtext>{escape(text)}</mtext>"
-
-
-def _length(length: tree.Length) -> str:
-    return length_text(length)
-
-
-def _listed(parts: map[str]) -> str:
-    return "<mo>,</mo>".join(parts)
 
 
 def _call(call: tree.Call) -> str:

@@ -17,16 +17,7 @@ from backends.c_language.tree import Argument, Comment, Discard, Function, Name,
 from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.c_lowering.state_memory import Buffer, DelayLine, PlainState
-from compiler.ir.ops import (
-    AnyRead,
-    Constant,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    ReadTraining,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import Formula, Graph
 from compiler.ir.types import Type
 
@@ -74,24 +65,24 @@ class FunctionWriter:
         self._windows = {field.name: (field, port) for field, port in self.interface.windows}
         self._parameters = {field.name: field for field in self.interface.parameters}
 
-    def read(self, op: AnyRead, type: Type) -> ArrayView:
+    def read(self, op: ops.AnyRead, type: Type) -> ArrayView:
         match op:
-            case ReadParameter(name):
+            case ops.ReadParameter(name):
                 return self._parameter(self._parameters[name], type)
-            case ReadSignal(name):
+            case ops.ReadSignal(name):
                 return self.inputs[name]
-            case ReadState(name):
+            case ops.ReadState(name):
                 return self._memory[name].samples
-            case ReadLog(name, first, last):
+            case ops.ReadLog(name, first, last):
                 return self._window(name, first, last, type)
             # seeds of the reverse graph: `native/` alone has them, and lowers them by its own
             # reader
-            case ReadTraining():
+            case ops.ReadTraining():
                 raise AssertionError("no program reads values of training")
             case _:
                 assert_never(op)
 
-    def push(self, op: Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
+    def push(self, op: ops.Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
         memory = self._memory[op.state]
         # these do not hold the newest sample beside the others: the window is made elsewhere
         if isinstance(memory, PlainState | DelayLine):
@@ -168,5 +159,7 @@ def _names_of_spec(graph: Graph) -> Iterator[str]:
     for node in graph.nodes:
         if node.label:
             yield node.label
-        if isinstance(node.op, ReadParameter) or (isinstance(node.op, Constant) and node.op.name):
+        if isinstance(node.op, ops.ReadParameter) or (
+            isinstance(node.op, ops.Constant) and node.op.name
+        ):
             yield node.op.name

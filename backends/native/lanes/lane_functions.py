@@ -18,16 +18,7 @@ from backends.c_lowering.values import Value, copy_value
 from backends.native.arrangement.late_adjoints import Echo
 from backends.native.arrangement.tiled_sums import HORIZON, TIME, Factor
 from backends.native.lanes.lane_memory import LaneMemory, read_of
-from compiler.ir.ops import (
-    AnyRead,
-    Contract,
-    ReadLog,
-    ReadParameter,
-    ReadSignal,
-    ReadState,
-    ReadTraining,
-    Window,
-)
+from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId, State
 from compiler.ir.training.values import (
     KeptRow,
@@ -72,21 +63,21 @@ class LaneWriter:
 
     # ---- surroundings of the lowering
 
-    def read(self, op: AnyRead, type: Type) -> ArrayView:
+    def read(self, op: ops.AnyRead, type: Type) -> ArrayView:
         match op:
-            case ReadParameter(name):
+            case ops.ReadParameter(name):
                 return array(PARAMETERS, type.shape, Index(self.memory.parameters[name]))
-            case ReadSignal(name) | ReadLog(name):
+            case ops.ReadSignal(name) | ops.ReadLog(name):
                 tape = self.memory.signals[name]
                 return self._now(read_of(tape, op, type.axes), tape.elements)
-            case ReadState(name):
+            case ops.ReadState(name):
                 return self._state(name, type)
-            case ReadTraining(value):
+            case ops.ReadTraining(value):
                 return self._given(value, type)
             case _:
                 assert_never(op)
 
-    def push(self, op: Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
+    def push(self, op: ops.Window, newest: ArrayView, scope: BlockScope) -> ArrayView | None:
         """The newest sample is stored behind the others, unless it stands there already."""
         tape = self.memory.buffers[op.state]
         count = tape.last + 1
@@ -168,7 +159,7 @@ class LaneWriter:
         type = graph[echo.taps].type
         past = tape.place(type.shape, 0, tape.last)
         source = graph[echo.source]
-        node = Node(Contract(WINDOW), (echo.taps, echo.source), source.type, source.span)
+        node = Node(ops.Contract(WINDOW), (echo.taps, echo.source), source.type, source.span)
         value = sum_along(node, WINDOW, [(taps, type), (past, type)], self.locals)
         buffer = self.memory.buffers[echo.state]
         newest = adjoint_of(buffer.place(source.type.shape, buffer.last, None))

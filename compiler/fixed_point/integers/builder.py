@@ -6,21 +6,7 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from compiler.fixed_point.integers.program import (
-    Choose,
-    IntegerLookup,
-    IntegerNode,
-    IntegerOp,
-    Larger,
-    Literal,
-    Product,
-    ReadMemory,
-    ReadWord,
-    RoundShift,
-    Smaller,
-    WeightedSum,
-    Width,
-)
+from compiler.fixed_point.integers import program as integer
 from compiler.ir.ops import Relation
 from spec_schema.diagnostics.source import Span
 
@@ -36,14 +22,14 @@ class IntegerBuilder:
     it reads is exact (see decisions/0193). A node that stands for several has the largest.
     """
 
-    def __init__(self, width: Width) -> None:
+    def __init__(self, width: integer.Width) -> None:
         self.width = width
-        self.nodes: list[IntegerNode] = []
+        self.nodes: list[integer.IntegerNode] = []
         self.errors: list[float] = []
         self.span: Span | None = None
-        self._known: dict[tuple[IntegerOp, tuple[int, ...], int], int] = {}
+        self._known: dict[tuple[integer.IntegerOp, tuple[int, ...], int], int] = {}
 
-    def __getitem__(self, node: int) -> IntegerNode:
+    def __getitem__(self, node: int) -> integer.IntegerNode:
         return self.nodes[node]
 
     def bounds(self, node: int) -> tuple[float, float]:
@@ -61,13 +47,13 @@ class IntegerBuilder:
         return node
 
     def literal(self, value: int, fraction: int, error: float = 0.0) -> int:
-        return self.allow(self._emit(Literal(value), (), fraction, value, value), error)
+        return self.allow(self._emit(integer.Literal(value), (), fraction, value, value), error)
 
     def word(self, port: str, index: int, fraction: int, low: int, high: int) -> int:
-        return self._emit(ReadWord(port, index), (), fraction, low, high)
+        return self._emit(integer.ReadWord(port, index), (), fraction, low, high)
 
     def memory(self, name: str, index: int, fraction: int, low: int, high: int) -> int:
-        return self._emit(ReadMemory(name, index), (), fraction, low, high)
+        return self._emit(integer.ReadMemory(name, index), (), fraction, low, high)
 
     def weighted_sum(
         self,
@@ -82,7 +68,7 @@ class IntegerBuilder:
         # a copy: no operation, and what is known of the node stays known
         if constant == 0 and coefficients == (1,) and self[args[0]].fraction == fraction:
             return args[0]
-        return self._emit(WeightedSum(constant, coefficients), args, fraction, *bounds)
+        return self._emit(integer.WeightedSum(constant, coefficients), args, fraction, *bounds)
 
     def product(self, left: int, right: int, most: float = math.inf) -> int:
         """a · b; both must be words. `most` bounds its error where the caller knows more."""
@@ -91,7 +77,7 @@ class IntegerBuilder:
         # a square is never negative, which the corners of two intervals do not show
         low = max(min(corners), 0) if left == right else min(corners)
         fraction = a.fraction + b.fraction
-        node = self._emit(Product(), (left, right), fraction, low, max(corners))
+        node = self._emit(integer.Product(), (left, right), fraction, low, max(corners))
         error, other = self.errors[left], self.errors[right]
         # ab − AB = a (b − B) + b (a − A) − (a − A)(b − B)
         sides = share(self.reach(left), other) + share(self.reach(right) + other, error)
@@ -104,7 +90,7 @@ class IntegerBuilder:
         if bits == 0:
             return node
         # a literal is rounded here, so that no step shifts it
-        if isinstance(found.op, Literal):
+        if isinstance(found.op, integer.Literal):
             moved = _shifted(found.op.value, bits)
             lost = abs(math.ldexp(moved, -fraction) - math.ldexp(found.op.value, -found.fraction))
             return self.literal(moved, fraction, error + lost)
@@ -119,7 +105,7 @@ class IntegerBuilder:
         # half a unit is added before the shift, and that sum must fit too
         self._check(found.low + 2 ** (bits - 1), found.high + 2 ** (bits - 1))
         low, high = _shifted(found.low, bits), _shifted(found.high, bits)
-        rounded = self._emit(RoundShift(bits), (node,), fraction, low, high)
+        rounded = self._emit(integer.RoundShift(bits), (node,), fraction, low, high)
         # to nearest: half a unit of the new scale
         return self.allow(rounded, error + math.ldexp(0.5, -fraction))
 
@@ -145,7 +131,7 @@ class IntegerBuilder:
         if b.high <= a.low:
             return self.allow(right, error)
         bounds = min(a.low, b.low), min(a.high, b.high)
-        return self.allow(self._emit(Smaller(), (left, right), a.fraction, *bounds), error)
+        return self.allow(self._emit(integer.Smaller(), (left, right), a.fraction, *bounds), error)
 
     def larger(self, left: int, right: int) -> int:
         a, b = self[left], self[right]
@@ -155,7 +141,7 @@ class IntegerBuilder:
         if b.low >= a.high:
             return self.allow(right, error)
         bounds = max(a.low, b.low), max(a.high, b.high)
-        return self.allow(self._emit(Larger(), (left, right), a.fraction, *bounds), error)
+        return self.allow(self._emit(integer.Larger(), (left, right), a.fraction, *bounds), error)
 
     def saturated(self, node: int, low: int, high: int) -> int:
         """The value moved to the nearest limit; nothing where it cannot be outside."""
@@ -169,7 +155,7 @@ class IntegerBuilder:
         negative = self.weighted_sum(0, [(-1, node)], found.fraction, (-found.high, -found.low))
         low = max(found.low, -found.high, 0)
         high = max(-found.low, found.high)
-        size = self._emit(Larger(), (node, negative), found.fraction, low, high)
+        size = self._emit(integer.Larger(), (node, negative), found.fraction, low, high)
         return self.allow(size, self.errors[node])
 
     def choose(
@@ -195,7 +181,7 @@ class IntegerBuilder:
         if self.is_doubtful(left, right):  # the exact values may choose the other one
             widest = math.ldexp(max(a.high - b.low, b.high - a.low), -a.fraction)
             error += min(widest, apart)
-        return self.allow(self._emit(Choose(relation), args, a.fraction, *bounds), error)
+        return self.allow(self._emit(integer.Choose(relation), args, a.fraction, *bounds), error)
 
     def is_doubtful(self, left: int, right: int) -> bool:
         """Whether the exact values of two nodes may compare otherwise than the nodes do."""
@@ -204,7 +190,7 @@ class IntegerBuilder:
         # the sides can come as close as both errors together
         return error > 0.0 and max(a - d, c - b) <= error
 
-    def lookup(self, node: int, table: IntegerLookup, fraction: int) -> int:
+    def lookup(self, node: int, table: integer.IntegerLookup, fraction: int) -> int:
         widest = max(abs(b - a) for a, b in pairwise(table.values))
         # interpolation multiplies a step of the table by a distance below 2^bits, and rounds
         self._check(0, widest * 2**table.bits + 2**table.bits)
@@ -214,7 +200,7 @@ class IntegerBuilder:
         return self._emit(table, (node,), fraction, min(table.values), max(table.values))
 
     def _emit(
-        self, op: IntegerOp, args: tuple[int, ...], fraction: int, low: int, high: int
+        self, op: integer.IntegerOp, args: tuple[int, ...], fraction: int, low: int, high: int
     ) -> int:
         self._check(low, high)
         # Bounds are no part of the key: equal operations on equal nodes have one value, and any
@@ -223,7 +209,9 @@ class IntegerBuilder:
         if key not in self._known:
             self._known[key] = len(self.nodes)
             self.nodes.append(
-                IntegerNode(op=op, args=args, fraction=fraction, low=low, high=high, span=self.span)
+                integer.IntegerNode(
+                    op=op, args=args, fraction=fraction, low=low, high=high, span=self.span
+                )
             )
             self.errors.append(0.0)
         return self._known[key]

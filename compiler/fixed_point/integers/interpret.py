@@ -7,22 +7,7 @@ from dataclasses import dataclass, field
 from enum import IntFlag
 from typing import assert_never
 
-from compiler.fixed_point.integers.program import (
-    CheckedInput,
-    Choose,
-    IntegerLookup,
-    IntegerMemory,
-    IntegerNode,
-    IntegerProgram,
-    Larger,
-    Literal,
-    Product,
-    ReadMemory,
-    ReadWord,
-    RoundShift,
-    Smaller,
-    WeightedSum,
-)
+from compiler.fixed_point.integers import program as integer
 
 Words = Mapping[str, Sequence[int]]
 """Integers by name, each a flat list in C order."""
@@ -66,7 +51,7 @@ class IntegerStep:
     nodes: list[int] = field(repr=False)
 
 
-def initial(program: IntegerProgram) -> IntegerState:
+def initial(program: integer.IntegerProgram) -> IntegerState:
     """The state after `init`: what a record would give is 0, or the nearest that is allowed."""
     # without a record the start runs on zeros; what depends on them is not kept below
     zeros = {port.name: [0] * port.size for port in program.windows}
@@ -83,7 +68,7 @@ def initial(program: IntegerProgram) -> IntegerState:
     return IntegerState(memories=memories, held=_first_held(program), fills=fills, waits=waits)
 
 
-def reset(program: IntegerProgram, windows: Words) -> IntegerState:
+def reset(program: integer.IntegerProgram, windows: Words) -> IntegerState:
     """The state that the samples around the first step give."""
     checked = {
         port.name: [_within(word, port.low, port.high) for word in windows[port.name]]
@@ -99,7 +84,7 @@ def reset(program: IntegerProgram, windows: Words) -> IntegerState:
     return IntegerState(memories=memories, held=_first_held(program), said=said)
 
 
-def step(program: IntegerProgram, state: IntegerState, inputs: Words) -> IntegerStep:
+def step(program: integer.IntegerProgram, state: IntegerState, inputs: Words) -> IntegerStep:
     """One step; the state is changed."""
     status = FixedStatus(0)
     words: dict[str, list[int]] = {}
@@ -142,7 +127,7 @@ def step(program: IntegerProgram, state: IntegerState, inputs: Words) -> Integer
 
 
 def checked_input(
-    entry: CheckedInput, words: Sequence[int], held: Sequence[int]
+    entry: integer.CheckedInput, words: Sequence[int], held: Sequence[int]
 ) -> tuple[list[int], FixedStatus]:
     """The words that the step uses: always within the range, whatever came in."""
     low, high = entry.port.low, entry.port.high
@@ -162,7 +147,7 @@ def checked_input(
 
 
 def evaluated(
-    nodes: Sequence[IntegerNode], words: Words, memories: Mapping[str, Sequence[int]]
+    nodes: Sequence[integer.IntegerNode], words: Words, memories: Mapping[str, Sequence[int]]
 ) -> list[int]:
     """The value of every node; each is within the bounds that were proved."""
     values: list[int] = []
@@ -175,29 +160,29 @@ def evaluated(
 
 
 def _value(
-    node: IntegerNode, args: list[int], words: Words, memories: Mapping[str, Sequence[int]]
+    node: integer.IntegerNode, args: list[int], words: Words, memories: Mapping[str, Sequence[int]]
 ) -> int:
     match node.op:
-        case Literal(value):
+        case integer.Literal(value):
             return value
-        case ReadWord(port, index):
+        case integer.ReadWord(port, index):
             return words[port][index]
-        case ReadMemory(memory, index):
+        case integer.ReadMemory(memory, index):
             return memories[memory][index]
-        case WeightedSum(constant, coefficients):
+        case integer.WeightedSum(constant, coefficients):
             return constant + sum(c * a for c, a in zip(coefficients, args, strict=True))
-        case Product():
+        case integer.Product():
             return args[0] * args[1]
-        case RoundShift(bits):
+        case integer.RoundShift(bits):
             # half up, also below 0: Python's >> rounds down like the arithmetic shift of C targets
             return (args[0] + (1 << (bits - 1))) >> bits
-        case Smaller():
+        case integer.Smaller():
             return min(args)
-        case Larger():
+        case integer.Larger():
             return max(args)
-        case Choose(relation):
+        case integer.Choose(relation):
             return args[2] if relation.holds(args[0], args[1]) else args[3]
-        case IntegerLookup(first, bits, table):
+        case integer.IntegerLookup(first, bits, table):
             place = args[0] - first
             # cells are powers of two wide: the upper bits are the cell, the lower ones the place in
             # it
@@ -210,7 +195,7 @@ def _value(
             assert_never(node.op)
 
 
-def _first_held(program: IntegerProgram) -> dict[str, list[int]]:
+def _first_held(program: integer.IntegerProgram) -> dict[str, list[int]]:
     """The valid value nearest to 0, for inputs that are held."""
     return {
         entry.port.name: [_within(0, entry.port.low, entry.port.high)] * entry.port.size
@@ -219,7 +204,7 @@ def _first_held(program: IntegerProgram) -> dict[str, list[int]]:
     }
 
 
-def _kept(memory: IntegerMemory, nodes: Sequence[int], values: Sequence[int]) -> list[int]:
+def _kept(memory: integer.IntegerMemory, nodes: Sequence[int], values: Sequence[int]) -> list[int]:
     """What a memory keeps of these nodes."""
     return [_within(values[node], memory.low, memory.high) for node in nodes]
 

@@ -12,102 +12,102 @@ from compiler.ir.scalars.formulas import (
 from compiler.ir.scalars.slope_products import slope_product
 
 
-def slope_of_sine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_sine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """cos x."""
     return b.apply("cos", a[0])
 
 
-def slope_of_cosine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_cosine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """−sin x."""
     return b.negate(b.apply("sin", a[0]))
 
 
-def slope_of_tangent(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_tangent(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """1 + tan² x."""
     return one_plus_square(b, v)
 
 
-def slope_of_arc_sine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_arc_sine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """1 / √(1 − x²)."""
     return inverse(b, b.apply("sqrt", one_minus_square(b, a[0])))
 
 
-def slope_of_arc_cosine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_arc_cosine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """−1 / √(1 − x²)."""
     return b.negate(inverse(b, b.apply("sqrt", one_minus_square(b, a[0]))))
 
 
-def slope_of_arc_tangent(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_arc_tangent(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """1 / (1 + x²)."""
     return inverse(b, one_plus_square(b, a[0]))
 
 
-def slope_of_hyperbolic_sine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_hyperbolic_sine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """cosh x."""
     return b.apply("cosh", a[0])
 
 
-def slope_of_hyperbolic_cosine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_hyperbolic_cosine(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """sinh x."""
     return b.apply("sinh", a[0])
 
 
-def slope_of_hyperbolic_tangent(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_hyperbolic_tangent(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """1 − tanh² x."""
     return one_minus_square(b, v)
 
 
-def slope_of_exponential(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_exponential(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """eˣ."""
     return v
 
 
-def slope_of_logarithm(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_logarithm(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """1 / x."""
     return inverse(b, a[0])
 
 
-def slope_of_square_root(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_square_root(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """1 / (2 √x)."""
     return b.divide(b.constant(0.5), v)
 
 
-def slope_of_magnitude(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_magnitude(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """sign x, 0 at 0."""
     return b.apply("sign", a[0])
 
 
-def slope_of_sign(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_sign(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """0, and NaN where x is."""
     return b.multiply(b.constant(0.0), a[0])
 
 
-def slope_of_logistic(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_logistic(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """σ (1 − σ)."""
     return b.multiply(v, b.subtract(b.constant(1.0), v))
 
 
-def slope_of_soft_plus(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_soft_plus(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """σ(x)."""
     return b.apply("sigmoid", a[0])
 
 
-def slope_of_angle_in_y(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_angle_in_y(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """∂ atan2(y, x) / ∂y = x / (x² + y²)."""
     return b.divide(a[1], sum_of_squares(b, a))
 
 
-def slope_of_angle_in_x(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_angle_in_x(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """∂ atan2(y, x) / ∂x = −y / (x² + y²)."""
     return b.negate(b.divide(a[0], sum_of_squares(b, a)))
 
 
-def slope_of_power_in_base(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_power_in_base(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """∂ xᵖ / ∂x = p xᵖ⁻¹."""
     return slope_product(b, a[1], b.apply("pow", a[0], b.subtract(a[1], b.constant(1.0))))
 
 
-def slope_of_power_in_exponent(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
+def of_power_in_exponent(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
     """∂ xᵖ / ∂p = xᵖ log x."""
     return slope_product(b, v, b.apply("log", a[0]))
 

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from compiler.ir.scalars import slopes
 from compiler.ir.scalars.arithmetic import Arithmetic, V
 from compiler.ir.scalars.formulas import (
     hyperbolic_cosine,
@@ -16,29 +17,6 @@ from compiler.ir.scalars.formulas import (
     logistic,
     soft_plus,
     tangent,
-)
-from compiler.ir.scalars.slopes import (
-    curvatures_of_power,
-    slope_of_angle_in_x,
-    slope_of_angle_in_y,
-    slope_of_arc_cosine,
-    slope_of_arc_sine,
-    slope_of_arc_tangent,
-    slope_of_cosine,
-    slope_of_exponential,
-    slope_of_hyperbolic_cosine,
-    slope_of_hyperbolic_sine,
-    slope_of_hyperbolic_tangent,
-    slope_of_logarithm,
-    slope_of_logistic,
-    slope_of_magnitude,
-    slope_of_power_in_base,
-    slope_of_power_in_exponent,
-    slope_of_sign,
-    slope_of_sine,
-    slope_of_soft_plus,
-    slope_of_square_root,
-    slope_of_tangent,
 )
 from spec_schema.late_dataclass import dataclass
 
@@ -139,106 +117,106 @@ _WIDE = ((-30.0, 30.0),)
 # fmt: off
 _ROWS = (
     ScalarFunction(
-        "sin", np.sin, (slope_of_sine,),
+        "sin", np.sin, (slopes.of_sine,),
         _ANGLE, "sin", "sin", "Sin", "sin", None, ((-100.0, 100.0),),
         "Sine of an angle in rad.",
     ),
     ScalarFunction(
-        "cos", np.cos, (slope_of_cosine,),
+        "cos", np.cos, (slopes.of_cosine,),
         _ANGLE, "cos", "cos", "Cos", "cos", None, ((-100.0, 100.0),),
         "Cosine of an angle in rad.",
     ),
     ScalarFunction(
-        "tan", np.tan, (slope_of_tangent,),
+        "tan", np.tan, (slopes.of_tangent,),
         _ANGLE, "tan", "tan", None, "tan", ByFormula(tangent), ((-1.5, 1.5),),
         "Tangent of an angle in rad.",
     ),
     ScalarFunction(
         "asin", np.arcsin,
-        (slope_of_arc_sine,),
+        (slopes.of_arc_sine,),
         _TO_ANGLE, "asin", "asin", None, "asin", ByKernel("asin"), ((-0.99, 0.99),),
         "Arc sine in rad, −π/2 … π/2.",
     ),
     ScalarFunction(
         "acos", np.arccos,
-        (slope_of_arc_cosine,),
+        (slopes.of_arc_cosine,),
         _TO_ANGLE, "acos", "acos", None, "acos", ByKernel("acos"), ((-0.99, 0.99),),
         "Arc cosine in rad, 0 … π.",
     ),
     ScalarFunction(
-        "atan", np.arctan, (slope_of_arc_tangent,),
+        "atan", np.arctan, (slopes.of_arc_tangent,),
         _TO_ANGLE, "atan", "atan", None, "atan", ByKernel("atan"), ((-50.0, 50.0),),
         "Arc tangent in rad, −π/2 … π/2.",
     ),
     ScalarFunction(
         "atan2", np.arctan2,
         (
-            slope_of_angle_in_y,
-            slope_of_angle_in_x,
+            slopes.of_angle_in_y,
+            slopes.of_angle_in_x,
         ),
         UnitRule.RATIO_TO_ANGLE, "atan2", "atan2", None, "atan2", ByKernel("atan2"),
         ((-5.0, 5.0), (-5.0, 5.0)),
         "Angle of the point (x, y) = (second, first) in rad, −π … π.",
     ),
     ScalarFunction(
-        "sinh", np.sinh, (slope_of_hyperbolic_sine,),
+        "sinh", np.sinh, (slopes.of_hyperbolic_sine,),
         _NUMBER, "sinh", "sinh", None, "sinh", ByFormula(hyperbolic_sine), ((-10.0, 10.0),),
         "Hyperbolic sine.",
     ),
     ScalarFunction(
-        "cosh", np.cosh, (slope_of_hyperbolic_cosine,),
+        "cosh", np.cosh, (slopes.of_hyperbolic_cosine,),
         _NUMBER, "cosh", "cosh", None, "cosh", ByFormula(hyperbolic_cosine), ((-10.0, 10.0),),
         "Hyperbolic cosine.",
     ),
     ScalarFunction(
-        "tanh", np.tanh, (slope_of_hyperbolic_tangent,),
+        "tanh", np.tanh, (slopes.of_hyperbolic_tangent,),
         _NUMBER, "tanh", "tanh", "Tanh", "tanh", None, _WIDE,
         "Hyperbolic tangent.",
     ),
     ScalarFunction(
-        "exp", np.exp, (slope_of_exponential,),
+        "exp", np.exp, (slopes.of_exponential,),
         _NUMBER, "exp", "exp", "Exp", "exp", None, ((-20.0, 20.0),),
         "Exponential.",
     ),
     ScalarFunction(
-        "log", np.log, (slope_of_logarithm,),
+        "log", np.log, (slopes.of_logarithm,),
         _NUMBER, "log", "log", "Log", "log", None, ((1e-3, 1e3),),
         "Natural logarithm; NaN below 0.",
     ),
     ScalarFunction(
-        "sqrt", np.sqrt, (slope_of_square_root,),
+        "sqrt", np.sqrt, (slopes.of_square_root,),
         UnitRule.ROOT, "sqrt", "sqrt", "Sqrt", None, None, ((1e-3, 1e3),),
         "Square root; NaN below 0.",
     ),
     ScalarFunction(
-        "abs", np.abs, (slope_of_magnitude,),
+        "abs", np.abs, (slopes.of_magnitude,),
         UnitRule.SAME, "abs", "fabs", "Abs", None, None, _WIDE,
         "Magnitude; slope 0 at 0.",
     ),
     ScalarFunction(
-        "sign", np.sign, (slope_of_sign,),
+        "sign", np.sign, (slopes.of_sign,),
         UnitRule.SIGN, "sign", "sign", "Sign", None, None, _WIDE,
         "−1, 0 or 1; slope 0 everywhere.",
     ),
     ScalarFunction(
-        "sigmoid", _sigmoid, (slope_of_logistic,),
+        "sigmoid", _sigmoid, (slopes.of_logistic,),
         _NUMBER, "sigmoid", "", None, "sigmoid", ByFormula(logistic), _WIDE,
         "1 / (1 + exp(−x)).",
     ),
     ScalarFunction(
-        "softplus", _softplus, (slope_of_soft_plus,),
+        "softplus", _softplus, (slopes.of_soft_plus,),
         UnitRule.SAME, "", "", None, "softplus", ByFormula(soft_plus), _WIDE,
         "log(1 + exp(x)), smooth max(x, 0), in the unit of x.",
     ),
     ScalarFunction(
         "pow", np.power,
         (
-            slope_of_power_in_base,
-            slope_of_power_in_exponent,
+            slopes.of_power_in_base,
+            slopes.of_power_in_exponent,
         ),
         _NUMBER, "pow", "power", "Pow", "pow", None, ((0.1, 10.0), (-3.0, 3.0)),
         "x to a real power; NaN for a negative x and a power that is no integer.",
-        curvatures_of_power,
+        slopes.curvatures_of_power,
     ),
 )
 # fmt: on

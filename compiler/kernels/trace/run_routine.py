@@ -10,50 +10,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compiler.kernels.tables.formats import Format
-from compiler.kernels.trace.statements import (
-    Assign,
-    Binary,
-    Block,
-    Branch,
-    Call,
-    Constant,
-    Convert,
-    Function,
-    Local,
-    Lookup,
-    Operand,
-    Operation,
-    Operator,
-    Routine,
-    Select,
-    Unary,
-    ValueKind,
-)
+from compiler.kernels.trace import statements as traced
 
 Array = NDArray[Any]
 
-_OPERATORS: dict[Operator, Callable[[Array, Array], Array]] = {
-    Operator.ADD: np.add,
-    Operator.SUBTRACT: np.subtract,
-    Operator.MULTIPLY: np.multiply,
-    Operator.DIVIDE: np.divide,
-    Operator.SHIFT_LEFT: np.left_shift,
-    Operator.SHIFT_RIGHT: np.right_shift,
-    Operator.BITS_AND: np.bitwise_and,
-    Operator.BITS_OR: np.bitwise_or,
-    Operator.LESS: np.less,
-    Operator.LESS_EQUAL: np.less_equal,
-    Operator.GREATER: np.greater,
-    Operator.GREATER_EQUAL: np.greater_equal,
-    Operator.BOTH: np.logical_and,
-    Operator.EITHER: np.logical_or,
+_OPERATORS: dict[traced.Operator, Callable[[Array, Array], Array]] = {
+    traced.Operator.ADD: np.add,
+    traced.Operator.SUBTRACT: np.subtract,
+    traced.Operator.MULTIPLY: np.multiply,
+    traced.Operator.DIVIDE: np.divide,
+    traced.Operator.SHIFT_LEFT: np.left_shift,
+    traced.Operator.SHIFT_RIGHT: np.right_shift,
+    traced.Operator.BITS_AND: np.bitwise_and,
+    traced.Operator.BITS_OR: np.bitwise_or,
+    traced.Operator.LESS: np.less,
+    traced.Operator.LESS_EQUAL: np.less_equal,
+    traced.Operator.GREATER: np.greater,
+    traced.Operator.GREATER_EQUAL: np.greater_equal,
+    traced.Operator.BOTH: np.logical_and,
+    traced.Operator.EITHER: np.logical_or,
 }
 
-_FUNCTIONS: dict[Function, Callable[[Array], Array]] = {
-    Function.NEGATE: np.negative,
-    Function.MAGNITUDE: np.abs,
-    Function.SQUARE_ROOT: np.sqrt,
-    Function.NOT: np.logical_not,
+_FUNCTIONS: dict[traced.Function, Callable[[Array], Array]] = {
+    traced.Function.NEGATE: np.negative,
+    traced.Function.MAGNITUDE: np.abs,
+    traced.Function.SQUARE_ROOT: np.sqrt,
+    traced.Function.NOT: np.logical_not,
 }
 
 
@@ -65,7 +47,7 @@ Note = Callable[[Outcome, NDArray[np.bool_]], None]
 
 
 def run_routine(
-    routine: Routine, arguments: tuple[Array, ...], note: Note | None = None
+    routine: traced.Routine, arguments: tuple[Array, ...], note: Note | None = None
 ) -> tuple[Array, ...]:
     """The results of a routine for arrays of one shape, at least 1-D, in the routine's format.
 
@@ -89,7 +71,7 @@ class _Watch:
 
     note: Note
     present: NDArray[np.bool_]
-    joined: dict[Operand, Assign]
+    joined: dict[traced.Operand, traced.Assign]
     """What was made by && and ||: C may write it where it is used."""
 
     def tell(self, which: tuple[int, ...], condition: Array) -> None:
@@ -103,24 +85,28 @@ class _Watch:
         # the locals of the called routine are numbered anew, so nothing joined here is known there
         return _Watch(self.note, self.present, {})
 
-    def operation(self, statement: Assign, values: dict[int, Array], format: Format) -> None:
+    def operation(self, statement: traced.Assign, values: dict[int, Array], format: Format) -> None:
         match statement.operation:
-            case Binary(Operator.BOTH | Operator.EITHER):
+            case traced.Binary(traced.Operator.BOTH | traced.Operator.EITHER):
                 self._decide((id(statement),), statement, values, format)
                 self.joined[statement.target] = statement
-            case Select(condition):
+            case traced.Select(condition):
                 self.tell((id(statement),), _read(condition, values, format))
             case _:
                 pass
 
     def _decide(
-        self, which: tuple[int, ...], statement: Assign, values: dict[int, Array], format: Format
+        self,
+        which: tuple[int, ...],
+        statement: traced.Assign,
+        values: dict[int, Array],
+        format: Format,
     ) -> None:
         """The second operand is looked at where the first does not decide, and so on in it."""
-        assert isinstance(statement.operation, Binary)
+        assert isinstance(statement.operation, traced.Binary)
         left, right = statement.operation.left, statement.operation.right
         first = _read(left, values, format)
-        decided = ~first if statement.operation.operator is Operator.BOTH else first
+        decided = ~first if statement.operation.operator is traced.Operator.BOTH else first
         for number, (operand, watch) in enumerate(((left, self), (right, self.where(~decided)))):
             # C stops at the first operand that decides: the second counts as looked at only
             # elsewhere
@@ -131,15 +117,15 @@ class _Watch:
 
 
 def _run_block(
-    block: Block, values: dict[int, Array], format: Format, watch: _Watch | None
+    block: traced.Block, values: dict[int, Array], format: Format, watch: _Watch | None
 ) -> tuple[Array, ...]:
     for statement in block.statements:
         match statement:
-            case Assign(target, operation):
+            case traced.Assign(target, operation):
                 if watch is not None:
                     watch.operation(statement, values, format)
                 values[target.index] = _apply(operation, target.kind, values, format)
-            case Call(targets, routine, operands):
+            case traced.Call(targets, routine, operands):
                 arguments = tuple(_read(operand, values, format) for operand in operands)
                 called = {
                     parameter.index: argument
@@ -147,7 +133,7 @@ def _run_block(
                 }
                 within = None if watch is None else watch.called()
                 _store(targets, _run_block(routine.body, called, format, within), values)
-            case Branch(targets, condition, then, otherwise):
+            case traced.Branch(targets, condition, then, otherwise):
                 holds = _read(condition, values, format)
                 here = there = None
                 if watch is not None:
@@ -173,29 +159,29 @@ def _run_block(
 
 
 def _store(
-    targets: tuple[Local, ...], results: tuple[Array, ...], values: dict[int, Array]
+    targets: tuple[traced.Local, ...], results: tuple[Array, ...], values: dict[int, Array]
 ) -> None:
     for target, result in zip(targets, results, strict=True):
         values[target.index] = result
 
 
 def _apply(
-    operation: Operation, kind: ValueKind, values: dict[int, Array], format: Format
+    operation: traced.Operation, kind: traced.ValueKind, values: dict[int, Array], format: Format
 ) -> Array:
     match operation:
-        case Unary(function, operand):
+        case traced.Unary(function, operand):
             return _FUNCTIONS[function](_read(operand, values, format))
-        case Binary(operator, left, right):
+        case traced.Binary(operator, left, right):
             return _OPERATORS[operator](_read(left, values, format), _read(right, values, format))
-        case Select(condition, then, otherwise):
+        case traced.Select(condition, then, otherwise):
             return np.where(
                 _read(condition, values, format),
                 _read(then, values, format),
                 _read(otherwise, values, format),
             )
-        case Convert(operand):
+        case traced.Convert(operand):
             return _read(operand, values, format).astype(_dtype(kind, format))
-        case Lookup(table, index):
+        case traced.Lookup(table, index):
             entries = np.array(table.values, dtype=_dtype(table.kind, format))
             # "clip" concerns only elements of the block that is not chosen
             return entries.take(_read(index, values, format), mode="clip")
@@ -203,25 +189,25 @@ def _apply(
             assert_never(operation)
 
 
-def _read(operand: Operand, values: dict[int, Array], format: Format) -> Array:
+def _read(operand: traced.Operand, values: dict[int, Array], format: Format) -> Array:
     match operand:
-        case Local():
+        case traced.Local():
             return values[operand.index]
-        case Constant(kind, value):
+        case traced.Constant(kind, value):
             return np.asarray(value, dtype=_dtype(kind, format))
         case _:
             assert_never(operand)
 
 
-def _dtype(kind: ValueKind, format: Format) -> np.dtype[Any]:
+def _dtype(kind: traced.ValueKind, format: Format) -> np.dtype[Any]:
     match kind:
-        case ValueKind.REAL:
+        case traced.ValueKind.REAL:
             return format.dtype
-        case ValueKind.UNSIGNED:
+        case traced.ValueKind.UNSIGNED:
             return np.dtype(np.uint32)
-        case ValueKind.WIDE:
+        case traced.ValueKind.WIDE:
             return np.dtype(np.uint64)
-        case ValueKind.TRUTH:
+        case traced.ValueKind.TRUTH:
             return np.dtype(np.bool_)
         case _:
             assert_never(kind)

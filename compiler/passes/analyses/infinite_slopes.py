@@ -4,20 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from compiler.ir.ops import (
-    Add,
-    Apply,
-    Broadcast,
-    Clamp,
-    Concat,
-    Constant,
-    Divide,
-    Multiply,
-    Reshape,
-    Select,
-    Slice,
-    Sum,
-)
+from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId, Program
 from compiler.passes.analyses.intervals import Interval
 from compiler.passes.analyses.value_ranges import ValueRanges, holding
@@ -76,19 +63,19 @@ def _arguments(
 ) -> Iterator[tuple[NodeId, tuple[float, ...]]]:
     """The argument whose slope can be infinite, and where."""
     match node.op:
-        case Divide():
+        case ops.Divide():
             yield node.args[1], (0.0,)
-        case Apply("log"):
+        case ops.Apply("log"):
             yield node.args[0], (0.0,)
-        case Apply("sqrt") if not _is_flat(graph, node.args[0]):
+        case ops.Apply("sqrt") if not _is_flat(graph, node.args[0]):
             yield node.args[0], (0.0,)
-        case Apply("pow") if not _is_flat(graph, node.args[0]):
+        case ops.Apply("pow") if not _is_flat(graph, node.args[0]):
             exponent = ranges.of(node.args[1])
             # x^y is steep at 0 for y < 1; y = 0 is the constant 1
             if exponent.low < 1.0 and (exponent.low, exponent.high) != (0.0, 0.0):
                 yield node.args[0], (0.0,)
         # what is clipped to where they are defined stands on the bound by chance alone
-        case Apply("asin" | "acos") if not isinstance(graph[node.args[0]].op, Clamp):
+        case ops.Apply("asin" | "acos") if not isinstance(graph[node.args[0]].op, ops.Clamp):
             yield node.args[0], (-1.0, 1.0)
         case _:
             pass
@@ -98,19 +85,19 @@ def _is_flat(graph: Graph, node: NodeId) -> bool:
     """Whether a value has slope 0 wherever it is 0: squares, magnitudes, and sums of these."""
     made = graph[node]
     match made.op:
-        case Apply("abs"):
+        case ops.Apply("abs"):
             return True
-        case Constant(values):
+        case ops.Constant(values):
             return min(values, default=0.0) >= 0.0
-        case Multiply():
+        case ops.Multiply():
             # x·x and |x|, scaled and summed: √ of them is steep at 0, but their own slope is 0
             # there, and the product counts as 0 (decision 0184)
             left, right = made.args
-            scaled = any(isinstance(graph[arg].op, Constant) for arg in made.args)
+            scaled = any(isinstance(graph[arg].op, ops.Constant) for arg in made.args)
             return left == right or (scaled and _is_flat(graph, left) and _is_flat(graph, right))
-        case Add() | Concat():
+        case ops.Add() | ops.Concat():
             return all(_is_flat(graph, arg) for arg in made.args)
-        case Sum() | Broadcast() | Reshape() | Slice():
+        case ops.Sum() | ops.Broadcast() | ops.Reshape() | ops.Slice():
             return _is_flat(graph, made.args[0])
         case _:
             return False
@@ -147,7 +134,7 @@ def _guards(program: Program) -> dict[NodeId, frozenset[_Guard]]:
     for node in reversed(range(len(graph))):
         made, own = graph[node], found.setdefault(node, frozenset())
         for position, arg in enumerate(made.args):
-            chosen = isinstance(made.op, Select) and position > 0
+            chosen = isinstance(made.op, ops.Select) and position > 0
             here = own | {(made.args[0], position == 1)} if chosen else own
             # of several users only what holds for all of them
             found[arg] = found[arg] & here if arg in found else here
@@ -158,6 +145,6 @@ def _said(one: _Singular, program: Program, span: Span) -> Diagnostic:
     entries = (*program.signals, *program.states, *program.expected)
     ranges = {entry.name: entry.range for entry in entries}
     declared = {name: limits for name in sorted(one.reached.of) if (limits := ranges[name])}
-    name = one.node.op.function if isinstance(one.node.op, Apply) else "/"
+    name = one.node.op.function if isinstance(one.node.op, ops.Apply) else "/"
     at = [value for value in one.at if one.reached.has(value)]
     return errors.steep_within_ranges(name, at, declared, (one.reached.low, one.reached.high), span)

@@ -6,20 +6,10 @@ import math
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
 
+from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, with_step
 from compiler.ir.liveness import needed
-from compiler.ir.ops import (
-    Apply,
-    Clamp,
-    Compare,
-    Divide,
-    Maximum,
-    Minimum,
-    Relation,
-    Reshape,
-    Select,
-)
 from compiler.ir.program import Graph, Node, NodeId, Program
 from compiler.ir.types import Axis
 from compiler.passes.analyses.intervals import Interval
@@ -55,7 +45,9 @@ def smooth_kinks(program: Program) -> Program:
     for index, node in graph:
         made: NodeId | None = None
         # smooth where the kink is in reach; anything else keeps its bits
-        if index in found and not (isinstance(node.op, Select) and _is_kept(graph, node, found)):
+        if index in found and not (
+            isinstance(node.op, ops.Select) and _is_kept(graph, node, found)
+        ):
             with builder.at(node.span):
                 smooth = _Smooth(builder, node.type.axes, _width(found[index].distance))
                 made = _smoothed(smooth, graph, node, copies)
@@ -73,7 +65,7 @@ def sharp_kinks(program: Program) -> dict[NodeId, Kink]:
     return {
         index: kink
         for index, kink in found.items()
-        if isinstance(graph[index].op, Select) and _is_kept(graph, graph[index], found)
+        if isinstance(graph[index].op, ops.Select) and _is_kept(graph, graph[index], found)
     }
 
 
@@ -82,33 +74,33 @@ def _smoothed(
 ) -> NodeId | None:
     args = [copies[arg] for arg in node.args]
     match node.op:
-        case Apply("abs"):
+        case ops.Apply("abs"):
             made = smooth.magnitude(args[0])
-        case Apply("sign"):
+        case ops.Apply("sign"):
             made = smooth.sign(args[0])
-        case Apply("sqrt"):
+        case ops.Apply("sqrt"):
             made = smooth.root(args[0])
-        case Maximum():
+        case ops.Maximum():
             made = smooth.largest(*args)
-        case Minimum():
+        case ops.Minimum():
             made = smooth.least(*args)
-        case Clamp():
+        case ops.Clamp():
             made = smooth.least(smooth.largest(args[0], args[1]), args[2])
-        case Select():
+        case ops.Select():
             sides = compared(graph, node.args[0])
             assert sides is not None
             condition = graph[graph.unrepeated(node.args[0])].op
-            assert isinstance(condition, Compare)
+            assert isinstance(condition, ops.Compare)
             left, right = (copies[side] for side in sides)
             # `left > right` chooses the first branch: other relations are turned round
-            if condition.relation in (Relation.LESS, Relation.LESS_EQUAL):
+            if condition.relation in (ops.Relation.LESS, ops.Relation.LESS_EQUAL):
                 left, right = right, left
             made = smooth.chosen(left, right, args[1], args[2])
         case _:
             return None
     b = smooth.builder
     # units of squares and roots are not those of the operation
-    return made if b.type(made) == node.type else b.emit(Reshape(), (made,), node.type)
+    return made if b.type(made) == node.type else b.emit(ops.Reshape(), (made,), node.type)
 
 
 def _width(distance: Interval) -> float:
@@ -125,11 +117,11 @@ def _is_kept(graph: Graph, node: Node, found: Container[NodeId]) -> bool:
     def is_singular(index: NodeId) -> bool:
         made = graph[index]
         match made.op:
-            case Divide():
+            case ops.Divide():
                 return not divisors.divides(made.args[1])
-            case Apply("sqrt"):
+            case ops.Apply("sqrt"):
                 return index not in found and not divisors.is_never_zero(made.args[0])
-            case Apply(function):
+            case ops.Apply(function):
                 return function in _SINGULAR
             case _:
                 return False
