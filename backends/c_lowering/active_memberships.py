@@ -18,14 +18,14 @@ from compiler.ir.types import Axis, Type
 
 
 @dataclass(frozen=True, slots=True)
-class ActiveDegrees:
+class ActiveMemberships:
     """The sets that can be other than 0, and their degrees."""
 
     positions: tuple[Index, ...]
     degrees: tuple[c.Expression, ...]
 
 
-def active_degrees(
+def active_memberships(
     node: Node,
     shape: Literal["triangular", "rectangular"],
     value: c.Expression,
@@ -33,7 +33,7 @@ def active_degrees(
     numbers: Sequence[float] | None,
     locals: LocalValues,
     scope: BlockScope,
-) -> ActiveDegrees:
+) -> ActiveMemberships:
     """Writes the search and the degrees, with the arithmetic of the formula for all sets.
 
     `points` are centres or bounds, `numbers` their values where they are known.
@@ -68,7 +68,7 @@ class _Writer:
         self._name = locals.notes.part_name(node, "sets")
         self._at = c.Name(scope.fresh(f"{self._name}_at"))
 
-    def triangular(self) -> ActiveDegrees:
+    def triangular(self) -> ActiveMemberships:
         """Two neighbours; beyond the ends one, by the formula whose slope is 0 there."""
         scope, last, first = self._scope, self._count - 1, variable(self._at.text)
         here, following = (c.Name(scope.fresh(f"{self._name}_{n}")) for n in ("here", "next"))
@@ -95,13 +95,13 @@ class _Writer:
         )
         within = c.If(self._reaches(Index(0)), tuple(inside.statements), tuple(below.statements))
         scope.add(c.If(self._reaches(Index(last)), tuple(above.statements), (within,)))
-        return ActiveDegrees((first, first.plus(Index(1))), (here, following))
+        return ActiveMemberships((first, first.plus(Index(1))), (here, following))
 
-    def rectangular(self) -> ActiveDegrees:
+    def rectangular(self) -> ActiveMemberships:
         """One set: as many bounds as the value reaches are below it."""
         self._scope.add(c.Declare(c.CType.UNSIGNED, self._at.text, c.Unsigned(0)))
         self._search(self._count + 1, -1, self._scope)
-        return ActiveDegrees((variable(self._at.text),), (c.Real(1.0),))
+        return ActiveMemberships((variable(self._at.text),), (c.Real(1.0),))
 
     def _find_interval(self, scope: BlockScope) -> None:
         """The interval of a value from the first to below the last centre."""

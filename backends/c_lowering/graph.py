@@ -16,14 +16,14 @@ from backends.c_language.operations import scalar_operation
 from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import BlockScope, SpecName
 from backends.c_language.tree import Binary, Expression
-from backends.c_lowering.active_memberships import ActiveDegrees, active_degrees
+from backends.c_lowering.active_memberships import ActiveMemberships, active_memberships
 from backends.c_lowering.active_sums import ActiveSets
 from backends.c_lowering.forwarding import forward_slices
 from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.shift_while_summing import write_moving_sum
 from backends.c_lowering.state_memory import ShiftBuffer
 from backends.c_lowering.sums import sum_along
-from backends.c_lowering.use_counts import MANY, demands, only_units_moved
+from backends.c_lowering.use_counts import MANY, only_units_moved, use_counts
 from backends.c_lowering.values import (
     Computed,
     Indices,
@@ -81,9 +81,9 @@ class GraphLowering:
         self._locals = locals
         self._active = active
         self._moving = moving
-        self._degrees: dict[NodeId, ActiveDegrees] = {}
+        self._degrees: dict[NodeId, ActiveMemberships] = {}
         self._values: dict[NodeId, Value] = {}
-        for index, demand in enumerate(demands(self._graph, roots, active.sets)):
+        for index, demand in enumerate(use_counts(self._graph, roots, active.sets)):
             if demand:
                 node = self._graph[index]
                 value = self._value(index, node)
@@ -164,7 +164,9 @@ class GraphLowering:
         assert isinstance(points, ArrayView)
         # knots that are numbers may stand evenly: then a division finds the active set
         numbers = known.op.values if isinstance(known.op, ops.Constant) else None
-        found = active_degrees(node, sets.shape, value, points, numbers, self._locals, self._scope)
+        found = active_memberships(
+            node, sets.shape, value, points, numbers, self._locals, self._scope
+        )
         self._degrees[index] = found
 
         def make(indices: Indices, scope: BlockScope) -> Expression:

@@ -16,7 +16,7 @@ MANY = 2
 _NO_SETS: Mapping[NodeId, CompactSets] = {}
 
 
-def demands(
+def use_counts(
     graph: Graph, roots: Iterable[NodeId], active: Mapping[NodeId, CompactSets] = _NO_SETS
 ) -> list[int]:
     """For each node 0 (not needed), 1 (each element used once at most) or MANY.

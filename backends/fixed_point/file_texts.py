@@ -9,7 +9,7 @@ from typing import Any
 
 from backends.asap2.text import a2l_text
 from backends.c.folder.ffi_texts import ffi_texts
-from backends.c.folder.header_text import about_text, origin
+from backends.c.folder.header_text import about_text, defined, origin
 from backends.c.folder.package_texts import package_texts
 from backends.c.interface.status import MEANING, SelfTestBit, StatusBit, status_macro
 from backends.c_language.layout import comment
@@ -76,7 +76,7 @@ def step_texts(
     writer = FixedFunctions(program, names)
     functions = writer.all()
     printer = _printer(program, names)
-    ports = port_facts(program, names)
+    ports, differs = port_facts(program, names), SelfTestBit.STEP_DIFFERS
     texts = {
         f"include/{prefix}.h": _filled(
             "header.h",
@@ -89,8 +89,8 @@ def step_texts(
             # no float may stand in the header, not even a macro: code in fixed point builds where
             # there is none
             sample_time=None,
-            status=[_bit(names, bit) for bit in writer.status_bits()],
-            selftest=[_selftest_bit(names)],
+            status=[defined(names.status(bit), bit, _MEANING[bit]) for bit in writer.status_bits()],
+            selftest=[defined(status_macro(prefix, differs), differs, MEANING[differs])],
             structs=structs(program, names),
             prototypes={name: printer.prototype(made) for name, made in functions.items()},
             selftest_steps=SELFTEST_STEPS,
@@ -226,17 +226,6 @@ def _printed(printer: Printer, functions: Iterable[Function]) -> list[str]:
 
 def _filled(template: str, names: FixedNames, title: str, **facts: Any) -> str:
     return render(f"{template}.j2", names, title, "fixed_point", **facts)
-
-
-def _bit(names: FixedNames, bit: FixedStatus) -> dict[str, str]:
-    definition = f"#define {names.status(bit)} {int(bit)}U"
-    return {"comment": comment(_MEANING[bit]), "definition": definition}
-
-
-def _selftest_bit(names: FixedNames) -> dict[str, str]:
-    bit = SelfTestBit.STEP_DIFFERS
-    definition = f"#define {status_macro(names.prefix, bit)} {int(bit)}U"
-    return {"comment": comment(MEANING[bit]), "definition": definition}
 
 
 def _error_row(error: OutputError) -> dict[str, str]:

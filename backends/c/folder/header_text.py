@@ -81,9 +81,13 @@ def _text(text: str) -> dict[str, object]:
     return {"literal": literal, "size": string_size(text)}
 
 
+def defined(macro: str, bit: int, meaning: str) -> dict[str, str]:
+    """A bit of a status as headers show it."""
+    return {"comment": comment(meaning), "definition": f"#define {macro} {int(bit)}U"}
+
+
 def _bit(interface: Interface, bit: StatusBit | SelfTestBit) -> dict[str, str]:
-    macro, value = status_macro(interface.prefix, bit), f"{int(bit)}U"
-    return {"comment": comment(MEANING[bit]), "definition": f"#define {macro} {value}"}
+    return defined(status_macro(interface.prefix, bit), bit, MEANING[bit])
 
 
 def _struct(struct: Struct, printer: Printer) -> dict[str, object]:

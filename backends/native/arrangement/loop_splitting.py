@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import assert_never
 
-from backends.c_lowering.use_counts import demands, only_units_moved
+from backends.c_lowering.use_counts import only_units_moved, use_counts
 from compiler.differentiation.training_step import TrainingStep
 from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
@@ -109,7 +109,7 @@ class Addends:
 
     def __init__(self, graph: Graph, roots: Iterable[NodeId]) -> None:
         self._graph = graph
-        self._demands = demands(graph, roots)
+        self._demands = use_counts(graph, roots)
 
     def of(self, node: NodeId) -> list[NodeId]:
         """The nodes whose sum the node is."""
@@ -163,7 +163,7 @@ def _ahead(step: TrainingStep, room: _Room) -> tuple[NodeId, ...]:
     results = [state.next for state in step.program.states]
     wanted = [*step.newest.values(), *results, *(node for node in losses if node is not None)]
     found: list[NodeId] = []
-    for index, demand in enumerate(demands(graph, wanted)):
+    for index, demand in enumerate(use_counts(graph, wanted)):
         node = graph[index]
         if demand and isinstance(node.op, ops.Contract):
             leaves = [view_leaf(graph, arg) for arg in node.args]
@@ -224,7 +224,7 @@ def _kept(
     graph: Graph, forward: int, roots: Iterable[NodeId], given: set[NodeId], room: _Room
 ) -> tuple[NodeId, ...]:
     """Nodes of the forward part that are dear to compute again, and those given."""
-    used = demands(graph, roots)
+    used = use_counts(graph, roots)
     direct = {
         leaf
         for index in range(forward, len(graph))
