@@ -153,12 +153,15 @@ def _method(name: str, scale: Scale) -> list[str]:
         return [f'/begin COMPU_METHOD {name} "" IDENTICAL "%12.6" {unit}', "/end COMPU_METHOD"]
     return [
         f'/begin COMPU_METHOD {name} "" LINEAR "%12.6" {unit}',
+        # physical = a · stored + b, the opposite direction of RAT_FUNC, whose coefficients lead to
+        # stored
         f"  COEFFS_LINEAR {_number(scale.factor)} 0",
         "/end COMPU_METHOD",
     ]
 
 
 def _limits(entry: MemoryObject) -> str:
+    # ASAP2 has no infinity: an open side ends where the storage does, in physical numbers
     largest = _LARGEST[entry.storage] * (entry.scale.factor or 1.0)
     low = entry.low if math.isfinite(entry.low) else -largest
     high = entry.high if math.isfinite(entry.high) else largest
@@ -193,6 +196,7 @@ def _characteristic(
     layout = _layout(model, entry.storage, _order(entry))
     lines = [
         f"/begin CHARACTERISTIC {names[entry.struct, entry.member]} {_about(entry)}",
+        # addresses are known once the program is linked: until then a tool finds the symbol below
         f"  {kind} 0x0 {layout} 0 {methods[entry.scale]} {_limits(entry)}",
     ]
     # what a tool can show on the axis while the unit runs: a step reads these
@@ -209,6 +213,7 @@ def _axis(knots: Knots, measured: dict[str, str], method: str) -> list[str]:
     read = measured.get(knots.of or "", "NO_INPUT_QUANTITY")
     limits = f"{_number(values[0])} {_number(values[-1])}"
     return [
+        # fixed: knots are constants of the code, which a tool shows and cannot move
         f"  /begin AXIS_DESCR FIX_AXIS {read} {method} {len(values)} {limits}",
         "    /begin FIX_AXIS_PAR_LIST",
         *(f"      {_number(value)}" for value in values),

@@ -58,7 +58,7 @@ KEYS_ELSEWHERE: Mapping[str, tuple[str, ...]] = {
 """The first that the section has is meant."""
 
 FORMS_ELSEWHERE: Mapping[str, tuple[str, str]] = {
-    # keys of a stage that were written into the options of its optimizer, all of which have `lr`
+    # keys of a stage, written into the options of its optimizer: `lr` shows that these are such
     "batch": ("lr", "`batch: …` beside `optimizer:`, in the stage"),
     "bounds": ("min", "`min: …` and `max: …`"),
     "clip": ("lr", "`clip: …` beside `optimizer:`, in the stage"),

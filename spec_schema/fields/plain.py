@@ -83,6 +83,7 @@ def _read_reference(node: Node, findings: Findings) -> Located[str]:
 
 
 def _read_switch(node: Node, findings: Findings, wanted: str = "true or false") -> bool:
+    # by the value, not the text: YAML has already said what is a switch
     found = scalar(node, findings, wanted)
     if isinstance(found.value, bool):
         return found.value
@@ -124,6 +125,7 @@ def number(
     below: float = math.inf,
 ) -> LeafField:
     """Validates a number with above < number < below, least ≤ number ≤ most."""
+    # the words of the message and the keywords of the schema are made of the same four numbers
     limits = [
         f"above {above:g}" if above > -math.inf else "",
         f"at least {least:g}" if least > -math.inf else "",

@@ -5,6 +5,7 @@ from typing import Annotated, ClassVar
 from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.plain import PositiveCount, number
 
+# 0 and 1 are both allowed: a rate that ends at 0, and one that stays
 _Share = Annotated[float, number(least=0.0, most=1.0)]
 # a rate of 0 would end training without a word, a factor above 1 would make it diverge
 _Factor = Annotated[float, number(above=0.0, most=1.0)]

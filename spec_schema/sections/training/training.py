@@ -133,8 +133,7 @@ class Stage(Entry):
     """When to end before all epochs."""
     seed: NonNegativeCount = 0
     """Seed of the shuffling."""
-    # half the memory and twice the lanes of float64; second-order steps and linear fits ask for
-    # that
+    # half the memory and twice the lanes of float64: the noise of batches is far above rounding
     dtype: Dtype = "float32"
     """Precision of the arithmetic."""
     engine: EngineName = "auto"
