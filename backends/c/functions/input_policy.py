@@ -198,7 +198,7 @@ def policy_functions(interface: Interface, table: FunctionTable) -> tuple[c.Func
             constant_time_check(policy, table) if table.constant_time else body(table.prefix),
         )
         for policy, (_, body) in _CHECKS.items()
-        # a static function that nobody calls is a warning of compilers and a finding of MISRA (2.1)
+        # a static function that nobody calls is a warning of compilers and a finding of MISRA
         if policy in used
     )
 
