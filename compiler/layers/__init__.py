@@ -8,33 +8,29 @@ from importlib import import_module
 
 from compiler.layers.rules.layer_rule import AnyRule
 from spec_schema.fields.entry import Entry
-from spec_schema.sections.layers.filters import Iir, SavitzkyGolay, StateSpace
-from spec_schema.sections.layers.fuzzy_sets import Fuzzify
-from spec_schema.sections.layers.layer import LocalModel
-from spec_schema.sections.layers.networks import EquationLearner, Fir, Linear, Mlp
-from spec_schema.sections.layers.tables import Interpolation, Normalize
 
-LAYERS: Mapping[type[Entry], str] = {
-    Fir: "fir",
-    Linear: "linear",
-    Fuzzify: "fuzzify",
-    LocalModel: "local_model",
-    Mlp: "mlp",
-    EquationLearner: "equation_learner",
-    Interpolation: "interpolation",
-    Normalize: "normalize",
-    Iir: "iir",
-    StateSpace: "state_space",
-    SavitzkyGolay: "savitzky_golay",
+LAYERS: Mapping[str, str] = {
+    "Fir": "fir",
+    "Linear": "linear",
+    "Fuzzify": "fuzzify",
+    "LocalModel": "local_model",
+    "Mlp": "mlp",
+    "EquationLearner": "equation_learner",
+    "Interpolation": "interpolation",
+    "Normalize": "normalize",
+    "Iir": "iir",
+    "StateSpace": "state_space",
+    "SavitzkyGolay": "savitzky_golay",
 }
-"""The file of every kind of layer, by the class of its settings. Its rule has the file's name in
-capitals. A file is loaded with the first layer of its kind: most specs have one kind or none."""
+"""The file of every kind of layer, by the name of the class of its settings, which is loaded as
+late. Its rule has the file's name in capitals. A file is loaded with the first layer of its kind:
+most specs have one kind or none."""
 
 
 @cache
 def rule_of(settings: type[Entry]) -> AnyRule:
     """The rule of the layers with settings of this class."""
-    name = LAYERS[settings]
+    name = LAYERS[settings.__name__]
     rule: AnyRule = getattr(import_module(f"{__name__}.{name}"), name.upper())
     assert rule.settings is settings, name
     return rule

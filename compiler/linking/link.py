@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from compiler.ir.scalars.table import Array
 from compiler.linking.connected import Connected
-from compiler.linking.renaming import Renaming
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import submodels as errors
 from spec_schema.fields.entry import Entry
@@ -18,10 +17,13 @@ from spec_schema.robots.robot import Robot
 from spec_schema.sections.data.data import Data
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.integrators import Integrator
-from spec_schema.sections.optimal_control import OptimalControl
 from spec_schema.sections.signals import Output, Signal
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Connection, Use
+
+if TYPE_CHECKING:
+    from compiler.linking.renaming import Renaming
+    from spec_schema.sections.optimal_control import OptimalControl
 
 WeightsByPart = Mapping[str, Mapping[str, Array]]
 """For each sub-model that has `weights:`, its arrays by the names of its own file."""
@@ -131,6 +133,9 @@ class _Linking:
             if file.robot is not None:
                 self.robots[full] = RobotPart(file.robot, part.names)
             inner.append(part)
+        # few specs have sub-models, and it knows the settings of layers
+        from compiler.linking.renaming import Renaming
+
         renaming = Renaming(prefix, names)
         self.connections += [
             (renaming.name(name), renaming.entry(connection), owner)

@@ -12,6 +12,7 @@ from io import TextIOWrapper
 from typing import NoReturn
 
 from msnn.cli.interrupts import interrupt_on_signals, is_interrupt
+from msnn.project.late_metadata import load_metadata_when_asked
 
 _INTERRUPTED = 130  # ExitCode.INTERRUPTED, which is not loaded yet
 _LOOKING = frozenset({"check", "compile", "diff", "show"})
@@ -30,6 +31,7 @@ def main() -> NoReturn:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         # pydantic would look for plugins in every distribution of the environment
         os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+        load_metadata_when_asked()
     try:
         # before the import below, which takes most of the time of a short command
         interrupt_on_signals()

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from spec_schema.editors.key_docs import key_doc
 from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.entry_kinds import about, kinds_of, kinds_within
+from spec_schema.fields.late_entry import LateEntry
 from spec_schema.fields.leaf import Gathering, JsonSchema, LeafField
 from spec_schema.sections.spec import Spec
 
@@ -146,6 +147,8 @@ def _schema(annotation: Any, metadata: list[Any]) -> JsonSchema:
             return note.schema
         if isinstance(note, Gathering):
             return note.schema(_item(annotation))
+        if isinstance(note, LateEntry):
+            return {"$ref": _reference(note.kind)}
     if isclass(annotation) and issubclass(annotation, Entry):
         return {"$ref": _reference(annotation)}
     origin, arguments = get_origin(annotation), get_args(annotation)

@@ -6,6 +6,7 @@ from inspect import isclass
 from typing import Any, get_args
 
 from spec_schema.fields.entry import Entry
+from spec_schema.fields.late_entry import LateEntry
 
 
 def kinds_within(first: type[Entry]) -> Iterator[type[Entry]]:
@@ -26,6 +27,8 @@ def kinds_of(annotation: Any) -> list[type[Entry]]:
     """The kinds of mappings that a field of this type holds."""
     if isclass(annotation) and issubclass(annotation, Entry):
         return [annotation]
+    if isinstance(annotation, LateEntry):
+        return [annotation.kind]
     return [kind for part in get_args(annotation) for kind in kinds_of(part)]
 
 

@@ -5,6 +5,7 @@ from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from spec_schema.fields.entry import Entry
+from spec_schema.fields.late_entry import LateEntry
 from spec_schema.fields.leaf import Gathering, declarations, members
 
 Kind = Any
@@ -49,7 +50,9 @@ def named_sections(spec: type[Entry]) -> tuple[str, ...]:
 def _arms(kind: Kind) -> Iterator[Any]:
     """A type without what annotates it; of a union each."""
     if get_origin(kind) is Annotated:
-        yield from _arms(get_args(kind)[0])
+        inner, *notes = get_args(kind)
+        late = [note.kind for note in notes if isinstance(note, LateEntry)]
+        yield from late or _arms(inner)
     elif get_origin(kind) in (Union, UnionType):
         for arm in get_args(kind):
             yield from _arms(arm)

@@ -1,25 +1,31 @@
 """A whole spec, in the order in which its sections are usually written."""
 
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from pydantic import Field
 
 from spec_schema.fields.entry import Entry
+from spec_schema.fields.late_entry import late_entries
 from spec_schema.fields.named_tables import Named
 from spec_schema.fields.plain import EntriesOf, LanguageVersion, NewName, Text
 from spec_schema.fields.quantities import SampleTime
 from spec_schema.sections.data.data import Data
 from spec_schema.sections.dimensions import Dimension, DimensionField
-from spec_schema.sections.estimation import Estimator
 from spec_schema.sections.exports import Export
 from spec_schema.sections.integrators import Integrator
 from spec_schema.sections.layers.layer import Layer
-from spec_schema.sections.optimal_control import OptimalControl
 from spec_schema.sections.signals import Equation, Input, Loss, Output, Signal, State
 from spec_schema.sections.submodels import Connection, Connections, Use
 from spec_schema.sections.training.training import Stage
 from spec_schema.sections.validation import Validation
 from spec_schema.sections.values import Constant, Function, Parameter
+
+if TYPE_CHECKING:
+    from spec_schema.sections.estimation import Estimator
+    from spec_schema.sections.optimal_control import OptimalControl
+else:
+    (Estimator,) = late_entries(f"{__package__}.estimation", "Estimator")
+    (OptimalControl,) = late_entries(f"{__package__}.optimal_control", "OptimalControl")
 
 
 class Spec(Entry):

@@ -251,7 +251,13 @@ def test_rooms_of_what_a_spec_does_not_have_stay_closed(project: Path):
         "compiler.differentiation.gradient_nodes",  # `grad`
         "compiler.layers.fir",
         "compiler.layers.local_model",
+        "compiler.linking.renaming",  # `use`
         "spec_schema.robots.part",
+        "spec_schema.sections.estimation",
+        "spec_schema.sections.layers.filters",
+        "spec_schema.sections.layers.networks",
+        "spec_schema.sections.layers.tables",
+        "spec_schema.sections.optimal_control",
     ):
         assert not {name for name in loaded if f"{name}.".startswith(f"{closed}.")}
 
@@ -261,6 +267,61 @@ def test_check_starts_no_threads(project: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     said = in_new_process(("check", "plant.msnn.yaml"), project, start=_COUNTED)
     assert (said.code, said.err) == (0, "1\n")  # that of Python itself
+
+
+_LOADED_AT_THE_END = """
+import os, sys
+leave = os._exit
+def list_and_leave(code):
+    print(*sys.modules, sep="\\n", file=sys.stderr, flush=True)
+    leave(code)
+os._exit = list_and_leave
+from msnn.cli.main import main
+main()
+"""
+
+
+@pytest.mark.parametrize("verb", ["check", "compile", "show"])
+def test_what_looks_reads_no_metadata_of_distributions(project: Path, verb: str):
+    said = in_new_process((verb, "plant.msnn.yaml"), project, start=_LOADED_AT_THE_END)
+    assert said.code == 0, said.err
+    loaded = said.err.split()
+    assert "pydantic.main" in loaded
+    assert "importlib.metadata" in loaded  # what stands for it
+    assert not {"email", "importlib.metadata._adapters", "zipfile"} & set(loaded)
+
+
+_ASKED_LATER = """
+import sys
+from msnn.project.late_metadata import load_metadata_when_asked
+load_metadata_when_asked()
+from importlib.metadata import entry_points
+import importlib.metadata
+assert "email" not in sys.modules
+ASK
+assert "email" in sys.modules
+from importlib.metadata import entry_points as own
+assert own.__module__ == importlib.metadata.__name__ == "importlib.metadata"
+assert importlib.metadata is sys.modules["importlib.metadata"]
+assert importlib.metadata.entry_points is own
+load_metadata_when_asked()
+assert importlib.metadata.entry_points is own
+"""
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        "assert list(entry_points(group='console_scripts'))",
+        "assert importlib.metadata.version('numpy').split('.')",
+        "from importlib.metadata import PackageNotFoundError as e; assert issubclass(e, Exception)",
+        "import importlib.metadata._meta; importlib.metadata.files('numpy')",
+        "import importlib.metadata as m; assert not hasattr(m, 'no_such') and m.Distribution",
+    ],
+)
+def test_metadata_answer_whatever_they_are_asked(project: Path, ask: str):
+    said = in_new_process((), project, start=_ASKED_LATER.replace("ASK", ask))
+    assert (said.code, said.err) == (0, "")
 
 
 def test_importing_msnn_imports_next_to_nothing(project: Path):

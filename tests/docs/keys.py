@@ -14,6 +14,7 @@ from spec_schema.expressions.tree import Duration, Expression, Samples
 from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.entry_kinds import kinds_of, kinds_within
 from spec_schema.fields.formulas import Prediction
+from spec_schema.fields.late_entry import LateEntry
 from spec_schema.fields.located import Choice, Located
 from spec_schema.sections.data.columns import ColumnName
 from spec_schema.sections.data.splits import Blocks, Fraction
@@ -111,8 +112,11 @@ def _said(annotation: Any) -> str:
     if isclass(annotation) and issubclass(annotation, Entry):
         return link(annotation)
     origin, args = get_origin(annotation), get_args(annotation)
+    if isinstance(annotation, LateEntry):
+        return _said(annotation.kind)
     if origin is Annotated:
-        return _said(args[0])
+        is_late = isinstance(args[1], LateEntry)
+        return _said(args[1] if is_late else args[0])
     if origin in (Located, Choice):
         return _said(args[0])
     if origin is Literal:

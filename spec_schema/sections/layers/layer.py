@@ -1,14 +1,25 @@
 """A declared layer: one of the kinds, or a sum of cells of one kind."""
 
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.formulas import ExpressionField
+from spec_schema.fields.late_entry import late_entries
 from spec_schema.fields.plain import ManyOf
-from spec_schema.sections.layers.filters import Iir, SavitzkyGolay, StateSpace
 from spec_schema.sections.layers.fuzzy_sets import Fuzzify
-from spec_schema.sections.layers.networks import EquationLearner, Fir, Linear, Mlp
-from spec_schema.sections.layers.tables import Interpolation, Normalize
+
+if TYPE_CHECKING:
+    from spec_schema.sections.layers.filters import Iir, SavitzkyGolay, StateSpace
+    from spec_schema.sections.layers.networks import EquationLearner, Fir, Linear, Mlp
+    from spec_schema.sections.layers.tables import Interpolation, Normalize
+else:
+    Iir, SavitzkyGolay, StateSpace = late_entries(
+        f"{__package__}.filters", "Iir", "SavitzkyGolay", "StateSpace"
+    )
+    EquationLearner, Fir, Linear, Mlp = late_entries(
+        f"{__package__}.networks", "EquationLearner", "Fir", "Linear", "Mlp"
+    )
+    Interpolation, Normalize = late_entries(f"{__package__}.tables", "Interpolation", "Normalize")
 
 
 class Cell(OneOf):
