@@ -16,6 +16,7 @@ def foreign_character(
 
 def caret(span: Span) -> Diagnostic:
     """E0321: `^` for a power."""
+    # no exclusive or is ever meant in a formula, so the replacement is safe for editors
     message, label = "`^` is not a power here", "bitwise in Python"
     return error("E0321", span, message, label, help="write `**`", replacement="**")
 

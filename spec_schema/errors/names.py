@@ -24,6 +24,7 @@ def unknown_name(
 def declared_twice(name: str, span: Span, first: Span, kind: str) -> Diagnostic:
     """E0302: one name for two things."""
     message = f"`{name}` is declared twice"
+    # the second place is underlined: whoever writes from top to bottom has just typed that one
     label = "again here"
     repair = "all sections of a spec share one namespace"
     return error(

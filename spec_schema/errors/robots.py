@@ -62,6 +62,7 @@ def unknown_joint_type(name: str, found: str, span: Span) -> Diagnostic:
         "planar": "write two prismatic joints and a revolute one, with links without mass between",
         "spherical": "write three revolute joints, with links without mass between",
     }.get(found)
+    # the label lists what there is, so the help line is free for how to compose the motion
     known = "one of revolute, continuous, prismatic, fixed"
     return error("E1209", span, message, known, help=repair)
 
