@@ -140,6 +140,37 @@ def test_the_covariance_stays_positive_in_single_precision(tmp_path: Path) -> No
     assert kalman.covariance.dtype == np.float32
 
 
+COUPLED = """
+msnn: 1
+name: coupled
+sample_time: 1 s
+inputs: {u: {}}
+states:
+  p: {next: 0.31 * p + 0.57 * q - 0.23 * r + u, init: 0}
+  q: {next: 0.37 * q - 0.41 * p + 0.29 * r, init: 0}
+  r: {next: 0.19 * p - 0.61 * q + 0.43 * r, init: 0}
+outputs: {y: {expr: 1 * p, predicts: "z[t]"}}
+targets: {z: {}}
+estimator:
+  ekf:
+    measured: {y: 0.1}
+    process: {p: 0.3, q: 0.3, r: 0.3}
+    initial: {p: 1, q: 1, r: 1}
+"""
+
+
+def test_the_covariance_stays_symmetric_where_nothing_is_measured(tmp_path: Path) -> None:
+    """A P Aᵀ is rounded to triangles that differ."""
+    kalman = kalman_filter(load(tmp_path, COUPLED))
+    A = np.array([[0.31, 0.57, -0.23], [-0.41, 0.37, 0.29], [0.19, -0.61, 0.43]])
+    wanted = np.eye(3)
+    for _ in range(40):
+        kalman.predict({"u": 0.0})
+        assert np.array_equal(kalman.covariance, kalman.covariance.T)
+        wanted = A @ wanted @ A.T + 0.09 * np.eye(3)
+        np.testing.assert_allclose(kalman.covariance, wanted, rtol=1e-12, atol=1e-14)
+
+
 def test_a_signal_that_is_fed_back(tmp_path: Path) -> None:
     text = """
 msnn: 1

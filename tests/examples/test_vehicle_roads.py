@@ -89,5 +89,68 @@ def test_what_is_fitted_beside_specs_is_fitted_to_training_drives_alone(
     assert seen == [10.0]
 
 
+def test_curvatures_are_compared_at_the_sample_that_they_are_of(
+    example: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A car that is told what its curvature will be a sample later predicts it without error."""
+    open_loop = example("open_loop")
+    true = np.sin(np.arange(200.0) ** 1.5 / 40) / 50
+    drive = {"v": np.full(200, 10.0), "a": np.zeros(200), "angle": np.arctan(2.7 * true)}
+    drive |= {"rho_true": true, "delta": np.append(true[1:], 0.0)}
+
+    class Told:
+        def reset(self, **_: float) -> None: ...
+
+        def step(self, delta: float, **_: float) -> dict[str, float]:
+            return {"rho_hat": delta}
+
+    monkeypatch.setattr(open_loop.msnn, "load", lambda *_: None)
+    monkeypatch.setattr(open_loop.msnn, "stepper", lambda *_: Told())
+    found = open_loop.through_vehicle(EXAMPLE / "vehicle.msnn.yaml", drive, drive["delta"])
+    assert found.mse == 0
+    # rows that every controller and the filter of 30 samples have
+    assert len(found.true) == 199 - 30 - 30
+    wheels = open_loop.through_kinematics(drive, 2.7)
+    assert wheels.worst < 1e-16
+    late = open_loop.through_vehicle(EXAMPLE / "vehicle.msnn.yaml", drive, true)
+    rows = slice(30, 169)
+    assert late.mse == pytest.approx(np.mean((true[:-1][rows] - true[1:][rows]) ** 2), rel=1e-12)
+    assert late.worst == pytest.approx(np.max(np.abs(true[:-1][rows] - true[1:][rows])))
+
+
+def test_a_run_is_reduced_to_its_largest_and_its_mean_squares(example: Any) -> None:
+    results, setting = example("results"), example("setting")
+    n = 5
+    none = dict.fromkeys(("x", "y", "way", "angle", "acceleration", "yaw_rate"), np.zeros(n))
+    run = example("closed_loop").Run(
+        **none,
+        offset=np.array([0.1, -0.4, 0.2, 0.0, 0.1]),
+        curvature=np.array([0.01, -0.03, 0.0, 0.02, 0.0]),
+        wanted=np.array([0.0, -0.01, 0.0, 0.0, 0.0]),
+        asked=np.array([0.0, 0.1, -0.2, -0.2, 0.0]),
+        speed=np.array([10.0, 20.0, 10.0, 10.0, 10.0]),
+        arrived=True,
+    )
+    runs = {(c, v.name): run for c in results.CONTROLLERS for v in setting.VARIATIONS}
+    solve = example("predictive").Solve
+    ways = [solve(status="SOLVED", iterations=i, taken=1e-3 * i) for i in (2, 3, 10)]
+    judged = example("judge").Judged(
+        runs=runs, by={}, solves=ways, traces={}, lead=0, finer_steps=0.0, translated=0.0
+    )
+    found = results.numbers(judged, {})
+    assert found["closed_loop"]["nominal"]["controller"] == {
+        "arrived": True,
+        "max": 0.4,
+        "rms": pytest.approx(np.sqrt(0.22 / 5)),
+        "rate_max": pytest.approx(6.0),  # 0.3 rad in 50 ms
+        "rate_rms": pytest.approx(np.sqrt((4 + 36 + 0 + 16) / 4)),
+        "curvature_mse": pytest.approx((1e-4 + 4e-4 + 4e-4) / 5),
+        "sideways": pytest.approx(12.0),
+    }
+    assert found["solves"]["ms"][0] == pytest.approx(3.0)
+    assert found["solves"]["iterations"] == 5.0
+    assert found["solves"]["most_iterations"] == 10
+
+
 def _drive(speed: float) -> str:
     return "\n".join(["v,a,rho,delta,angle,rho_true", *[f"{speed}" + 5 * ",0.01"] * 400, ""])
