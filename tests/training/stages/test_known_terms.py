@@ -12,6 +12,9 @@ from compiler.ir.program import Loss, Measure, Parameter, Program
 from compiler.ir.training.known import Penalty
 from compiler.ir.types import Axis
 from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
+from msnn.simulation.rollout import LossSum
+from msnn.training.plans.known_terms_of_stage import residuals_of
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.learned.standard_errors import standard_errors
 from msnn.training.train import TrainingOptions, TrainingResult, train
@@ -98,6 +101,23 @@ def test_a_prior_of_a_bounded_parameter(stage: str) -> None:
     """The most probable values of physical numbers, whatever variable stands behind them."""
     result = run("init: 1, min: -5, scale: 2, prior: {mean: 0.5, std: 0.2}", stage)
     assert result.weights["w"] == pytest.approx(posterior_mode(0.5, 0.2), abs=1e-3)
+
+
+@pytest.mark.parametrize(("skip", "scored", "rows"), [(0, 180, 40), (2, 108, 38)])
+def test_a_prior_counts_beside_rows_and_not_beside_rollouts(
+    skip: int, scored: int, rows: int
+) -> None:
+    """Of 40 rows there are 36 rollouts of 5, which score most rows five times."""
+    stage = f"optimizer: levenberg_marquardt, rollout: {{horizon: 5, stride: 1, skip: {skip}}}"
+    program, spec = compiled(text_of("init: 0, prior: {mean: 0.5, std: 0.2}", stage))
+    (plan,) = plan_stages(program, spec.train, Findings())
+    t0 = np.arange(36)
+    runs = Runs(t0, np.full(36, 5), skipped=0, longest=ROWS)
+    (name,) = plan.loss_weights
+    found = residuals_of(plan, {name: LossSum(scored * 0.25, scored)}, runs)
+    assert found.count == pytest.approx(rows)
+    assert found.square == pytest.approx(0.25)
+    assert found.spread == pytest.approx(0.25 / rows)
 
 
 def lasso(weight: float, grouped: int) -> FloatArray:
