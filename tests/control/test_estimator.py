@@ -178,17 +178,17 @@ def test_numbers_of_one_measurement_correct_as_all_at_once(tmp_path: Path) -> No
     """One after the other, each against what those before it have moved already."""
     kalman = kalman_filter(load(tmp_path, COUPLED))
     C, R = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, -2.0]]), 0.01 * np.eye(2)
-    x, P = np.zeros(3), np.eye(3)
+    x, covariance = np.zeros(3), np.eye(3)
     random = np.random.default_rng(4)
     for _ in range(20):
         z, u = random.normal(size=2), random.normal()
         found = kalman.correct({"z": z})
         assert np.array_equal(kalman.covariance, kalman.covariance.T)
-        gain = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
-        x, P = x + gain @ (z - C @ x), (np.eye(3) - gain @ C) @ P
+        gain = covariance @ C.T @ np.linalg.inv(C @ covariance @ C.T + R)
+        x, covariance = x + gain @ (z - C @ x), (np.eye(3) - gain @ C) @ covariance
         np.testing.assert_allclose([found.states[name] for name in "pqr"], x, rtol=1e-9)
         kalman.predict({"u": u})
-        x, P = A @ x + [u, 0, 0], A @ P @ A.T + 0.09 * np.eye(3)
+        x, covariance = A @ x + [u, 0, 0], A @ covariance @ A.T + 0.09 * np.eye(3)
 
 
 @pytest.mark.parametrize(("measured", "kept"), [(50.0, 2.0), (-50.0, 1.0)])
