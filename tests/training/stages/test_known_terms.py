@@ -103,21 +103,37 @@ def test_a_prior_of_a_bounded_parameter(stage: str) -> None:
     assert result.weights["w"] == pytest.approx(posterior_mode(0.5, 0.2), abs=1e-3)
 
 
-@pytest.mark.parametrize(("skip", "scored", "rows"), [(0, 180, 40), (2, 108, 38)])
-def test_a_prior_counts_beside_rows_and_not_beside_rollouts(
-    skip: int, scored: int, rows: int
+@pytest.mark.parametrize(
+    ("measure", "skip", "scored", "rows", "square"),
+    [("mse", 0, 180, 40, 9.0), ("rmse", 0, 180, 40, 1.5), ("mae", 2, 108, 38, 4.5)],
+)
+def test_a_prior_counts_beside_rows_by_what_their_loss_is_to_a_likelihood(
+    measure: str, skip: int, scored: int, rows: int, square: float
 ) -> None:
-    """Of 40 rows there are 36 rollouts of 5, which score most rows five times."""
-    stage = f"optimizer: levenberg_marquardt, rollout: {{horizon: 5, stride: 1, skip: {skip}}}"
-    program, spec = compiled(text_of("init: 0, prior: {mean: 0.5, std: 0.2}", stage))
+    """Of 40 rows there are 36 rollouts of 5, which score most rows five times.
+
+    -2 ln of the likelihood of n residuals is n ln mse of Gauss, so 2 n ln rmse, and 2 n ln mae of
+    Laplace: where 2 n ln F + d stands still, so does F + F d / (2 n).
+    """
+    stage = f"optimizer: adam, rollout: {{horizon: 5, stride: 1, skip: {skip}}}"
+    loss = f'losses: {{fit: "{measure}(z, y)"}}\n'
+    program, spec = compiled(text_of("init: 0, prior: {mean: 0.5, std: 0.2}", stage, loss))
     (plan,) = plan_stages(program, spec.train, Findings())
-    t0 = np.arange(36)
-    runs = Runs(t0, np.full(36, 5), skipped=0, longest=ROWS)
-    (name,) = plan.loss_weights
-    found = residuals_of(plan, {name: LossSum(scored * 0.25, scored)}, runs)
-    assert found.count == pytest.approx(rows)
-    assert found.square == pytest.approx(0.25)
-    assert found.spread == pytest.approx(0.25 / rows)
+    runs = Runs(np.arange(36), np.full(36, 5), skipped=0, longest=ROWS)
+    found = residuals_of(plan, {"fit": LossSum(9.0 * scored, scored)}, runs)
+    assert found.square == pytest.approx(square)
+    assert found.spread == pytest.approx(square / rows)
+
+
+@pytest.mark.parametrize("engine", ["torch", "native"])
+def test_what_is_best_counts_the_prior(engine: str) -> None:
+    """From the least squares on every step towards the prior makes the residuals larger."""
+    if engine == "native":
+        require_tool("gcc", install="apt install gcc")
+    start = np.linalg.lstsq(U, Y, rcond=None)[0].tolist()
+    stage = f"optimizer: levenberg_marquardt, epochs: 60, engine: {engine}"
+    found = run(f"init: {start}, prior: {{mean: 0.5, std: 0.2}}", stage).weights["w"]
+    assert found == pytest.approx(posterior_mode(0.5, 0.2), abs=1e-5)
 
 
 def lasso(weight: float, grouped: int) -> FloatArray:
