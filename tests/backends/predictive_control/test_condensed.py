@@ -194,8 +194,10 @@ def test_a_jump_of_what_is_wanted_takes_few_iterations(tmp_path: Path) -> None:
     assert max(iterations) <= 3, iterations
 
 
-_BARRIER = {"KEEP": 0.99, "FEWEST": 0.1, "NEARLY": 30.0, "NEAR_PULL": 0.01}
-_BARRIER |= {"LOWEST_MU": 0.01, "HIGHEST_MU": 0.01}
+_BARRIER = {
+    **{"LOWEST_MU": 0.01, "HIGHEST_MU": 0.01},
+    **{"KEEP": 0.99, "FEWEST": 0.1, "NEARLY": 30.0, "NEAR_PULL": 0.01},
+}
 
 
 @pytest.mark.parametrize("plant", ["filter_and_rates", "network_on_windows"])
