@@ -195,8 +195,12 @@ def test_a_jump_of_what_is_wanted_takes_few_iterations(tmp_path: Path) -> None:
 
 
 _BARRIER = {
-    **{"LOWEST_MU": 0.01, "HIGHEST_MU": 0.01},
-    **{"KEEP": 0.99, "FEWEST": 0.1, "NEARLY": 30.0, "NEAR_PULL": 0.01},
+    "LOWEST_MU": 0.01,
+    "HIGHEST_MU": 0.01,
+    "KEEP": 0.99,
+    "FEWEST": 0.1,
+    "NEARLY": 30.0,
+    "NEAR_PULL": 0.01,
 }
 
 
