@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from scipy.interpolate import CubicSpline
 
+from msnn.data.dataset import FloatArray
 from msnn.data.reading.load import load_data
 from msnn.model.load import load_model
 
@@ -118,6 +120,46 @@ def test_curvatures_are_compared_at_the_sample_that_they_are_of(
     assert late.worst == pytest.approx(np.max(np.abs(true[:-1][rows] - true[1:][rows])))
 
 
+@pytest.mark.parametrize(("offset", "turned"), [(1.8, -0.15), (-2.5, 0.2), (0.0, 0.1)])
+def test_the_planned_curvature_is_that_of_the_path_in_the_plane(
+    offset: float, turned: float, example: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The path laid beside the road point by point, by a polynomial that a linear system gives."""
+    preview, roads, setting = example("preview"), example("roads"), example("setting")
+    monkeypatch.setattr(preview, "REAR_SLIP", 0.0)  # what is handed on is the path's own
+    # tables so fine that a line between their rows is no kink
+    way = np.arange(0.0, 120.0, 0.002)
+    heading, speeds = 0.9 * (1 - np.cos(way / 30)), 12 + 2 * np.sin(way / 20)
+    road = roads.Road(
+        way=way,
+        x=_integral(np.cos(heading), way),
+        y=_integral(np.sin(heading), way),
+        heading=heading,
+        curvature=0.03 * np.sin(way / 30),
+        speed=speeds,
+        time=_integral(1 / speeds, way),
+    )
+    begin, speed = 35.0, 15.0
+    place = preview.Place(begin, offset, turned, float(road.at(begin, road.curvature)))
+    found = preview.Planner(road, 0.0).plan(place, {"speed": speed})
+
+    T, s = 3.0, setting.SAMPLE_TIME * np.arange(30)
+    at = np.arange(6)
+    ends = [np.eye(6)[0], np.eye(6)[1], 2 * np.eye(6)[2]]
+    ends += [T**at, at * T ** np.maximum(at - 1, 0), at * (at - 1) * T ** np.maximum(at - 2, 0)]
+    known = [offset, speed * np.sin(turned), 0.0, 0.0, 0.0, 0.0]
+    polynomial = np.linalg.solve(np.array(ends, float), known)
+    n = (s[:, None] ** at) @ polynomial
+    along = np.interp(road.at(begin, road.time) + s, road.time, road.way)
+    ahead = road.at(along, road.heading)
+    x = CubicSpline(s, road.at(along, road.x) - n * np.sin(ahead))
+    y = CubicSpline(s, road.at(along, road.y) + n * np.cos(ahead))
+    inside = slice(4, -4)  # a spline knows little of second slopes at its ends
+    bent = x(s, 1) * y(s, 2) - y(s, 1) * x(s, 2)
+    curvature = bent / np.hypot(x(s, 1), y(s, 1)) ** 3
+    np.testing.assert_allclose(found.curvature[inside], curvature[inside], rtol=0, atol=2e-5)
+
+
 def test_a_run_is_reduced_to_its_largest_and_its_mean_squares(example: Any) -> None:
     results, setting = example("results"), example("setting")
     n = 5
@@ -150,6 +192,10 @@ def test_a_run_is_reduced_to_its_largest_and_its_mean_squares(example: Any) -> N
     assert found["solves"]["ms"][0] == pytest.approx(3.0)
     assert found["solves"]["iterations"] == 5.0
     assert found["solves"]["most_iterations"] == 10
+
+
+def _integral(slope: FloatArray, over: FloatArray) -> FloatArray:
+    return np.append(0.0, np.cumsum(np.diff(over) * (slope[1:] + slope[:-1]) / 2))
 
 
 def _drive(speed: float) -> str:
