@@ -106,6 +106,17 @@ def test_information_criteria_are_those_of_gaussian_errors():
     assert bic == pytest.approx((likely + 4 * math.log(100)) / 100)
 
 
+def test_a_model_costs_what_its_dearest_training_learns():
+    """Folds in which a penalty leaves numbers out do not make it cheaper."""
+    of_folds = ((1.0, 40), (1.1, 90), (0.9, 60))
+    lines = [replace(line(error, 0), cost=None, parameters=count) for error, count in of_folds]
+    (entry,) = ranked(models(lines), ERROR)
+    assert entry.parameters == 90
+    assert entry.expense == 90
+    assert entry.score == pytest.approx(1.0)
+    assert entry.deviation == pytest.approx(0.1)
+
+
 def test_the_cheapest_within_a_standard_error_is_named():
     good = [line(1.0, 90), line(1.2, 90)]  # mean 1.1, standard error 0.1
     near, far = [line(1.19, 50)], [line(1.21, 10)]

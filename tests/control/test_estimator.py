@@ -140,6 +140,79 @@ def test_the_covariance_stays_positive_in_single_precision(tmp_path: Path) -> No
     assert kalman.covariance.dtype == np.float32
 
 
+COUPLED = """
+msnn: 1
+name: coupled
+sample_time: 1 s
+dims: {o: 2}
+inputs: {u: {}}
+states:
+  p: {next: 0.31 * p + 0.57 * q - 0.23 * r + u, init: 0}
+  q: {next: 0.37 * q - 0.41 * p + 0.29 * r, init: 0}
+  r: {next: 0.19 * p - 0.61 * q + 0.43 * r, init: 0}
+outputs: {y: {expr: "stack(p + 0.5 * q, q - 2 * r, dim=o)", predicts: "z[t]"}}
+targets: {z: {dims: o}}
+estimator:
+  ekf:
+    measured: {y: 0.1}
+    process: {p: 0.3, q: 0.3, r: 0.3}
+    initial: {p: 1, q: 1, r: 1}
+"""
+
+
+A = np.array([[0.31, 0.57, -0.23], [-0.41, 0.37, 0.29], [0.19, -0.61, 0.43]])
+
+
+def test_the_covariance_stays_symmetric_where_nothing_is_measured(tmp_path: Path) -> None:
+    """A P Aᵀ is rounded to triangles that differ."""
+    kalman = kalman_filter(load(tmp_path, COUPLED))
+    wanted = np.eye(3)
+    for _ in range(40):
+        kalman.predict({"u": 0.0})
+        assert np.array_equal(kalman.covariance, kalman.covariance.T)
+        wanted = A @ wanted @ A.T + 0.09 * np.eye(3)
+        np.testing.assert_allclose(kalman.covariance, wanted, rtol=1e-12, atol=1e-14)
+
+
+def test_numbers_of_one_measurement_correct_as_all_at_once(tmp_path: Path) -> None:
+    """One after the other, each against what those before it have moved already."""
+    kalman = kalman_filter(load(tmp_path, COUPLED))
+    C, R = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, -2.0]]), 0.01 * np.eye(2)
+    x, covariance = np.zeros(3), np.eye(3)
+    random = np.random.default_rng(4)
+    for _ in range(20):
+        z, u = random.normal(size=2), random.normal()
+        found = kalman.correct({"z": z})
+        assert np.array_equal(kalman.covariance, kalman.covariance.T)
+        gain = covariance @ C.T @ np.linalg.inv(C @ covariance @ C.T + R)
+        x, covariance = x + gain @ (z - C @ x), (np.eye(3) - gain @ C) @ covariance
+        np.testing.assert_allclose([found.states[name] for name in "pqr"], x, rtol=1e-9)
+        kalman.predict({"u": u})
+        x, covariance = A @ x + [u, 0, 0], A @ covariance @ A.T + 0.09 * np.eye(3)
+
+
+@pytest.mark.parametrize(("measured", "kept"), [(50.0, 2.0), (-50.0, 1.0)])
+def test_a_parameter_stays_between_its_bounds(measured: float, kept: float, tmp_path: Path) -> None:
+    text = """
+msnn: 1
+name: gain
+sample_time: 1 s
+inputs: {u: {between: hold}, z: {}}
+parameters: {k: 1.5}
+states: {s: {next: 0.5 * s, init: 0}}
+outputs: {y: {expr: k * u + s, predicts: z}}
+estimator:
+  ekf:
+    measured: {y: 0.1}
+    process: {s: 0.01}
+    initial: {s: 0.01}
+    parameters: {k: {std: 3, min: 1, max: 2}}
+"""
+    kalman = kalman_filter(load(tmp_path, text))
+    assert kalman.correct({"z": 1.5}, {"u": 1.0}).parameters["k"] == 1.5
+    assert kalman.correct({"z": measured}, {"u": 1.0}).parameters["k"] == kept
+
+
 def test_a_signal_that_is_fed_back(tmp_path: Path) -> None:
     text = """
 msnn: 1

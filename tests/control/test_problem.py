@@ -79,6 +79,38 @@ def test_weights_become_constants_and_soft_limits_get_theirs(tmp_path: Path) -> 
         assert path.quadratic == pytest.approx(path.linear / path.scale)
 
 
+SOFT = """
+msnn: 1
+name: soft
+sample_time: 1 s
+inputs: {u: {between: hold, range: [-3, 3]}}
+states: {x: {next: 0.5 * x + u, init: x.meas, range: [-4, 4]}}
+outputs: {y: x}
+mpc:
+  horizon: HORIZON
+  controls: [u]
+  cost: {stage: "x**2 + u**2", terminal: "1e6 * x**2"}
+  bounds: {x: {min: -1, max: 4}}
+"""
+
+
+def test_a_soft_limit_without_weights_is_steeper_than_the_cost_of_the_horizon(
+    tmp_path: Path,
+) -> None:
+    """10 N c / s and that over s: of 4² + 3² at most, the largest of 256 draws is at least 16.
+
+    One draw in ten is above 16.
+    """
+    for horizon in (3, 12):
+        control = load(tmp_path, SOFT.replace("HORIZON", str(horizon))).control
+        assert control is not None
+        (path,) = trained(control, {}).path_limits
+        assert path.scale == 2.5
+        assert path.linear is not None
+        assert 16 < path.linear * path.scale / (10 * horizon) <= 25
+        assert path.quadratic == pytest.approx(path.linear / 2.5)
+
+
 def test_a_program_file_has_its_controller_too(tmp_path: Path) -> None:
     model = load(tmp_path, DOUBLE_INTEGRATOR + mpc(bounds="{u: {min: -1, max: 1}}"))
     again = msnn.load(write_program_file(model, tmp_path), ["mpc.horizon=7"])

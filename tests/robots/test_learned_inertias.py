@@ -68,3 +68,41 @@ def test_whatever_is_learned_the_mass_matrix_is_positive_definite(learning: Prog
         assert np.all(eigenvalues[:, 0] > -1e-12 * eigenvalues[:, -1])
 
     is_positive_definite()  # apart from the program, of whose length Hypothesis would warn instead
+
+
+PLANAR = """
+use: {{arm: {{robot: {{urdf: {0}/planar.urdf, joints: [{1}], learn: [{2}]}}}}}}
+inputs: {{q: {{dims: arm.joint}}}}
+outputs: {{g: arm.gravity_torque(q), M: arm.mass_matrix(q)}}
+"""
+
+
+def test_a_heavier_body_keeps_its_extent(tmp_path: Path) -> None:
+    """Three times the mass of the lower link: three times its moments, about its centre too."""
+    program = model_of(tmp_path, PLANAR.format(URDF, "shoulder, elbow", "mass")).program
+    found = outputs_at(program, {"q": [[0.3, -0.8]]}, {"arm.mass": np.array([2.0, 3.0])})
+    # of one link about the elbow: 1 kg with 0.02 kg m² about a centre 0.2 m away
+    np.testing.assert_allclose(found["M"][0, 1, 1], 3 * (0.02 + 1 * 0.2**2), rtol=1e-13)
+
+
+def test_a_centre_is_learned_along_the_axes_of_its_link(tmp_path: Path) -> None:
+    """About -y, so that (x, y, z) of the link goes to x cos q - z sin q ahead of the shoulder."""
+    program = model_of(tmp_path, PLANAR.format(URDF, "shoulder", "com")).program
+    q = np.array([[0.3], [-1.1]])
+    found = outputs_at(program, {"q": q}, {"arm.com": np.array([[0.2, 0.05, -0.4]])})
+    torque = 3.0 * 9.81 * (0.2 * np.cos(q) + 0.4 * np.sin(q))
+    np.testing.assert_allclose(found["g"], torque, rtol=1e-13)
+
+
+def test_an_extent_is_learned_along_the_axes_of_its_link(tmp_path: Path) -> None:
+    """Σ = m L Lᵀ, of which x and z turn about y; both links as one body of 3 kg."""
+    program = model_of(tmp_path, PLANAR.format(URDF, "shoulder", "inertia, com")).program
+    a, b, c, d, e, f = 0.3, 0.7, 0.2, 0.11, -0.23, 0.37
+    weights = {
+        "arm.com": np.array([[0.2, 0.05, -0.4]]),
+        "arm.size": np.array([[a, b, c]]),
+        "arm.shear": np.array([[d, e, f]]),
+    }
+    found = outputs_at(program, {"q": [[0.3]]}, weights)
+    moment = 3.0 * (a**2 + e**2 + f**2 + c**2 + 0.2**2 + 0.4**2)
+    np.testing.assert_allclose(found["M"], [[[moment]]], rtol=1e-13)

@@ -61,6 +61,7 @@ def _gripper(elbow: str, elsewhere: str) -> str:
 
 _BETWEEN = '<parent link="upper"/><child link="lower"/>'
 _FOLLOWS = '<axis xyz="0 -1 0"/><mimic joint="knob" multiplier="2" offset="0.1"/></joint>'
+_UP = 'xyz="0.5 0 -0.3" rpy="1.5707963267948966 0 0"'
 _KNOB = """
   <link name="k"/>
   <joint name="knob" type="revolute"><parent link="base"/><child link="k"/>
@@ -68,14 +69,19 @@ _KNOB = """
 
 
 @pytest.mark.parametrize(
-    ("kind", "stands_at"),
-    [("revolute", 'xyz="0.5 0 0" rpy="0 -0.3 0"'), ("prismatic", 'xyz="0.5 -0.3 0"')],
+    ("kind", "origin", "stands_at"),
+    [
+        ("revolute", 'xyz="0.5 0 0"', 'xyz="0.5 0 0" rpy="0 -0.3 0"'),
+        ("prismatic", 'xyz="0.5 0 0"', 'xyz="0.5 -0.3 0"'),
+        # along y of the joint, that is z of its parent
+        ("prismatic", 'xyz="0.5 0 0" rpy="1.5707963267948966 0 0"', _UP),
+    ],
 )
 def test_a_joint_that_follows_one_that_is_held_stands_where_that_puts_it(
-    kind: str, stands_at: str, tmp_path: Path
+    kind: str, origin: str, stands_at: str, tmp_path: Path
 ) -> None:
     """It kept the whole file from being read: 0.1 + 2 · (0.1 − 3 · 0)."""
-    elbow = f'<joint name="elbow" type="{kind}">{_BETWEEN}<origin xyz="0.5 0 0"/>{_FOLLOWS}'
+    elbow = f'<joint name="elbow" type="{kind}">{_BETWEEN}<origin {origin}/>{_FOLLOWS}'
     fixed = f'<joint name="elbow" type="fixed">{_BETWEEN}<origin {stands_at}/></joint>'
     (tmp_path / "follows.urdf").write_text(_gripper(elbow, _KNOB))
     (tmp_path / "fixed.urdf").write_text(_gripper(fixed, ""))
@@ -173,6 +179,29 @@ def test_gravity_and_armature_have_units(tmp_path: Path) -> None:
     found = outputs_at(model.program, {"q": [[0.0, 0.0]]})
     np.testing.assert_allclose(found["g"], [[1.62 * 1.2, 1.62 * 0.2]], rtol=1e-14)
     np.testing.assert_allclose(found["M"][0, 1, 1], 0.02 + 0.04 + 0.2, rtol=1e-14)
+
+
+def test_motors_stand_in_the_order_of_the_spec(tmp_path: Path) -> None:
+    text = """
+    use: {{arm: {{robot: {{{0}, joints: [elbow, shoulder], armature: {1}}}}}}}
+    inputs: {{q: {{dims: arm.joint}}, ddq: {{dims: arm.joint}}}}
+    outputs:
+      M: arm.mass_matrix(q)
+      tau: "arm.inverse_dynamics(q, 0, ddq)"
+      a: "arm.forward_dynamics(q, 0, ddq)"
+    """
+    log = {"q": [[0.3, -0.7]], "ddq": [[1.0, -2.0]]}
+    without, found = (
+        outputs_at(model_of(tmp_path, text.format(PLANAR, armature)).program, log)
+        for armature in ("0", "[0.1, 0.5]")
+    )
+    np.testing.assert_allclose(found["M"] - without["M"], [np.diag([0.1, 0.5])], atol=1e-14)
+    np.testing.assert_allclose(found["tau"] - without["tau"], [[0.1, -1.0]], atol=1e-13)
+    weight = outputs_at(
+        model_of(tmp_path, text.format(PLANAR, "0")).program, log | {"ddq": [[0.0, 0.0]]}
+    )["tau"]
+    accelerations = np.linalg.solve(found["M"][0], np.array([1.0, -2.0]) - weight[0])
+    np.testing.assert_allclose(found["a"], [accelerations], rtol=1e-12)
 
 
 def test_a_robot_may_be_in_a_sub_model(tmp_path: Path) -> None:

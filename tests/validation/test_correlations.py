@@ -167,3 +167,47 @@ def test_errors_and_inputs_with_memory_have_the_band_of_bartlett():
     # P = Σ a^|k| a^|k| over all lags; estimated from n values it has a deviation of some 6 %
     wanted = n * (1 - memory**2) / (1 + memory**2)
     assert found.inputs["u"].effective == pytest.approx(wanted, rel=0.2)
+
+
+def test_the_band_is_that_of_as_many_values_as_there_are():
+    """2.5758 deviations hold 99 % of a normal distribution."""
+    rng = np.random.default_rng(8)
+    error, u = np.zeros(1000), np.zeros(1000)
+    for t in range(1, 1000):
+        error[t] = 0.6 * error[t - 1] + rng.standard_normal()
+        u[t] = 0.8 * u[t - 1] + rng.standard_normal()
+    error[rng.choice(1000, 400, replace=False)] = np.nan
+    u[rng.choice(1000, 100, replace=False)] = np.nan
+    itself, inputs = judged(error, {"u": u})
+    of_input, _ = judged(u)
+    assert itself is not None
+    assert of_input is not None
+    assert itself.band == pytest.approx(2.5758293 / math.sqrt(600), rel=1e-7)
+    # Σ over lags of both signs, 1 at lag 0; what is there in both is a pair
+    memory = 1 + 2 * float(itself.values @ of_input.values)
+    pairs = int(np.sum(np.isfinite(error) & np.isfinite(u)))
+    assert inputs["u"].effective == pytest.approx(pairs / memory, rel=1e-12)
+    band = 2.5758293 / math.sqrt(pairs / memory)
+    assert inputs["u"].band == pytest.approx(band, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("lags", "beyond", "is_noise"),
+    [
+        (25, [0.12], True),
+        (25, [0.12, -0.12], False),  # one of 25 is allowed, not two
+        (101, [0.12, -0.12], True),
+        (101, [0.12, 0.11, 0.12], False),
+        # of 25 lags together 3.5401 deviations hold 99 %: 3.5401 / 2.5758 of the band
+        (25, [-0.1374], True),
+        (25, [0.1375], False),
+    ],
+)
+def test_noise_leaves_the_band_at_one_lag_in_a_hundred_and_never_by_far(
+    lags: int, beyond: list[float], is_noise: bool
+):
+    values = np.full(lags, 0.09)
+    values[3 : 3 + len(beyond)] = beyond
+    found = Correlation(lags=np.arange(1, lags + 1), values=values, band=0.1, effective=663.5)
+    assert found.is_noise == is_noise
+    assert found.beyond.tolist() == list(range(4, 4 + len(beyond)))

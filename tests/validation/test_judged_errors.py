@@ -190,3 +190,29 @@ def test_the_record_for_machines_has_what_the_tables_say():
     assert residuals["itself"]["lags"] == list(range(1, 26))
     assert len(record["regions"]["u"]) == 4
     assert regions_table(report.measurements).splitlines()[1].startswith("x_next, record")
+
+
+def test_inputs_are_those_at_the_step_that_predicted():
+    """Errors of -0.3 u[t] at the row t + 1: each quarter of u has them as large as its u."""
+    (found,) = measured("1", LATE).measurements
+    quarters = found.judged.regions["u"]
+    assert len(quarters) == 4
+    for quarter in quarters:
+        ends = sorted((abs(quarter.low), abs(quarter.high)))
+        nearest = 0.0 if quarter.low < 0 < quarter.high else ends[0]
+        assert 0.3 * nearest <= quarter.rmse <= 0.3 * ends[1]
+    rmse = found.metrics["rmse"].value
+    assert max(quarter.rmse for quarter in quarters) > 1.2 * rmse
+
+
+@pytest.mark.parametrize(("row", "share"), [(1000, 1 / 998), (1499, 0.0), (1999, 0.0)])
+def test_what_no_step_has_read_is_not_beyond_the_training_range(row: int, share: float):
+    """From the last row of a record nothing is predicted."""
+    program, spec = gain(more="validate:\n  - {of: x_next, rollout: 1}\n")
+    series = gain_series(2000)
+    series["u"][row] = 1e3
+    data = dataset(series, train=[1000], test=[500, 500])
+    report = validate(program, data, spec.checks, TRUE)
+    far = [each for each in judged(report).extrapolations if each.signal == "u"]
+    # a new range is told from its first value on, of 998 that were scored
+    assert [each.share for each in far if each.high < 1e3] == ([share] if share else [])

@@ -37,6 +37,29 @@ def test_a_mass_with_friction_is_solved_by_one_division() -> None:
     np.testing.assert_allclose(simulated(text, {"F": F}, 0, 30), expected, rtol=1e-12)
 
 
+def test_inputs_between_samples_count_at_the_end_of_each_step() -> None:
+    """As in the implicit Euler method, for the state that is felt and for those beside it."""
+    text = """
+    inputs: {F: {between: linear}, w: {between: linear}}
+    equations: {drag: 0.8 * v + 0.1 * v**3}
+    states:
+      x: {der: v + w, init: 0.3}
+      v: {der: F - 6 * x - drag, init: -2}
+    integrator: {linear_implicit: {of: drag, substeps: 2}}
+    outputs: {y: "stack(x, v)"}
+    """
+    log = {"F": np.sin(np.arange(21.0) / 2), "w": np.cos(np.arange(21.0) / 3)}
+    x, v = 0.3, -2.0
+    expected = []
+    for t in range(20):
+        expected.append([x, v])
+        for over in (0.5, 1.0):
+            F, w = ((1 - over) * log[name][t] + over * log[name][t + 1] for name in ("F", "w"))
+            v += H * (F - 6 * x - 0.8 * v - 0.1 * v**3) / (1 + H * (0.8 + 0.3 * v**2))
+            x += H * (v + w)
+    np.testing.assert_allclose(simulated(text, log, 0, 20), expected, rtol=1e-12)
+
+
 def test_what_couples_states_is_solved_as_a_system() -> None:
     text = """
     dims: {wheel: 2}

@@ -12,6 +12,9 @@ from compiler.ir.program import Loss, Measure, Parameter, Program
 from compiler.ir.training.known import Penalty
 from compiler.ir.types import Axis
 from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
+from msnn.simulation.rollout import LossSum
+from msnn.training.plans.known_terms_of_stage import residuals_of
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.learned.standard_errors import standard_errors
 from msnn.training.train import TrainingOptions, TrainingResult, train
@@ -98,6 +101,39 @@ def test_a_prior_of_a_bounded_parameter(stage: str) -> None:
     """The most probable values of physical numbers, whatever variable stands behind them."""
     result = run("init: 1, min: -5, scale: 2, prior: {mean: 0.5, std: 0.2}", stage)
     assert result.weights["w"] == pytest.approx(posterior_mode(0.5, 0.2), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("measure", "skip", "scored", "rows", "square"),
+    [("mse", 0, 180, 40, 9.0), ("rmse", 0, 180, 40, 1.5), ("mae", 2, 108, 38, 4.5)],
+)
+def test_a_prior_counts_beside_rows_by_what_their_loss_is_to_a_likelihood(
+    measure: str, skip: int, scored: int, rows: int, square: float
+) -> None:
+    """Of 40 rows there are 36 rollouts of 5, which score most rows five times.
+
+    -2 ln of the likelihood of n residuals is n ln mse of Gauss, so 2 n ln rmse, and 2 n ln mae of
+    Laplace: where 2 n ln F + d stands still, so does F + F d / (2 n).
+    """
+    stage = f"optimizer: adam, rollout: {{horizon: 5, stride: 1, skip: {skip}}}"
+    loss = f'losses: {{fit: "{measure}(z, y)"}}\n'
+    program, spec = compiled(text_of("init: 0, prior: {mean: 0.5, std: 0.2}", stage, loss))
+    (plan,) = plan_stages(program, spec.train, Findings())
+    runs = Runs(np.arange(36), np.full(36, 5), skipped=0, longest=ROWS)
+    found = residuals_of(plan, {"fit": LossSum(9.0 * scored, scored)}, runs)
+    assert found.square == pytest.approx(square)
+    assert found.spread == pytest.approx(square / rows)
+
+
+@pytest.mark.parametrize("engine", ["torch", "native"])
+def test_what_is_best_counts_the_prior(engine: str) -> None:
+    """From the least squares on every step towards the prior makes the residuals larger."""
+    if engine == "native":
+        require_tool("gcc", install="apt install gcc")
+    start = np.linalg.lstsq(U, Y, rcond=None)[0].tolist()
+    stage = f"optimizer: levenberg_marquardt, epochs: 60, engine: {engine}"
+    found = run(f"init: {start}, prior: {{mean: 0.5, std: 0.2}}", stage).weights["w"]
+    assert found == pytest.approx(posterior_mode(0.5, 0.2), abs=1e-5)
 
 
 def lasso(weight: float, grouped: int) -> FloatArray:
