@@ -30,14 +30,14 @@ outputs: {y: x}
 mpc:
   horizon: 6
   controls: [u, v]
-  references: {top: {preview: true}, low: {}, open: {}, soft: {preview: true}, q: {}}
+  references: {top: {preview: true}, low: {}, open: {}, soft: {preview: true}, wide: {}, q: {}}
   cost: {stage: (x - 1)**2 + sqrt(q) * w**2 + 0.05 * u**2 + v**2, terminal: 3 * (x - 1)**2}
   bounds:
     u: {max: sqrt(top)RATE}
     v: {min: low / open, max: 2}
-    x: {max: sqrt(soft)}
+    x: {max: soft / wide}
 """
-KNOWN = {"top": 4.0, "low": -1.0, "open": 1.0, "soft": 9.0, "q": 1.0}
+KNOWN = {"top": 4.0, "low": -1.0, "open": 1.0, "soft": 9.0, "wide": 1.0, "q": 1.0}
 HIGHEST, STAGES = {"u": 2.0, "v": 2.0}, 7
 
 
@@ -101,12 +101,13 @@ NAN_LIMITS: dict[str, dict[str, object]] = {
     "one-sided": {"top": -1.0},
     "of a sample to come": {"top": _at(3, -1.0, 4.0)},
     "of two": {"low": 0.0, "open": 0.0},
-    "soft": {"soft": -1.0},
-    "soft, of a sample to come": {"soft": _at(6, -1.0, 9.0)},
+    "soft": {"soft": 0.0, "wide": 0.0},
+    "soft, of a sample to come": {"soft": _at(6, 0.0, 9.0), "wide": 0.0},
 }
 NONE_CAN_MEET: dict[str, dict[str, object]] = {
     "above all": {"open": 0.0, "low": 1.0},
     "crossed": {"low": 3.0},
+    "soft, below all": {"soft": -9.0, "wide": 0.0},
 }
 
 
@@ -141,6 +142,17 @@ def test_limits_that_no_number_meets(built: Built, known: dict[str, object], is_
     assert np.all(np.isfinite(found.control))
     assert found.control[1] <= 2
     assert built.solve(0.5, {}).status == SOLVED
+
+
+def test_infinite_limits_are_none_on_their_own_side(built: Built) -> None:
+    built.library.init()
+    free = built.solve(0.5, {"open": 0.0, "wide": 0.0})
+    assert free.status == SOLVED
+    built.library.init()
+    # of limits that are nowhere near: the barrier leaves some room to them
+    far = built.solve(0.5, {"low": -30.0, "soft": 30.0})
+    assert far.status == SOLVED
+    assert free.control == pytest.approx(far.control, abs=1e-2)
 
 
 REFUSED: dict[str, tuple[dict[str, object], dict[str, float]]] = {
