@@ -30,15 +30,17 @@ outputs: {y: x}
 mpc:
   horizon: 6
   controls: [u, v]
-  references: {top: {preview: true}, low: {}, open: {}, soft: {preview: true}, wide: {}, q: {}}
+  references:
+    {top: {preview: true}, low: {}, high: {preview: true}, open: {}, soft: {preview: true},
+     wide: {}, q: {}}
   cost: {stage: (x - 1)**2 + sqrt(q) * w**2 + 0.05 * u**2 + v**2, terminal: 3 * (x - 1)**2}
   bounds:
     u: {max: sqrt(top)RATE}
-    v: {min: low / open, max: 2}
+    v: {min: low / open, max: high}
     x: {max: soft / wide}
 """
-KNOWN = {"top": 4.0, "low": -1.0, "open": 1.0, "soft": 9.0, "wide": 1.0, "q": 1.0}
-HIGHEST, STAGES = {"u": 2.0, "v": 2.0}, 7
+KNOWN = {"top": 4.0, "low": -1.0, "high": 2.0, "open": 1.0, "soft": 9.0, "wide": 1.0, "q": 1.0}
+PREVIEWED, STAGES = ("top", "high", "soft"), 7
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Built:
     def values(self, x: float, known: dict[str, object], **state: float) -> dict[str, np.ndarray]:
         all_known = KNOWN | known
         held = {
-            name: np.broadcast_to(np.asarray(value), STAGES if name in ("top", "soft") else 1)
+            name: np.broadcast_to(np.asarray(value), STAGES if name in PREVIEWED else 1)
             for name, value in all_known.items()
         }
         return {"x": self.state(x, **state), **held}
@@ -192,6 +194,17 @@ def test_feedback_keeps_the_limits_of_now(built: Built) -> None:
     found = built.solve(-3.0, {"top": 0.25})
     assert found.status == SOLVED
     assert found.control[0] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_feedback_leaves_limits_to_come_that_contradict_each_other_to_a_solve(built: Built) -> None:
+    built.library.init()
+    assert built.solve(0.5, {}).status == SOLVED
+    crossed: dict[str, object] = {"high": _at(3, -5.0, 2.0)}
+    # those of its own sample are well
+    assert built.feedback(0.5, crossed).status == CAPPED
+    built.library.prepare()
+    assert built.feedback(0.5, crossed).status == INFEASIBLE
+    assert built.solve(0.5, {}).status == SOLVED
 
 
 def test_a_weight_that_is_nan_is_never_solved(built: Built) -> None:
