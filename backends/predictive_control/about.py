@@ -67,6 +67,7 @@ def _limits(rows: Rows, control: int) -> dict[str, Any]:
         # limits that follow references are no numbers
         "min": None if rows.move else row.minimum,
         "max": None if rows.move else row.maximum,
+        "moves": rows.move,
     }
     for rate in rows.rates:
         if rate.control == control:

@@ -1,10 +1,11 @@
 """Solves random problems by exported controllers, and judges whatever is called solved.
 
-    python benchmarks/mpc/random_problems.py [PROBLEMS] [SEED] [STRUCTURE] [blocks]
+    python benchmarks/mpc/random_problems.py [PROBLEMS] [SEED] [STRUCTURE] [blocks] [--write]
 
-Plants are drawn (states, controls, horizon, what bends, what is bounded), each is exported,
-compiled and given 100 problems: states far out, weights of 0, limits that are equal or contradict
-each other, hard bounds that cannot hold, NaN and infinite numbers, from a plan and without. Three
+Plants are drawn by `random_plants.py` (states, controls, horizon, what bends, what is bounded, what
+is remembered), each is exported, compiled and given 100 problems: states far out, weights of 0,
+limits that are equal or contradict each other, hard bounds that cannot hold, NaN and infinite
+numbers, from a plan and without. Three
 promises are looked at in each:
 
 - what is called solved is optimal to twice the tolerance and the rounding of the largest
@@ -13,11 +14,12 @@ promises are looked at in each:
 - no byte outside of the structs is written: 64 before and behind each.
 
 With `blocks` controls stay the same over blocks of samples, whose limits differ from sample to
-sample.
+sample. `--write` puts the counts in `random_problems.json`.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import tempfile
 import time
@@ -42,72 +44,21 @@ from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.structure import Chosen
 from compiler.optimal_control.trained import trained
 
+sys.path.insert(0, str(Path(__file__).parent))
+from random_plants import WEIGHTS, Plant, drawn_plant
+
+RESULTS = Path(__file__).parent / "random_problems.json"
 EACH = 100
 GUARD, PATTERN = 64, 0xA5
 STATUSES = ("solved", "capped", "infeasible", "input not finite", "not initialised")
-WEIGHTS = ("q", "w", "e")
 WIDTHS = (0.0, 1e-12, 0.5, 2.0, 20.0, -1.0)
 NO_ROOM = 1e-9
 """Limits nearer to each other than this, by the scale, hold a control (`LEAST_ROOM`)."""
 OFTEN = (0.1, 0.05, 0.3, 0.4, 0.1, 0.05)
 
 
-def spec(random: np.random.Generator, has_blocks: bool) -> str:
-    """A plant with a controller; weights and limits are references, so that each problem has its
-    own."""
-    nx, nu = int(random.integers(1, 4)), int(random.integers(1, 3))
-    bends = ("0.3 * sin({})", "0.2 * {}**2", "0.5 * tanh({})", "0.1 * abs({})", "0")
-    states: list[str] = []
-    for i in range(nx):
-        terms = [f"{random.uniform(-0.5, 0.6):.3f} * x{j}" for j in range(nx)]
-        terms.append(f"{random.uniform(0.6, 1.1):.3f} * x{i}")
-        terms += [f"{random.normal():.3f} * u{j}" for j in range(nu)]
-        terms.append(str(random.choice(bends)).format(f"x{random.integers(nx)}"))
-        states.append(f'  x{i}: {{next: "{" + ".join(terms)}", init: 0}}')
-    bounds = [f"    u{j}: {{min: lo{j}, max: hi{j}}}" for j in range(nu)]
-    kind = random.integers(4)
-    if kind:
-        extra = ", hard: true" if kind == 1 else ""
-        bounds.append(f"    x0: {{max: top{extra}}}")
-    if kind == 3 and nx > 1:
-        bounds.append("    x1: {min: -top}")
-    moves = " + ".join(f"u{j}**2" for j in range(nu))
-    far = " + ".join(f"x{i}**2" for i in range(1, nx)) or "0"
-    stage = f"q * ((x0 - r)**2 + {far}) + w * ({moves})"
-    curve = random.choice(["exact", "gauss_newton"])
-    names = [*WEIGHTS, "r", "top", *(f"{end}{j}" for j in range(nu) for end in ("lo", "hi"))]
-    horizon = int(random.choice([1, 2, 5, 10, 20]))
-    held: list[str] = []
-    previewed: tuple[str, ...] = ()
-    if has_blocks:
-        blocks: list[int] = []
-        while sum(blocks) < horizon:
-            blocks.append(int(random.integers(1, 1 + min(7, horizon - sum(blocks)))))
-        held = [f"  blocks: {blocks}"]
-        previewed = tuple(name for name in names if name.startswith(("lo", "hi")))
-    references = (f"{n}: {{{'preview: true' if n in previewed else ''}}}" for n in names)
-    return "\n".join(
-        (
-            "msnn: 1\nname: drawn\nsample_time: 1 s",
-            f"inputs: {{{', '.join(f'u{j}: {{between: hold}}' for j in range(nu))}}}",
-            "states:",
-            *states,
-            "outputs: {y: 1 * x0}",
-            "mpc:",
-            f"  horizon: {horizon}",
-            f"  controls: [{', '.join(f'u{j}' for j in range(nu))}]",
-            f"  hessian: {curve}",
-            f"  references: {{{', '.join(references)}}}",
-            *held,
-            f'  cost: {{stage: "{stage}", terminal: "e * (x0 - r)**2"}}',
-            "  bounds:",
-            *bounds,
-        )
-    )
-
-
 def problem_values(
-    names: list[str], nx: int, random: np.random.Generator
+    names: tuple[str, ...], nx: int, random: np.random.Generator
 ) -> tuple[NDArray[Any], dict[str, float]]:
     """A state, and references by name."""
     x = random.normal(size=nx) * random.choice([0.1, 1.0, 3.0, 30.0])
@@ -126,7 +77,9 @@ def problem_values(
     if random.uniform() < 0.05:
         x[random.integers(nx)] = random.choice([np.nan, np.inf, -np.inf, 1e300])
     if random.uniform() < 0.05:
-        known[str(random.choice(names))] = float(random.choice([np.nan, np.inf, 1e300, 1e-310]))
+        known[str(random.choice(list(names)))] = float(
+            random.choice([np.nan, np.inf, 1e300, 1e-310])
+        )
     return x, known
 
 
@@ -145,11 +98,11 @@ class Guarded:
 
 
 def solve_plant(
-    text: str, count: int, random: np.random.Generator, folder: Path, structure: Chosen | None
+    plant: Plant, count: int, random: np.random.Generator, folder: Path, structure: Chosen | None
 ) -> Counter[str]:
     """Draws and solves problems of one plant; what was found, by words."""
     path = folder / "drawn.msnn.yaml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(plant.text, encoding="utf-8")
     control = msnn.load(path).control
     assert control is not None
     control = control if structure is None else replace(control, structure=structure)
@@ -162,7 +115,11 @@ def solve_plant(
     for name, guard in zip(("_state", "_in", "_out"), guards, strict=True):
         setattr(library, name, guard.struct)
     judge, rows = Judge(problem), rows_of(problem)
-    names = [member.name for member in problem.references.members]
+    # a spec that reads no `top` has none
+    known_of = {member.name for member in problem.references.members}
+    names = tuple(
+        n for n in plant.known if n in known_of or (plant.is_vector and n[:2] in known_of)
+    )
     fields = {field.name: field.identifier for field in input_fields(problem)}
     found: Counter[str] = Counter()
     for _ in range(count):
@@ -172,12 +129,13 @@ def solve_plant(
         along = {n: np.full(problem.horizon + 1, value) for n, value in known.items()}
         # limits of a block are equal in half of the problems, as those of a motor are
         moves = 0.2 * random.integers(2) if problem.previewed else 0.0
-        for name in sorted(problem.previewed):
+        for name in (n for n in plant.known if problem.previewed and n[:2] in ("lo", "hi")):
             along[name] += moves * random.uniform(-1, 1, problem.horizon + 1)
+        every = [(along[f"lo{j}"][:-1], along[f"hi{j}"][:-1]) for j in range(problem.controls.size)]
+        along = _joined(plant, along)
         samples = {n: v if n in problem.previewed else v[:1] for n, v in along.items()}
         decision = library.solve({"x": x, **{fields[n]: v for n, v in samples.items()}})
         found[STATUSES[decision.status]] += 1
-        every = _limits(problem, along)
         limits = [(each[0][0], each[1][0]) for each in every]
         held = [sides for each in every for sides in _by_block(problem, *each)]
         if not np.all(np.isfinite(decision.control)):
@@ -206,16 +164,17 @@ def solve_plant(
             if not residual <= 2 * problem.tolerance + rounding:
                 found["WRONG: called solved"] += 1
                 told = {name: values.tolist() for name, values in along.items()}
-                print(f"residual {residual} of\n{text}\nx = {x.tolist()}, {told}")
+                print(f"residual {residual} of\n{plant.text}\nx = {x.tolist()}, {told}")
     return found
 
 
-def _limits(
-    problem: ControlProblem, along: dict[str, NDArray[Any]]
-) -> list[tuple[NDArray[Any], NDArray[Any]]]:
-    """The lowest and highest value of each control along the horizon."""
-    numbers = range(problem.controls.size)
-    return [(along[f"lo{j}"][:-1], along[f"hi{j}"][:-1]) for j in numbers]
+def _joined(plant: Plant, along: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """The references of the spec: of a vector the limits are vectors."""
+    if not plant.is_vector:
+        return along
+    others = {name: values for name, values in along.items() if name[:2] not in ("lo", "hi")}
+    ends = {end: np.stack([along[f"{end}{j}"] for j in range(2)], axis=-1) for end in ("lo", "hi")}
+    return others | ends
 
 
 def _by_block(
@@ -228,9 +187,10 @@ def _by_block(
 
 
 def main() -> None:
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
-    random = np.random.default_rng(int(sys.argv[2]) if len(sys.argv) > 2 else 0)
-    words = sys.argv[3:]
+    numbers = [int(each) for each in sys.argv[1:] if each.isdecimal()]
+    count, seed = [*numbers, *(10_000, 0)[len(numbers) :]]
+    random = np.random.default_rng(seed)
+    words = sys.argv[1:]
     structure: Chosen | None = "staged" if "staged" in words else None
     structure = "condensed" if "condensed" in words else structure
     has_blocks = "blocks" in words
@@ -239,11 +199,24 @@ def main() -> None:
     for number in range(0, count, EACH):
         with tempfile.TemporaryDirectory() as place:
             each = min(EACH, count - number)
-            text = spec(random, has_blocks)
-            found += solve_plant(text, each, random, Path(place), structure)
+            plant = drawn_plant(random, has_blocks)
+            found += solve_plant(plant, each, random, Path(place), structure)
         done = min(number + EACH, count)
         said = ", ".join(f"{n:,} {what}" for what, n in sorted(found.items()))
         print(f"{done:,} problems, {time.perf_counter() - begun:.0f} s: {said}", flush=True)
+
+    if "--write" in words:
+        kind = " ".join([structure or "auto", *(["blocks"] if has_blocks else [])])
+        _write(f"{kind}, seed {seed}", {"problems": count, **dict(sorted(found.items()))})
+
+
+def _write(run: str, counts: dict[str, int]) -> None:
+    """Adds a run to the results."""
+    runs: dict[str, Any] = (
+        json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+    )
+    told = json.dumps(runs | {run: counts}, indent=2, sort_keys=True)
+    RESULTS.write_text(told + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -83,19 +84,23 @@ class Controller:
         wanted = self._coming(problem.references, references or {}, problem.horizon + 1)
         now = {name: samples[0] for name, samples in coming.items()}
         self._memory.begin(now | by_sample(problem.controls, self._resting()))
+        # limits read references alone; of a state that nobody knows no rate is kept
+        nobody = Given(np.full(problem.states.size, np.nan), coming, wanted)
+        with np.errstate(all="ignore"):
+            limits = self._functions.limits(nobody)
+        met = limits.without_unmet()
+        held = ControlRange(self._functions, met, nobody.state)
         if not self._memory.is_complete:
-            return self._kept(Status.NOT_INITIALISED)
-        given = Given(self._memory.vector(), coming, wanted)
+            return self._kept(Status.NOT_INITIALISED, held)
+        given = replace(nobody, state=self._memory.vector())
         if not _is_finite(given):
             # a NaN that stayed in the memory would refuse every later sample too
             self._memory.restore(before)
-            return self._kept(Status.INPUT_NOT_FINITE)
-        limits = self._functions.limits(given)
-        # limits are computed from what is given, and may be NaN where that is finite
-        if np.any(np.isnan(limits.low)) or np.any(np.isnan(limits.high)):
-            return self._kept(Status.INPUT_NOT_FINITE)
-        allowed = ControlRange(self._functions, limits, given.state)
-        if not allowed.is_possible:
+            return self._held(held)
+        if not limits.are_numbers:
+            return self._held(held)
+        allowed = ControlRange(self._functions, met, given.state)
+        if not (allowed.is_possible and limits.can_be_met):
             found = self._kept(Status.INFEASIBLE, allowed)
         else:
             found = self._told(given, allowed, self._method.solve(given, allowed, self._resting()))
@@ -149,14 +154,20 @@ class Controller:
             multipliers=found.multipliers,
         )
 
-    def _kept(
-        self, status: Status, allowed: ControlRange | None = None, found: Found | None = None
-    ) -> Solution:
-        """The last control, within its own limits where these are known."""
-        control = self._resting()
-        if allowed is not None:
-            # the range is in units of the scales
-            control = allowed.first(control / self._functions.scale_u) * self._functions.scale_u
+    def _held(self, allowed: ControlRange) -> Solution:
+        """Of an input that is refused; limits may have moved since a control was applied."""
+        found = self._kept(Status.INPUT_NOT_FINITE, allowed)
+        if self._applied is not None:
+            self._applied = _joined(self.problem.controls, found.control, "control")
+        return found
+
+    def _kept(self, status: Status, allowed: ControlRange, found: Found | None = None) -> Solution:
+        """The last control, within its own limits."""
+        # the range is in units of the scales
+        resting, scale = self._resting(), self._functions.scale_u
+        first = allowed.first(resting / scale)
+        # a control that stays is the same to the bit
+        control = np.where(first == resting / scale, resting, first * scale)
         held = by_sample(self.problem.controls, control)
         n = self.problem.horizon
         return Solution(

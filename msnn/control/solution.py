@@ -16,11 +16,13 @@ class Status(IntEnum):
     CAPPED = 1
     """Iterations ran out: limits hold, the residual is told."""
     INFEASIBLE = 2
-    """No plan within hard limits was found: the last control, as far as its own limits let it."""
+    """No plan within hard limits was found: the last control, inside its own limits; of two that
+    contradict each other the upper one is kept."""
     INPUT_NOT_FINITE = 3
-    """A measurement, disturbance or reference is not finite: the last control."""
+    """A measurement, disturbance or reference is not finite, or a limit NaN: the last control,
+    inside those of its limits that are numbers."""
     NOT_INITIALISED = 4
-    """Some state was never given: the last control."""
+    """Some state was never given: as above."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -111,6 +111,40 @@ def test_limits_of_references_that_contradict_each_other(tmp_path: Path) -> None
     assert found.status is Status.INFEASIBLE
 
 
+@pytest.mark.parametrize("solver", ["c", "python"])
+@pytest.mark.parametrize(
+    ("references", "status"),
+    [
+        ({"top": -1.0}, Status.INPUT_NOT_FINITE),
+        ({"soft": -1.0}, Status.INPUT_NOT_FINITE),
+        ({"open": 0.0, "low": 0.0}, Status.INPUT_NOT_FINITE),
+        ({"open": 0.0, "low": 1.0}, Status.INFEASIBLE),
+        ({"low": 3.0}, Status.INFEASIBLE),
+    ],
+)
+def test_limits_that_no_number_meets(
+    references: dict[str, float], status: Status, solver: Solver, tmp_path: Path
+) -> None:
+    bounds = "{u: {min: low / open, max: sqrt(top)}, p: {max: sqrt(soft)}}"
+    section = mpc(bounds=bounds, references="{low: {}, open: {}, top: {}, soft: {}}")
+    own = controller(tmp_path, DOUBLE_INTEGRATOR + section, solver)
+    known = {"low": -2.0, "open": 1.0, "top": 4.0, "soft": 9.0}
+    found = own.solve({"p": 1.0, "v": 0.0}, references=known | references)
+    assert found.status is status
+    # 3 is above 2: of limits that contradict each other the upper one is kept
+    assert found.control["u"] == (2 if references == {"low": 3.0} else 0)
+    before = own.solve({"p": -3.0, "v": 0.0}, references=known)
+    assert before.status is Status.SOLVED
+    assert before.control["u"] > 1
+    again = own.solve({"p": -3.0}, references=known | references)
+    assert again.control["u"] == pytest.approx(before.control["u"], abs=1e-6)
+    # what is held is within the limits of now
+    held = own.solve({"p": np.nan}, references=known | {"top": 0.25})
+    assert held.status is Status.INPUT_NOT_FINITE
+    assert held.control["u"] == 0.5
+    assert own.solve({"p": np.nan}, references=known).control["u"] == 0.5
+
+
 def test_a_rate_that_cannot_reach_the_limits(tmp_path: Path) -> None:
     section = mpc(bounds="{u: {min: 1, max: 2, rate: 1}}")
     own = controller(tmp_path, DOUBLE_INTEGRATOR + section)

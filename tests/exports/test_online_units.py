@@ -242,7 +242,9 @@ def test_what_cannot_be_solved_is_a_warning(exported: Written) -> None:
             before, *_ = solved(unit, 0, 20.0)
             assert solved(unit, 1, float("nan"))[:2] == (before, 3)
             solved(unit, 2, float("nan"))
-            assert unit.messages == ["an input is infinite or NaN: the last controls"]
+            assert unit.messages == [
+                "an input is infinite or NaN, or a limit NaN: the last controls"
+            ]
             with pytest.raises(Exception, match="DoStep"):
                 unit.step(3, 3.0)
             assert unit.messages[-1] == "steps take whole multiples of the sample time, 2 s"

@@ -86,6 +86,24 @@ def test_nothing_is_found_in_a_controller_and_its_filter(
     assert re.search(r"\n\| Cortex-M4F -O2 solve \| \d+ \| ", report)
 
 
+@pytest.mark.parametrize("structure", ["staged", "condensed"])
+def test_nothing_is_found_in_blocks_within_limits_that_move(structure: str, tmp_path: Path) -> None:
+    require(GCC)
+    text = re.sub(r"estimator:.*\n", "", PLANT)
+    text = text.replace("r: {}", "r: {}, top: {preview: true}")
+    text = text.replace("max: 1,", "max: sqrt(1 + top),")
+    blocks = f"  blocks: [1, 2, 3]\n  solver: {{interior_point: {{structure: {structure}}}}}\n"
+    model = read_exported_controller(
+        exported(tmp_path, text.replace("export:", blocks + "export:"))
+    )
+    assert model is not None
+    steps = [s for s in online_host_checks(model) if s.target == "gcc"]
+    wanted = {"golden solves", "sanitizers", "drawn numbers"}
+    found = {s.name: s.result(tmp_path / s.name) for s in steps if s.name in wanted}
+    assert {*found} == wanted
+    assert all(result.verdict == "ok" for result in found.values()), found
+
+
 def test_a_filter_alone_is_verified(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     require(GCC, CLANG, ARM_GCC, ARM_QEMU)
     folder = exported(tmp_path, FILTER)
@@ -125,8 +143,8 @@ FAULTS = {
     ),
     "a control beyond its limit": (
         "plant_mpc.c",
-        "        out->u[i] = u;\n",
-        "        out->u[i] = u * 1.01f;\n",
+        "        out->u[i] = c->applied[i];\n",
+        "        out->u[i] = c->applied[i] * 1.01f;\n",
         "drawn numbers",
         "error: a control",
     ),

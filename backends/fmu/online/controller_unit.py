@@ -31,12 +31,12 @@ _MEANINGS = {
     0: "optimal",
     1: "a plan that may be applied, stopped before it was optimal",
     2: "no plan keeps all limits",
-    3: "an input is infinite or NaN",
+    3: "an input is infinite or NaN, or a limit NaN",
     4: "not initialised",
 }
 _TOLD = {
     "INFEASIBLE": "no plan keeps all limits: the last controls, inside their limits",
-    "INPUT_NOT_FINITE": "an input is infinite or NaN: the last controls",
+    "INPUT_NOT_FINITE": "an input is infinite or NaN, or a limit NaN: the last controls",
 }
 """CAPPED is no warning: it is what a fixed number of iterations ends with."""
 

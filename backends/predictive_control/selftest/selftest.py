@@ -50,6 +50,8 @@ def selftest_texts(
         highest=[_end(row.maximum, float("inf"), rows.move) for row in controls],
         fields=[(field, sum(counts[:number])) for number, field in enumerate(fields)],
         known=sum(counts),
+        # limits that are computed may be NaN where what is known of the horizon is 0
+        highest_status="INPUT_NOT_FINITE" if rows.move else "INFEASIBLE",
         golden=golden_solves(problem, texts, name) or (),
     )
     return {f"src/{name}_selftest.c": text}

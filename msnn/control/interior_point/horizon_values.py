@@ -5,7 +5,9 @@ Stages, variables and the rows h of limits are those of `HorizonFunctions`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from compiler.optimal_control.horizon import Array
 
@@ -45,3 +47,18 @@ class RowLimits:
     high: Array
     linear: Array
     quadratic: Array
+
+    @property
+    def are_numbers(self) -> bool:
+        """Whether none is NaN: limits are computed, and may be NaN where references are finite."""
+        return not bool(np.any(np.isnan(self.low)) or np.any(np.isnan(self.high)))
+
+    @property
+    def can_be_met(self) -> bool:
+        """Whether some number meets each: none is above +∞ or below −∞, or meets NaN."""
+        return bool(np.all(self.low < np.inf) and np.all(self.high > -np.inf))
+
+    def without_unmet(self) -> RowLimits:
+        """The limits that some number meets, as if there were no others."""
+        low = np.where(self.low < np.inf, self.low, -np.inf)
+        return replace(self, low=low, high=np.where(self.high > -np.inf, self.high, np.inf))

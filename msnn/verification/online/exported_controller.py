@@ -17,6 +17,8 @@ class KnownLimits:
 
     low: float | None
     high: float | None
+    moves: bool
+    """Whether there may be limits that follow references, which nothing is known of."""
     rate: float | None
     before: int | None
     """Where the state has its value of the sample before."""
@@ -124,6 +126,7 @@ def _controller(about: dict[str, Any]) -> ControllerPart:
             KnownLimits(
                 low=_number(limit["min"]),
                 high=_number(limit["max"]),
+                moves=bool(limit["moves"]),
                 rate=_number(limit.get("rate")),
                 before=None if limit.get("before") is None else int(limit["before"]),
             )

@@ -168,4 +168,5 @@ def _limits(limit: KnownLimits, model: ExportedController) -> dict[str, Any]:
     return {
         **{key: None if x is None else repr(float(rounded(x))) for key, x in numbers.items()},
         "before": limit.before,
+        "moves": limit.moves,
     }

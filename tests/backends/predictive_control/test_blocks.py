@@ -20,7 +20,7 @@ from tests.conditions import require_tool
 from tests.control.specs import load
 
 STRUCTURES: tuple[Structure, ...] = ("staged", "condensed")
-SOLVED, INFEASIBLE = 0, 2
+SOLVED, INFEASIBLE, INPUT_NOT_FINITE = 0, 2, 3
 BLOCKS = (1, 3, 4)
 LOW = np.full(9, -1.0)
 TEXT = """
@@ -173,5 +173,50 @@ def test_a_limit_that_is_no_number_holds_its_whole_block(
     top = np.full(9, 4.0)
     top[2] = -1.0
     found = own.solve(own.state(0.5), top)
-    assert found.status == INFEASIBLE
-    assert -1 <= found.control[0] <= 2
+    assert found.status == INPUT_NOT_FINITE
+    assert found.control[0] == 0
+
+
+def test_rounding_counts_all_samples_of_a_block_that_a_window_reads(tmp_path: Path) -> None:
+    """Slopes that cancel out to 0, but whose terms round to more than the tolerance, are not known
+    to be 0; a bound on them of one sample a stage called plans solved at 2.5 times that size."""
+    require_tool("gcc", install="apt install gcc")
+    samples, factor = 12, 8.0
+    window = " + ".join(["u", *(f"u[t-{lag}]" for lag in range(1, samples))])
+    cost = "(x - r)**2 + (w + r)**2"
+    text = f"""
+msnn: 1
+name: plant
+sample_time: 1 s
+inputs: {{u: {{between: hold}}}}
+states:
+  x: {{next: "{factor} * ({window})", init: 0}}
+  w: {{next: "{factor} * ({window})", init: 0}}
+outputs: {{y: x}}
+mpc:
+  horizon: {samples}
+  controls: [u]
+  references: {{r: {{}}}}
+  cost: {{stage: {cost}, terminal: {cost}}}
+  blocks: [{samples}]
+"""
+    problem = load(tmp_path, text).control
+    assert problem is not None
+    problem = replace(problem, structure="condensed")
+    write_controller(problem, {}, tmp_path / "c", prefix="plant", dtype="float64")
+    built = build_library(tmp_path / "c", tmp_path / "c" / "controller.so")
+    library = ControllerLibrary.of_folder(tmp_path / "c", built)
+    state = np.zeros(problem.states.size)
+    statuses: list[int] = []
+    sizes = 10 ** np.arange(6, 8, 0.2)
+    for r in sizes:
+        library.init()
+        found = library.solve({"x": state, "r": r})
+        # 0 is the best: what one state wants is what the other does not
+        assert found.control == pytest.approx(0, abs=1e-6)
+        statuses.append(found.status)
+    # of x and of w: a costate of 2 r times as many samples as were decided
+    terms = 2 * sum(2 * sizes * factor * (k + 1) for k in range(samples))
+    is_known = terms * np.finfo(float).eps / 2 <= problem.tolerance
+    assert 0 < np.sum(is_known) < len(sizes)
+    assert np.array_equal(np.array(statuses) == SOLVED, is_known)
