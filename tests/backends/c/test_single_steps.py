@@ -145,8 +145,7 @@ def test_a_quotient_is_0_where_moves_make_it_less_and_less() -> None:
     decisions, drawn = Decisions(program, interface), drawn_trials(steps, random)
     drawn = drawn.of(np.flatnonzero(np.isfinite(drawn.numbers).all(axis=1)))
     assert not np.any(steps.run(drawn).outputs["y"] == 0.0)
-    every = np.arange(decisions.gaps(steps.run(drawn), len(drawn)).shape[1])
-    found = descended(steps, decisions, drawn, every, random)
+    found = descended(steps, decisions, drawn, decisions.every, random)
     assert np.any(steps.run(found).outputs["y"] == 0.0)
 
 
@@ -158,8 +157,7 @@ def test_a_dividend_becomes_0_where_the_divisor_is_held() -> None:
     steps, random = TrialSteps(program, interface, weights, [run.start]), np.random.default_rng(2)
     decisions, drawn = Decisions(program, interface), drawn_trials(steps, random)
     drawn = drawn.of(np.flatnonzero(np.isfinite(drawn.numbers).all(axis=1)))
-    every = np.arange(decisions.gaps(steps.run(drawn), len(drawn)).shape[1])
-    found = descended(steps, decisions, drawn, every, random, held=0.5)
+    found = descended(steps, decisions, drawn, decisions.every, random, held=0.5)
     assert np.any(steps.run(found).outputs["y"] == 0.0)
 
 
