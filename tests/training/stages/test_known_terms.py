@@ -90,8 +90,9 @@ def test_a_prior_without_width_pins_the_parameter(stage: str) -> None:
 
 
 def test_a_wide_prior_changes_nothing(stage: str) -> None:
-    wide = run("init: 0, prior: {mean: 0.5, std: 1e9}", stage).weights["w"]
-    assert wide == pytest.approx(run("init: 0", stage).weights["w"], abs=1e-9)
+    short = stage.replace(LONG, LONG.replace("500", "50"))  # none of both has to arrive
+    wide = run("init: 0, prior: {mean: 0.5, std: 1e9}", short).weights["w"]
+    assert wide == pytest.approx(run("init: 0", short).weights["w"], abs=1e-9)
 
 
 def test_a_prior_of_a_bounded_parameter(stage: str) -> None:
