@@ -11,7 +11,7 @@ import pytest
 from msnn.verification.builds.shared_objects import SharedObjects
 from msnn.verification.proof_step import ToolFailedError
 from msnn.verification.sources import CFolder
-from msnn.verification.tools import GCC
+from msnn.verification.tools import CLANG, GCC
 from tests.conditions import require_tool
 
 
@@ -51,12 +51,13 @@ def test_checks_side_by_side_link_the_same_objects(export: Export) -> None:
     assert shared.of(GCC, ("-O0",), place(export, "later")) == first
 
 
-def test_other_flags_have_other_objects_in_one_folder(export: Export) -> None:
+def test_others_have_other_objects_in_one_folder(export: Export) -> None:
+    require_tool("clang", install="apt install clang")
     shared, folder = SharedObjects(export), place(export, "levels")
     plain = shared.of(GCC, ("-O0",), folder)
     before = plain[0].read_bytes()
-    traced = shared.of(GCC, ("-O0", "-g"), folder)
-    assert traced[0].read_bytes() != before
+    for tool, flags in ((GCC, ("-O0", "-g")), (CLANG, ("-O0",))):
+        assert shared.of(tool, flags, folder)[0].read_bytes() != before
     assert shared.of(GCC, ("-O0",), folder)[0].read_bytes() == before
 
 
