@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from msnn.verification.builds.shared_objects import SharedObjects
+from msnn.verification.host.shared_objects import SharedObjects
 from msnn.verification.proof_step import ToolFailedError
 from msnn.verification.sources import CFolder
 from msnn.verification.tools import CLANG, GCC

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from msnn.verification.builds.harness import write_template
-from msnn.verification.builds.shared_objects import SharedObjects
 from msnn.verification.host.fuzz import FUZZED, FuzzerFoundError, run_fuzzer
 from msnn.verification.host.host_checks import source_checks
 from msnn.verification.host.levels import (
@@ -20,6 +19,7 @@ from msnn.verification.host.levels import (
     levels_check,
     sanitizers_check,
 )
+from msnn.verification.host.shared_objects import SharedObjects
 from msnn.verification.online.exported_controller import ExportedController, KnownLimits
 from msnn.verification.proof_step import (
     ProofStep,
