@@ -11,9 +11,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from backends.c.host.build import build_library
 from backends.predictive_control.inputs import input_fields
-from backends.predictive_control.library import ControllerLibrary
 from backends.predictive_control.solution import multipliers_of, plan_of
 from backends.predictive_control.structure.rows import rows_of
 from backends.predictive_control.write_controller import write_controller
@@ -23,6 +21,7 @@ from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.structure import Chosen
 from compiler.optimal_control.trained import trained
 from msnn.control.solution import Status
+from tests.backends.predictive_control.built_controller import built_controller
 from tests.conditions import require_tool
 from tests.control.specs import DOUBLE_INTEGRATOR, WINDOW_AND_NO_WEIGHT, controller, load, mpc
 
@@ -96,7 +95,7 @@ def test_what_the_c_calls_solved_is_optimal_at_any_magnitude(
     weights = {p.name: np.full([a.size for a in p.axes], 0.1) for p in problem.program.parameters}
     out = tmp_path / "out"
     write_controller(problem, weights, out, prefix="plant", dtype=dtype)
-    library = ControllerLibrary.of_folder(out, build_library(out, out / "controller.so"))
+    library = built_controller(out)
     problem = trained(problem, weights)
     judge, rows, real = Judge(problem), rows_of(problem), np.dtype(dtype).type
     fields = {field.name: field.identifier for field in input_fields(problem)}

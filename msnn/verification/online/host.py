@@ -19,6 +19,7 @@ from msnn.verification.host.levels import (
     levels_check,
     sanitizers_check,
 )
+from msnn.verification.host.shared_objects import SharedObjects
 from msnn.verification.online.exported_controller import ExportedController, KnownLimits
 from msnn.verification.proof_step import (
     ProofStep,
@@ -40,14 +41,16 @@ def online_host_checks(model: ExportedController) -> Iterator[ProofStep]:
     """All that a machine with gcc and clang can say in seconds."""
     yield from source_checks(model, _ACCEPTED)
 
+    shared = SharedObjects(model)
+
     def faults(tool: Tool, flags: Sequence[str], folder: Path) -> list[str]:
-        return selftest_faults(model, _selftest(tool, model, folder, flags))
+        return selftest_faults(model, _selftest(tool, model, folder, flags, shared))
 
     said = f"self-tests at {' '.join(LEVELS)}: {promise(model)}"
     for tool in (GCC, CLANG):
         yield levels_check("golden solves", tool, faults, said)
     yield sanitizers_check("the self-test", faults)
-    yield _drawn(model)
+    yield _drawn(model, shared)
 
 
 def online_fuzz_check(model: ExportedController, seconds: int) -> ProofStep:
@@ -55,7 +58,7 @@ def online_fuzz_check(model: ExportedController, seconds: int) -> ProofStep:
 
     def run(folder: Path) -> Result:
         flags = (*FUZZED, "-DFUZZER", "-fno-sanitize-recover=all")
-        program = _drawn_program(model, folder, CLANG, flags)
+        program = _drawn_program(model, folder, CLANG, flags, SharedObjects(model))
         command = [program, f"-max_total_time={seconds}", "-max_len=4096"]
         try:
             runs = run_fuzzer(command, folder, seconds + 60.0)
@@ -102,11 +105,11 @@ def promise(model: ExportedController) -> str:
     return "0 bits differ" if model.has_bits else "no bits were recorded: refusals and limits"
 
 
-def _drawn(model: ExportedController) -> ProofStep:
+def _drawn(model: ExportedController, shared: SharedObjects) -> ProofStep:
     """NaN, infinite, huge and denormal numbers in any calls, between guarded bytes."""
 
     def run(folder: Path) -> Result:
-        program = _drawn_program(model, folder, GCC, SANITIZERS)
+        program = _drawn_program(model, folder, GCC, SANITIZERS, shared)
         try:
             run_tool([program], folder)
         except ToolFailedError as error:
@@ -119,13 +122,23 @@ def _drawn(model: ExportedController) -> ProofStep:
     return check
 
 
-def _selftest(tool: Tool, model: ExportedController, folder: Path, flags: Sequence[str]) -> str:
+def _selftest(
+    tool: Tool,
+    model: ExportedController,
+    folder: Path,
+    flags: Sequence[str],
+    shared: SharedObjects,
+) -> str:
     main = write_template("online/selftest_main.c", folder, prefixes=prefixes(model))
-    return run_tool([_linked(tool, model, folder, flags, main)], folder)
+    return run_tool([_linked(tool, model, folder, flags, main, shared)], folder)
 
 
 def _drawn_program(
-    model: ExportedController, folder: Path, tool: Tool, flags: Sequence[str]
+    model: ExportedController,
+    folder: Path,
+    tool: Tool,
+    flags: Sequence[str],
+    shared: SharedObjects,
 ) -> Path:
     single = model.dtype == "float32"
     controller, size = model.controller, 4 if single else 8
@@ -149,14 +162,20 @@ def _drawn_program(
         bytes=8 * (3 + (numbers + 8) * (1 + size)),
         runs=_RUNS,
     )
-    return _linked(tool, model, folder, flags, main)
+    return _linked(tool, model, folder, flags, main, shared)
 
 
 def _linked(
-    tool: Tool, model: ExportedController, folder: Path, flags: Sequence[str], main: Path
+    tool: Tool,
+    model: ExportedController,
+    folder: Path,
+    flags: Sequence[str],
+    main: Path,
+    shared: SharedObjects,
 ) -> Path:
     program = folder / main.stem
-    command = [tool.command, *STANDARD, *flags, *includes(model), main, *model.sources]
+    objects = shared.of(tool, flags, folder)
+    command = [tool.command, *STANDARD, *flags, *includes(model), main, *objects]
     run_tool([*command, "-o", program, "-lm"], folder)
     return program
 

@@ -17,6 +17,7 @@ from backends.c.selftest.singles.descent import descended
 from backends.c.selftest.singles.drawn_trials import drawn_trials
 from backends.c.selftest.singles.ordered_codes import between, codes_of, distance, numbers_of
 from backends.c.selftest.singles.trial_steps import TrialSteps
+from backends.c.selftest.text.expected_text import expected_text
 from backends.c.selftest.vectors.drawn_inputs import StartPoint
 from backends.c.selftest.vectors.golden_vectors import GoldenRun, golden_runs
 from backends.c_lowering.options import ParameterAccess
@@ -53,6 +54,13 @@ states:
   p: {next: 0.5 * p + u, init: 0, range: [-3, 3]}
   q: {next: 0.5 * q - u, init: 0, range: [-40, 40]}
 outputs: {y: {expr: p + q}}
+"""
+_SEVERAL = """
+sample_time: 100 ms
+dims: {axis: 3}
+inputs: {v: {dims: axis, range: [-1, 1], on_invalid: clamp}}
+states: {p: {next: 0.5 * p + sum(v), init: 0, range: [-3, 4]}}
+outputs: {y: {expr: abs(v)}, z: {expr: p}}
 """
 _HIDDEN_STATE = """
 sample_time: 100 ms
@@ -145,8 +153,7 @@ def test_a_quotient_is_0_where_moves_make_it_less_and_less() -> None:
     decisions, drawn = Decisions(program, interface), drawn_trials(steps, random)
     drawn = drawn.of(np.flatnonzero(np.isfinite(drawn.numbers).all(axis=1)))
     assert not np.any(steps.run(drawn).outputs["y"] == 0.0)
-    every = np.arange(decisions.gaps(steps.run(drawn), len(drawn)).shape[1])
-    found = descended(steps, decisions, drawn, every, random)
+    found = descended(steps, decisions, drawn, decisions.every, random)
     assert np.any(steps.run(found).outputs["y"] == 0.0)
 
 
@@ -158,8 +165,7 @@ def test_a_dividend_becomes_0_where_the_divisor_is_held() -> None:
     steps, random = TrialSteps(program, interface, weights, [run.start]), np.random.default_rng(2)
     decisions, drawn = Decisions(program, interface), drawn_trials(steps, random)
     drawn = drawn.of(np.flatnonzero(np.isfinite(drawn.numbers).all(axis=1)))
-    every = np.arange(decisions.gaps(steps.run(drawn), len(drawn)).shape[1])
-    found = descended(steps, decisions, drawn, every, random, held=0.5)
+    found = descended(steps, decisions, drawn, decisions.every, random, held=0.5)
     assert np.any(steps.run(found).outputs["y"] == 0.0)
 
 
@@ -223,6 +229,35 @@ def test_runs_made_together_are_those_made_one_by_one() -> None:
             assert all(np.array_equal(one[n], other[n], equal_nan=True) for n in other)
         slopes = expected.slopes.items()
         assert all(np.array_equal(run.slopes[n], m, equal_nan=True) for n, m in slopes)
+
+
+def test_runs_are_told_one_after_the_other() -> None:
+    program, interface = _made(_TWO_RANGES)
+    begun = [GoldenRun(3), GoldenRun(4, "above"), GoldenRun(5, None, 2)]
+    runs = golden_runs(program, interface, physical_weights(program, {}), 6, begun)
+    told = [expected_text(interface, [run]) for run in runs]
+    assert [text.count("\n") for text in told] == [6] * 3
+    assert expected_text(interface, runs) == "\n".join(told)
+
+
+def test_gaps_of_some_decisions_are_their_columns() -> None:
+    program, interface = _made(_SEVERAL)
+    weights = physical_weights(program, {})
+    (run,) = golden_runs(program, interface, weights, 1, [GoldenRun(0, StartPoint())])
+    steps = TrialSteps(program, interface, weights, [run.start])
+    decisions, drawn = Decisions(program, interface), drawn_trials(steps, np.random.default_rng(0))
+    values, every = steps.run(drawn), decisions.every
+    gaps = decisions.gaps(values, len(drawn), every)
+    v = np.abs(steps.inputs(drawn)["v"].astype(np.float64))
+    p = values.next_states["p"].astype(np.float64)[:, np.newaxis]
+    beyond = np.abs(p - [-3.0, 4.0])
+    # the slopes of |v| ask for the sign of v again
+    assert np.array_equal(gaps[:, [0, 1, 2]], v)
+    assert np.array_equal(gaps[:, [-2, -1]], np.where(np.isnan(beyond), np.inf, beyond))
+    assert np.array_equal(gaps == 0.0, decisions.signs(values, len(drawn)) == 0)
+    for some in (every[::2], every[::-1], every[1:2]):
+        found = decisions.gaps(steps.run(drawn), len(drawn), some)
+        assert np.array_equal(found, gaps[:, some])
 
 
 def test_a_step_that_decides_nothing_has_golden_runs_all_the_same(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backends.c.host.build import build_library
 from backends.predictive_control import write_controller
 from backends.predictive_control.library import ControllerLibrary, Decision
 from backends.predictive_control.solution import multipliers_of, plan_of
@@ -16,6 +15,7 @@ from backends.predictive_control.structure.rows import rows_of
 from compiler.optimal_control.horizon import Given, Multipliers
 from compiler.optimal_control.kkt import Judge
 from compiler.optimal_control.problem import ControlProblem, Structure
+from tests.backends.predictive_control.built_controller import built_controller
 from tests.conditions import require_tool
 from tests.control.specs import load
 
@@ -72,8 +72,7 @@ def _built(folder: Path, structure: Structure, limit: str) -> Built:
     assert problem is not None
     problem = replace(problem, structure=structure)
     write_controller(problem, {}, folder / "c", prefix="plant", dtype="float64")
-    library = build_library(folder / "c", folder / "c" / "controller.so")
-    return Built(problem, ControllerLibrary.of_folder(folder / "c", library))
+    return Built(problem, built_controller(folder / "c"))
 
 
 @pytest.fixture(scope="module", params=STRUCTURES)

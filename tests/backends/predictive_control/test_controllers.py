@@ -18,6 +18,7 @@ from compiler.optimal_control.horizon import Given
 from compiler.optimal_control.kkt import Judge
 from msnn.exports.judged_controller import compare_controller
 from msnn.model.load import load_model
+from tests.backends.predictive_control.built_controller import built_controller
 from tests.backends.predictive_control.strict_builds import build_strictly
 from tests.conditions import require_tool
 from tests.control.specs import DELAYED, WINDOW_AND_NO_WEIGHT, load
@@ -114,7 +115,7 @@ def _written(plant: str, folder: Path, dtype: str = "float64") -> Path:
 
 def _library(plant: str, folder: Path, dtype: str = "float64") -> ControllerLibrary:
     out = _written(plant, folder, dtype)
-    return ControllerLibrary.of_folder(out, build_library(out, out / "controller.so"))
+    return built_controller(out)
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
@@ -280,7 +281,7 @@ mpc:
     assert problem is not None
     out = tmp_path / "c"
     write_controller(problem, {}, out, prefix="plant", dtype="float64")
-    library = ControllerLibrary.of_folder(out, build_library(out, out / "controller.so"))
+    library = built_controller(out)
     state = np.array([0.11222874877812497, 0.02267833726484067])
     assert library.solve({"x": state}).status == SOLVED
     plan = plan_of(problem, library)
@@ -298,7 +299,7 @@ def test_a_capped_plan_that_breaks_a_hard_limit_is_infeasible(tmp_path: Path) ->
     write_controller(
         problem, {"a": np.array(0.9), "b": np.array(0.5)}, out, prefix="plant", dtype="float64"
     )
-    library = ControllerLibrary.of_folder(out, build_library(out, out / "controller.so"))
+    library = built_controller(out)
     state = [0.82260818, -1.59768709, 2.74264536, 2.02007337, -1.06477104, 0.07456302]
     found = library.solve({"x": state, "d": 0.0, "r": 1.0})
     assert found.iterations == problem.iterations

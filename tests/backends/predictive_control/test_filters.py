@@ -54,7 +54,9 @@ def _written(name: str, folder: Path, dtype: Dtype = "float64") -> tuple[Path, K
 
 def _built(name: str, folder: Path, dtype: Dtype = "float64") -> tuple[FilterLibrary, KalmanFilter]:
     out, judge = _written(name, folder, dtype)
-    return FilterLibrary.of_folder(out, build_library(out, out / "filter.so")), judge
+    # without an optimiser, which takes most of the time: the bits are those of every level
+    library = build_library(out, out / "filter.so", flags=("-O0",))
+    return FilterLibrary.of_folder(out, library), judge
 
 
 @pytest.mark.parametrize("name", SPECS)

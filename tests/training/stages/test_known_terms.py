@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import pytest
@@ -93,8 +94,9 @@ def test_a_prior_without_width_pins_the_parameter(stage: str) -> None:
 
 
 def test_a_wide_prior_changes_nothing(stage: str) -> None:
-    wide = run("init: 0, prior: {mean: 0.5, std: 1e9}", stage).weights["w"]
-    assert wide == pytest.approx(run("init: 0", stage).weights["w"], abs=1e-9)
+    short = stage.replace(LONG, LONG.replace("500", "50"))  # none of both has to arrive
+    wide = run("init: 0, prior: {mean: 0.5, std: 1e9}", short).weights["w"]
+    assert wide == pytest.approx(run("init: 0", short).weights["w"], abs=1e-9)
 
 
 def test_a_prior_of_a_bounded_parameter(stage: str) -> None:
@@ -136,6 +138,7 @@ def test_what_is_best_counts_the_prior(engine: str) -> None:
     assert found == pytest.approx(posterior_mode(0.5, 0.2), abs=1e-5)
 
 
+@cache
 def lasso(weight: float, grouped: int) -> FloatArray:
     """min mse + weight · Σ of norms of slices of `grouped` numbers, by plain proximal gradient."""
     w = np.zeros(4)
@@ -178,17 +181,26 @@ losses: {fit: "mse(z, y)", few: {expr: "group(W, over=pair)", weight: 0.25}}
 """
 
 
-def test_slices_become_exactly_0(to_corners: str) -> None:
-    program, spec = compiled(f"{MATRIX}train: [{{{to_corners}}}]\n")
-    data = dataset({"u": U[:, [2, 3, 0, 1]].reshape(-1, 2, 2), "y": Y}, train=[ROWS])
-    found = train(program, data, spec.train, IN_MEMORY).weights["W"].T
-    order = [2, 3, 0, 1]
-    columns = U[:, order]
+SLICED = U[:, [2, 3, 0, 1]]
+"""What the slices of W are multiplied by, one after the other."""
+
+
+@cache
+def lasso_of_slices() -> FloatArray:
+    """The same for the slices of W, whose norms count 0.25."""
     w, rate = np.zeros(4), 1 / np.linalg.eigvalsh(2 * U.T @ U / ROWS).max()
     for _ in range(20_000):
-        parts = (w - rate * 2 * columns.T @ (columns @ w - Y) / ROWS).reshape(2, 2)
+        parts = (w - rate * 2 * SLICED.T @ (SLICED @ w - Y) / ROWS).reshape(2, 2)
         norms = np.linalg.norm(parts, axis=1, keepdims=True)
         w = (parts * np.maximum(1 - rate * 0.25 / norms, 0)).ravel()
+    return w
+
+
+def test_slices_become_exactly_0(to_corners: str) -> None:
+    program, spec = compiled(f"{MATRIX}train: [{{{to_corners}}}]\n")
+    data = dataset({"u": SLICED.reshape(-1, 2, 2), "y": Y}, train=[ROWS])
+    found = train(program, data, spec.train, IN_MEMORY).weights["W"].T
+    w = lasso_of_slices()
     assert not w[:2].any()
     assert w[2:].all()
     assert not found[0].any()

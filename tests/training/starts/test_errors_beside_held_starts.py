@@ -15,7 +15,13 @@ from tests.training.cases import compiled, dataset
 from tests.training.oscillator import FITTED, TRUE, best_start, positions, records
 
 OVER, ROWS = 12, 40
-MODEL = FITTED.replace("over: 2 s", f"over: {OVER}").replace("over: 40", f"over: {OVER}")
+MODEL = (
+    FITTED.replace("over: 2 s", f"over: {OVER}")
+    .replace("over: 40", f"over: {OVER}")
+    # near the minimum, where errors are told: ways to it from afar have tests of their own
+    .replace("init: 6,", "init: 5,")
+    .replace("init: 0.3,", "init: 0.2,")
+)
 
 
 def learned(

@@ -6,7 +6,7 @@ generated C a step can find (DeMillo, Lipton, Sayward: Hints on test data select
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, cast
 
@@ -54,11 +54,11 @@ class ChangeableGraph:
         live = needed(graph, results)
         self._graph = graph
         with np.errstate(over="ignore"):  # beyond float32 a weight is infinite, as in C
-            self._evaluators: list[tuple[NodeId, Evaluator]] = [
-                (i, evaluator(n, tuple(graph[a].type for a in n.args), weights, dtype))
+            self._evaluators: dict[NodeId, Evaluator] = {
+                i: evaluator(n, tuple(graph[a].type for a in n.args), weights, dtype)
                 for i, n in graph
                 if live[i]
-            ]
+            }
 
     @property
     def size(self) -> int:
@@ -67,13 +67,13 @@ class ChangeableGraph:
             self._graph[index].type.size + sum(self._graph[arg].type.size for arg in node.args)
             if isinstance((node := self._graph[index]).op, ops.Reduction)
             else node.type.size
-            for index, _ in self._evaluators
+            for index in self._evaluators
         )
 
     def changes(self) -> list[Change]:
         """Of every operand: a number a little larger, its opposite; a truth the other way."""
         found: list[Change] = []
-        for index, _ in self._evaluators:
+        for index in self._evaluators:
             node = self._graph[index]
             # what only moves numbers is seen where they are used; a window reads the state too
             if isinstance(node.op, ops.Structure | ops.Identity | ops.Window):
@@ -88,24 +88,16 @@ class ChangeableGraph:
                 found += [Change(index, operand, e, kind) for e in elements for kind in kinds]
         return found
 
-    def run(self, around: LeafValues, parameters: Mapping[str, Array]) -> list[Array]:
-        """The values of all nodes, (B, *shape) or (1, *shape).
+    def run(self, around: LeafValues, parameters: Mapping[str, Array]) -> Mapping[NodeId, Array]:
+        """The values of nodes, (B, *shape) or (1, *shape), computed when they are asked for.
 
         `parameters` that are not the same in all rows are (B, *shape).
         """
-        values: list[Array] = [np.zeros(())] * len(self._graph)
-        with np.errstate(all="ignore"):
-            for index, evaluate in self._evaluators:
-                op = self._graph[index].op
-                if isinstance(op, ops.ReadParameter) and op.name in parameters:
-                    values[index] = parameters[op.name]
-                else:
-                    values[index] = evaluate(values, around)
-        return values
+        return _Asked(self._graph, self._evaluators, around, parameters)
 
     def with_changes(
         self,
-        right: Sequence[Array],
+        right: Mapping[NodeId, Array],
         copies: NDArray[np.int64],
         around: LeafValues,
         changes: Mapping[Change, NDArray[np.int64]],
@@ -119,7 +111,7 @@ class ChangeableGraph:
             by_node.setdefault(change.node, []).append((change, rows))
         values, touched = _Copied(right, copies), set[NodeId]()
         with np.errstate(all="ignore"):
-            for index, evaluate in self._evaluators:
+            for index, evaluate in self._evaluators.items():
                 # before its own change: the node may depend on one that changed earlier
                 if not touched.isdisjoint(self._graph[index].args):
                     values[index] = evaluate(cast("list[Array]", values), around)
@@ -157,10 +149,45 @@ class ChangeableGraph:
         return evaluate(cast("list[Array]", operands), NOWHERE)
 
 
+class _Asked(dict[NodeId, Array]):
+    """Values of nodes; most questions are about few of them."""
+
+    def __init__(
+        self,
+        graph: Graph,
+        evaluators: Mapping[NodeId, Evaluator],
+        around: LeafValues,
+        parameters: Mapping[str, Array],
+    ) -> None:
+        super().__init__()
+        self._graph, self._evaluators = graph, evaluators
+        self._around, self._parameters = around, parameters
+
+    def __missing__(self, asked: NodeId) -> Array:
+        # no recursion: a graph may be deeper than Python's stack
+        waiting = [asked]
+        with np.errstate(all="ignore"):
+            while waiting:
+                node = self._graph[waiting[-1]]
+                before = [arg for arg in node.args if arg not in self]
+                if before:
+                    waiting += before
+                    continue
+                index = waiting.pop()
+                if index in self:
+                    continue
+                if isinstance(node.op, ops.ReadParameter) and node.op.name in self._parameters:
+                    self[index] = self._parameters[node.op.name]
+                else:
+                    values = cast("list[Array]", self)
+                    self[index] = self._evaluators[index](values, self._around)
+        return self[asked]
+
+
 class _Copied(dict[NodeId, Array]):
     """Rows of values, repeated where they are asked for."""
 
-    def __init__(self, values: Sequence[Array], copies: NDArray[np.int64]) -> None:
+    def __init__(self, values: Mapping[NodeId, Array], copies: NDArray[np.int64]) -> None:
         super().__init__()
         self._values, self._copies = values, copies
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.c.interface.interface import Interface
+from backends.c.interface.state_checks import StateCheck
 from backends.c.selftest.singles.trial_steps import TrialValues
 from backends.c_lowering.active_sums import active_sets
 from backends.c_lowering.state_memory import joining, seen_values
 from compiler.interpreter.operations import repeated_batch
 from compiler.ir import ops
 from compiler.ir.liveness import needed
-from compiler.ir.program import Graph, NodeId, Program
+from compiler.ir.program import Expected, Graph, NodeId, Program
 from compiler.jacobian.matrices import Jacobian
 
 Array = NDArray[Any]
@@ -38,46 +40,70 @@ class Difference:
     right: NodeId | None
 
 
+Sides = tuple[Array, Array]
+"""(B, …) or (1, …) each; one that is always the same has no batch."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """The differences of two values, element by element."""
+
+    size: int
+    sides: Callable[[TrialValues], Sides]
+
+
 class Decisions:
     """Every difference of a step, its checks and its slopes, and slopes that can be infinite."""
 
     def __init__(self, program: Program, interface: Interface) -> None:
         self._dtype = np.dtype(interface.options.dtype)
-        results = [output.node for output in program.outputs]
-        results += [state.next for state in program.states]
-        self._step = _differences(program.step, results)
         self._checks = interface.checks
         self._expected = program.expected
         jacobian = interface.jacobian.jacobian if interface.jacobian else None
-        self._slopes = _differences(jacobian.graph, jacobian.roots) if jacobian else []
         read = seen_values(program) + [joining(memory) for memory in interface.states]
         self._sparse = [*active_sets(program.step, read).sums]
         self._doubtful = _doubtful(jacobian) if jacobian else []
+        results = [output.node for output in program.outputs]
+        results += [state.next for state in program.states]
+        self._pairs = _pairs(program.step, results, lambda values: values.nodes)
+        if jacobian:
+            self._pairs += _pairs(jacobian.graph, jacobian.roots, lambda values: values.slopes)
+        self._pairs += [self._at_limit(c, limit) for c in self._checks for limit in c.limits]
+        for entry in self._expected:
+            size = program.step[entry.node].type.size
+            self._pairs += [self._expectation(entry, limit, size) for limit in entry.range]
+        self._ends = np.cumsum([0, *(pair.size for pair in self._pairs)])[1:]
+
+    @property
+    def every(self) -> NDArray[np.int64]:
+        """The numbers of all differences."""
+        return np.arange(sum(pair.size for pair in self._pairs))
 
     def signs(self, values: TrialValues, count: int) -> NDArray[np.int8]:
         """Of each difference in each trial: -1, 0, 1 or `UNORDERED`, (B, D)."""
-        pairs = self._pairs(values)
-        found = [_signs(left, right, count) for left, right in pairs]
+        found = [_signs(*pair.sides(values), count) for pair in self._pairs]
         return np.concatenate([np.zeros((count, 0), np.int8), *found], axis=1)
 
-    def gaps(self, values: TrialValues, count: int) -> Array:
-        """Of each difference in each trial its size, infinite where it is NaN, (B, D)."""
-        found = [_gaps(left, right, count) for left, right in self._pairs(values)]
-        return np.concatenate([np.zeros((count, 0)), *found], axis=1)
+    def gaps(self, values: TrialValues, count: int, which: NDArray[np.int64]) -> Array:
+        """Of these differences in each trial their sizes, infinite where one is NaN, (B, which)."""
+        found = np.empty((count, len(which)))
+        owners = np.searchsorted(self._ends, which, side="right")
+        for number in map(int, np.unique(owners)):
+            own, pair = owners == number, self._pairs[number]
+            columns = which[own] - (self._ends[number] - pair.size)
+            found[:, own] = _gaps(*pair.sides(values), count)[:, columns]
+        return found
 
-    def _pairs(self, values: TrialValues) -> list[tuple[Array, Array]]:
-        """The two sides of each difference."""
-        pairs = [
-            *_operands(self._step, values.nodes),
-            *(_operands(self._slopes, values.slopes) if self._slopes else ()),
-        ]
-        for check in self._checks:
-            state = values.next_states[check.memory.state.name]
-            pairs += [(check.part(state), np.asarray(x, self._dtype)) for x in check.limits]
-        for entry in self._expected:
-            value = values.nodes[entry.node]
-            pairs += [(value, np.asarray(limit, self._dtype)) for limit in entry.range]
-        return pairs
+    def _at_limit(self, check: StateCheck, limit: float) -> _Pair:
+        state, right = check.memory.state, np.asarray(limit, self._dtype)
+        return _Pair(
+            check.part(np.empty([axis.size for axis in state.axes])).size,
+            lambda values: (check.part(values.next_state(state.name)), right),
+        )
+
+    def _expectation(self, entry: Expected, limit: float, size: int) -> _Pair:
+        right = np.asarray(limit, self._dtype)
+        return _Pair(size, lambda values: (values.nodes[entry.node], right))
 
     def doubtful(self, values: TrialValues, count: int) -> Array:
         """The slopes that can be infinite, (B, E)."""
@@ -94,7 +120,7 @@ class Decisions:
         limit, and whether nothing else is outside, (B) each."""
         numbers: list[tuple[Array, tuple[float, float]]] = []
         for check in self._checks:
-            part = check.part(values.next_states[check.memory.state.name]).reshape(count, -1)
+            part = check.part(values.next_state(check.memory.state.name)).reshape(count, -1)
             numbers += [(column, check.limits) for column in part.T[:_ELEMENTS]]
         for entry in self._expected:
             value = repeated_batch(values.nodes[entry.node], count).reshape(count, -1)
@@ -140,10 +166,22 @@ def _doubtful(jacobian: Jacobian) -> list[tuple[NodeId, int]]:
     return [*found]
 
 
-def _differences(graph: Graph, roots: Iterable[NodeId]) -> list[Difference]:
+def _pairs(
+    graph: Graph, roots: Iterable[NodeId], of: Callable[[TrialValues], Mapping[NodeId, Array]]
+) -> list[_Pair]:
     live = needed(graph, roots)
     every = [d for index, _ in graph if live[index] for d in _of(graph, index)]
-    return [*dict.fromkeys(every)]
+    return [_pair(graph, difference, of) for difference in dict.fromkeys(every)]
+
+
+def _pair(
+    graph: Graph, difference: Difference, of: Callable[[TrialValues], Mapping[NodeId, Array]]
+) -> _Pair:
+    left, right = difference.left, difference.right
+    if right is None:
+        return _Pair(graph[left].type.size, lambda values: (of(values)[left], np.zeros(())))
+    shape = np.broadcast_shapes(graph[left].type.shape, graph[right].type.shape)
+    return _Pair(math.prod(shape), lambda values: (of(values)[left], of(values)[right]))
 
 
 def _of(graph: Graph, index: NodeId) -> Iterator[Difference]:
@@ -161,14 +199,6 @@ def _of(graph: Graph, index: NodeId) -> Iterator[Difference]:
             yield Difference(node.args[1], None)
         case _:
             pass
-
-
-def _operands(
-    differences: Sequence[Difference], nodes: Sequence[Array]
-) -> Iterator[tuple[Array, Array]]:
-    for difference in differences:
-        right = np.zeros(()) if difference.right is None else nodes[difference.right]
-        yield nodes[difference.left], right
 
 
 def _signs(left: Array, right: Array, count: int) -> NDArray[np.int8]:

@@ -44,17 +44,19 @@ def descended(
     step can be `held`: the shortest way to a small quotient is a huge divisor, and ends where the
     dividend overflows.
     """
-    gaps = _gaps(steps, decisions, drawn)
+    gaps = _gaps(steps, decisions, drawn, which)
     # |x| and x are 0 at the same steps
-    _, first = np.unique(gaps[:, which], axis=1, return_index=True)
+    _, first = np.unique(gaps, axis=1, return_index=True)
+    places = np.sort(first)
+    which, gaps = which[places], gaps[:, places]
     rows: list[int] = []
     own: list[int] = []
-    for decision in which[np.sort(first)].tolist():
-        able = np.flatnonzero(np.isfinite(gaps[:, decision]))
+    for place in range(len(which)):
+        able = np.flatnonzero(np.isfinite(gaps[:, place]))
         # steps with plain numbers stand first: at them a change shows best
         chosen = [*able[: _BEGUN // 2], *random.permutation(able)[: _BEGUN // 2]]
         rows += chosen
-        own += [decision] * len(chosen)
+        own += [place] * len(chosen)
     current, decision = drawn.of(np.array(rows, np.int64)), np.array(own, np.int64)
     if not len(current):
         return current
@@ -70,7 +72,7 @@ def descended(
         of = np.repeat(open, _COPIES)
         numbers = moved(current.numbers[of], steps, turn, _ROUNDS, random, moving[of])
         copies = Trials(current.starts[of], allowed(numbers, steps))
-        found = _gaps(steps, decisions, copies)[np.arange(len(of)), decision[of]]
+        found = _gaps(steps, decisions, copies, which)[np.arange(len(of)), decision[of]]
         best = found.reshape(-1, _COPIES).argmin(axis=1) + np.arange(len(open)) * _COPIES
         better = found[best] < left[open]
         # the move in which it comes near: each is kept once
@@ -113,9 +115,11 @@ def allowed(numbers: Array, steps: TrialSteps) -> Array:
     return found
 
 
-def _gaps(steps: TrialSteps, decisions: Decisions, trials: Trials) -> Array:
-    """How far apart the sides of each decision are, infinitely where one is no number, (B, D)."""
-    return decisions.gaps(steps.run(trials), len(trials))
+def _gaps(
+    steps: TrialSteps, decisions: Decisions, trials: Trials, which: NDArray[np.int64]
+) -> Array:
+    """How far apart the sides of these decisions are, infinitely where one is no number."""
+    return decisions.gaps(steps.run(trials), len(trials), which)
 
 
 def _finite(codes: NDArray[np.int64], steps: TrialSteps) -> NDArray[np.int64]:

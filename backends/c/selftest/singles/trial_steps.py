@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -55,43 +54,32 @@ def joined_trials(parts: Iterable[Trials]) -> Trials:
     )
 
 
+@dataclass(frozen=True, slots=True)
 class TrialValues:
-    """What B steps answer; a graph is evaluated when its values are first asked for.
+    """What B steps answer; what nobody asks for is not computed."""
 
-    Most questions are about the step or about its slopes, few about both.
-    """
-
-    def __init__(
-        self,
-        program: Program,
-        count: int,
-        nodes: Callable[[], Sequence[Array]],
-        slopes: Callable[[], Sequence[Array]],
-    ) -> None:
-        self._program, self._count = program, count
-        self._nodes, self._slopes = nodes, slopes
-
-    @cached_property
-    def nodes(self) -> Sequence[Array]:
-        """The values of the step's graph, (B, …) or (1, …)."""
-        return self._nodes()
-
-    @cached_property
-    def slopes(self) -> Sequence[Array]:
-        """The values of the Jacobian's graph, (B, …) or (1, …)."""
-        return self._slopes()
+    program: Program
+    count: int
+    """B."""
+    nodes: Mapping[NodeId, Array]
+    """The values of the step's graph, (B, …) or (1, …)."""
+    slopes: Mapping[NodeId, Array]
+    """The values of the Jacobian's graph, (B, …) or (1, …); none without one."""
 
     @property
     def outputs(self) -> dict[str, Array]:
         """By name, (B, …)."""
-        outputs = self._program.outputs
-        return {out.name: repeated_batch(self.nodes[out.node], self._count) for out in outputs}
+        outputs = self.program.outputs
+        return {out.name: repeated_batch(self.nodes[out.node], self.count) for out in outputs}
 
     @property
     def next_states(self) -> dict[str, Array]:
         """By name, (B, …)."""
-        states = self._program.states
-        return {s.name: repeated_batch(self.nodes[s.next], self._count) for s in states}
+        return {state.name: self.next_state(state.name) for state in self.program.states}
+
+    def next_state(self, name: str) -> Array:
+        """What one of them is after the step, (B, …)."""
+        return repeated_batch(self.nodes[self.program.state(name).next], self.count)
 
 
 class TrialSteps:
@@ -203,15 +191,12 @@ class TrialSteps:
 
     def run(self, trials: Trials) -> TrialValues:
         """What the interpreter answers; no policy looks at the inputs."""
-
-        def nodes_of(graph: ChangeableGraph) -> list[Array]:
-            return graph.run(self._around(trials), self._parameters(trials))
-
+        around, parameters = self._around(trials), self._parameters(trials)
         return TrialValues(
-            self.program,
-            len(trials),
-            lambda: nodes_of(self._whole),
-            lambda: nodes_of(self._shown[1][0]) if self._matrices else (),
+            program=self.program,
+            count=len(trials),
+            nodes=self._whole.run(around, parameters),
+            slopes=self._shown[1][0].run(around, parameters) if self._matrices else {},
         )
 
     def matrices(self, trials: Trials) -> dict[str, Array]:
