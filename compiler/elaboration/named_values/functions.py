@@ -22,7 +22,9 @@ def inlined(
         context.findings.report(names.recursive_function(name, call.function.span))
         raise LoweringFailed
     arguments = {key: FunctionArgument(value, environment) for key, value in given.items()}
-    return lower(context, function.expr, environment.inside(name, arguments))
+    value = lower(context, function.expr, environment.inside(name, arguments))
+    context.unread.extend(argument for argument in arguments.values() if not argument.lowered)
+    return value
 
 
 def argument_value(
