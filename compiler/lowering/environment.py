@@ -47,6 +47,8 @@ class FunctionArgument:
     expression: Expression
     environment: Environment
     lowered: dict[Time, NodeId] = field(default_factory=dict["Time", NodeId])
+    at_hand: bool = False
+    """Whether it is a value that a layer has, and the expression but a name for it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +103,14 @@ class Environment:
             for name, argument in self.arguments.items()
         }
         return replace(self, part=part, stage=None, arguments=arguments)
+
+    @property
+    def is_written(self) -> bool:
+        """Whether its arguments, and what those stand in, are expressions of the spec."""
+        return not any(
+            argument.at_hand or not argument.environment.is_written
+            for argument in self.arguments.values()
+        )
 
     @property
     def is_elsewhere(self) -> bool:

@@ -23,7 +23,8 @@ def inlined(
         raise LoweringFailed
     arguments = {key: FunctionArgument(value, environment) for key, value in given.items()}
     value = lower(context, function.expr, environment.inside(name, arguments))
-    context.unread.extend(argument for argument in arguments.values() if not argument.lowered)
+    if environment.is_written:
+        context.unread.extend(argument for argument in arguments.values() if not argument.lowered)
     return value
 
 
