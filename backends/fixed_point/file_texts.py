@@ -54,6 +54,7 @@ def file_texts(
             "selftest.c",
             names,
             "Self-test",
+            has_state=bool(program.memories or names.held),
             steps=SELFTEST_STEPS,
             # a seed of its own: the test program replays other numbers than the self-test
             functions=_golden(program, names, [golden_run(program, SELFTEST_STEPS, 1)]),

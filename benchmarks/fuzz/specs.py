@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 
 from backends.files.atomic_write import write_text
+from msnn.exports.table import NAMES
 from tests.random_specs.generate import random_spec
 from tests.random_specs.random_spec import RandomSpec
 from tests.random_specs.shrink import shrunk
@@ -71,11 +72,11 @@ def _keep(folder: Path, spec: RandomSpec, fault: Fault, seconds: float) -> None:
     write_text(folder / "fault.txt", f"{fault.stage}: {fault.kind}\n\n{fault.detail}\n")
     for name, text in spec.texts().items():
         write_text(folder / "seed" / name, text)
-    needed = {
-        "exports": fault.stage not in ("check", "show", "train"),
-        "kernel": fault.stage == "train",
-    }
-    smallest = shrunk(spec, fault, partial(fault_of, **needed), seconds)
+    # what did not find it is left out: a target takes a second, the searched steps another
+    writes = fault.stage == "export"
+    targets = (fault.stage,) if fault.stage in NAMES else NAMES if writes else ()
+    needed = partial(fault_of, targets=targets, kernel=fault.stage == "train", searches=writes)
+    smallest = shrunk(spec, fault, needed, seconds)
     for name, text in smallest.texts().items():
         write_text(folder / name, text)
 

@@ -44,6 +44,20 @@ def lower_unused(elaborated: Elaboration) -> None:
             found = _found_by_calling(elaborated, name, len(function.args))
             # what shapes and units its arguments have is not known
             context.findings.report(*(d for d in found if d.code in _OF_NAMES))
+    if context.unread:
+        _report_unread(elaborated)
+
+
+def _report_unread(elaborated: Elaboration) -> None:
+    """What is wrong with the names in arguments that the formula of their function leaves out."""
+    apart = elaborated.afresh(FoundBefore())
+    for argument in elaborated.context.unread:
+        there = argument.environment
+        with suppress(LoweringFailed):
+            lower(apart.context, argument.expression, there.in_graph_of(there.part))
+    # what else is wrong may be so for lack of the buffers that the program has
+    found = (d for d in _errors_of(apart) if d.code in _OF_NAMES)
+    elaborated.context.findings.report(*found)
 
 
 def _report_parameters(elaborated: Elaboration) -> None:

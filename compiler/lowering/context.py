@@ -12,7 +12,7 @@ from compiler.ir.program import NodeId
 from compiler.ir.rules.op_rules import LARGEST_SIZE
 from compiler.ir.types import Axis, Type, describe_axes
 from compiler.linking.given_weights import GivenWeights
-from compiler.lowering.environment import Environment, EnvironmentPart, Time
+from compiler.lowering.environment import Environment, EnvironmentPart, FunctionArgument, Time
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.notes.dynamics_calls import DynamicsCall
 from compiler.lowering.notes.gradient_sources import GradientSources
@@ -102,6 +102,8 @@ class Context:
     """Calls of the forward dynamics of robots in the step, by the node of their result."""
     used: set[str] = field(default_factory=set[str])
     """Names that something refers to."""
+    unread: list[FunctionArgument] = field(default_factory=list[FunctionArgument])
+    """Arguments that the formulas of their functions do without."""
     measured: dict[str, State] = field(default_factory=dict[str, State])
     """States whose log is read somewhere (docs/language.md, States): the data must have them."""
 

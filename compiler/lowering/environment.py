@@ -47,6 +47,8 @@ class FunctionArgument:
     expression: Expression
     environment: Environment
     lowered: dict[Time, NodeId] = field(default_factory=dict["Time", NodeId])
+    at_hand: bool = False
+    """Whether it is a value that a layer has, and the expression but a name for it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,13 +92,25 @@ class Environment:
 
     def at_start(self) -> Environment:
         """This place in the start of a run: what it reads before t0 is evaluated over the log."""
-        # arguments are lowered where the call stands, which is the start now; what was lowered of
-        # them for the step are numbers of another graph
+        return self.in_graph_of(EnvironmentPart.START)
+
+    def in_graph_of(self, part: EnvironmentPart) -> Environment:
+        """This place in another graph."""
+        # arguments are lowered where the call stands, which is there now; what was lowered of them
+        # before are numbers of the graph that is left
         arguments = {
-            name: FunctionArgument(argument.expression, argument.environment.at_start())
+            name: FunctionArgument(argument.expression, argument.environment.in_graph_of(part))
             for name, argument in self.arguments.items()
         }
-        return replace(self, part=EnvironmentPart.START, stage=None, arguments=arguments)
+        return replace(self, part=part, stage=None, arguments=arguments)
+
+    @property
+    def is_written(self) -> bool:
+        """Whether its arguments, and what those stand in, are expressions of the spec."""
+        return not any(
+            argument.at_hand or not argument.environment.is_written
+            for argument in self.arguments.values()
+        )
 
     @property
     def is_elsewhere(self) -> bool:

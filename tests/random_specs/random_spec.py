@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -39,7 +40,7 @@ class RandomSpec:
 
     def smaller(self) -> Iterator[RandomSpec]:
         """Specs with less in them, those with much less first; few of them are right."""
-        for sections in _smaller(self.sections, ()):
+        for sections in (*_without_unnamed(self.sections), *_smaller(self.sections, ())):
             used = str(sections.get("use", ""))
             parts = {name: part for name, part in self.parts.items() if name in used}
             yield RandomSpec(sections, parts)
@@ -49,6 +50,34 @@ class RandomSpec:
 
 
 _NAME = "spec.msnn.yaml"
+_SHOWN = ("states", "outputs", "losses", "train", "connect", "integrator")
+"""Sections whose entries need nobody who names them."""
+
+
+def _without_unnamed(sections: Mapping[str, Section]) -> Iterator[Mapping[str, Section]]:
+    """One step for all that is left over where what named it was left out.
+
+    Each step that keeps the fault costs the exports of a spec, so that few large ones are quick.
+    """
+    left = dict(sections)
+    while left != (fewer := _named(left)):
+        left = fewer
+    if left != sections:
+        yield left
+
+
+def _named(sections: Mapping[str, Section]) -> dict[str, Section]:
+    """Entries that some text elsewhere names, and the sections that have any."""
+    kept = dict(sections)
+    for section, entries in sections.items():
+        if isinstance(entries, dict) and section not in _SHOWN:
+            kept[section] = {n: e for n, e in entries.items() if _is_named(n, section, kept)}
+    return {section: entries for section, entries in kept.items() if entries != {}}
+
+
+def _is_named(name: str, section: str, sections: Mapping[str, Section]) -> bool:
+    entries = {key: entry for key, entry in sections[section].items() if key != name}
+    return re.search(rf"\b{name}\b", _text({**sections, section: entries})) is not None
 
 
 def _text(sections: Mapping[str, Section]) -> str:

@@ -21,7 +21,7 @@ EVERYWHERE = (2, 3)
 @pytest.mark.parametrize("first", range(0, 24, 8))
 def test_random_specs_are_checked_and_shown(first: int) -> None:
     for seed in range(first, first + 8):
-        fault = fault_of(random_spec(seed), exports=False, kernel=False)
+        fault = fault_of(random_spec(seed), targets=(), kernel=False)
         assert fault is None, f"seed {seed}: {fault.stage}: {fault.detail}"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,7 +66,7 @@ class Texts(Protocol):
 
 
 def fault_of(
-    spec: Texts, *, exports: bool = True, kernel: bool = True, searches: bool = True
+    spec: Texts, *, targets: Sequence[str] = NAMES, kernel: bool = True, searches: bool = True
 ) -> Fault | None:
     """The first thing that is wrong with the treatment of a spec; None where all is well.
 
@@ -94,9 +94,9 @@ def fault_of(
             model = load_model(folder / "spec.msnn.yaml")
             stage = "show"
             _shown(model)
-            if exports:
+            if targets:
                 stage = "export"
-                fault = _exported(model, folder)
+                fault = _exported(model, targets, folder)
                 if fault is not None:
                     return fault
             if kernel and model.spec.train:
@@ -154,9 +154,9 @@ def _shown(model: Model) -> None:
     assert yaml_text(spec_data(again.spec)) == resolved, "`show --resolved` reads differently"
 
 
-def _exported(model: Model, folder: Path) -> Fault | None:
+def _exported(model: Model, targets: Sequence[str], folder: Path) -> Fault | None:
     findings = Findings()
-    plans = plan_exports(model, NAMES, findings)
+    plans = plan_exports(model, targets, findings)
     findings.raise_errors()
     weights = initial_weights(model.program)
     for plan in plans:

@@ -57,6 +57,7 @@ FAULTS = {
     "get_outputs forgets an output": ("heater.c", "v[HEATER_Y_OVEN_NEXT] = y->oven_next;", ""),
     "set_state forgets a state": ("heater.c", "s->oven = v[HEATER_X_OVEN];", ""),
     "set_state does not end the waiting": ("heater.c", "s->ready = 4U;", ""),
+    "an instance of zeros is taken": ("heater.c", "s->ready != 4U", "s->ready == 7U"),
     "get_state copies another state": (
         "heater.c",
         "v[HEATER_X_OVEN] = s->oven;",

@@ -22,7 +22,10 @@ def inlined(
         context.findings.report(names.recursive_function(name, call.function.span))
         raise LoweringFailed
     arguments = {key: FunctionArgument(value, environment) for key, value in given.items()}
-    return lower(context, function.expr, environment.inside(name, arguments))
+    value = lower(context, function.expr, environment.inside(name, arguments))
+    if environment.is_written:
+        context.unread.extend(argument for argument in arguments.values() if not argument.lowered)
+    return value
 
 
 def argument_value(

@@ -178,7 +178,10 @@ class LayerContext:
             self.environment,
             arguments={
                 name: FunctionArgument(
-                    Name(name, span), self.environment, {self.environment.time: node}
+                    Name(name, span),
+                    self.environment,
+                    {self.environment.time: node},
+                    at_hand=True,
                 )
                 for name, node in arguments.items()
             },

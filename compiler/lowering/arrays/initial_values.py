@@ -112,7 +112,7 @@ def _with_indices(context: Context, array: str, axes: tuple[Axis, ...], span: Sp
     }
     values[LENGTH] = builder.constant(axes[-1].size)
     arguments = {
-        name: FunctionArgument(Name(name, span), plain, {plain.time: node})
+        name: FunctionArgument(Name(name, span), plain, {plain.time: node}, at_hand=True)
         for name, node in values.items()
         if name not in context.scope or context.is_of_submodel(array)
     }

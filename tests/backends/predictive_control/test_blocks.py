@@ -203,8 +203,7 @@ mpc:
     assert problem is not None
     problem = replace(problem, structure="condensed")
     write_controller(problem, {}, tmp_path / "c", prefix="plant", dtype="float64")
-    built = build_library(tmp_path / "c", tmp_path / "c" / "controller.so")
-    library = ControllerLibrary.of_folder(tmp_path / "c", built)
+    library = built_controller(tmp_path / "c")
     state = np.zeros(problem.states.size)
     statuses: list[int] = []
     sizes = 10 ** np.arange(6, 8, 0.2)

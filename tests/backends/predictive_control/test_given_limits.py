@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backends.c.host.build import build_library
 from backends.predictive_control import write_controller
 from backends.predictive_control.library import ControllerLibrary
 from msnn.data.dataset import FloatArray
+from tests.backends.predictive_control.built_controller import built_controller
 from tests.conditions import require_tool
 from tests.control.specs import load
 
@@ -42,7 +42,7 @@ def built(folder: Path, structure: str, bounds: str) -> ControllerLibrary:
     assert problem is not None
     out = folder / "c"
     write_controller(problem, {}, out, prefix="plant", dtype="float64")
-    return ControllerLibrary.of_folder(out, build_library(out, out / "controller.so"))
+    return built_controller(out)
 
 
 def sample(x: float = 0.0, r: float = 1.0, top: float = 4.0) -> dict[str, float | FloatArray]:

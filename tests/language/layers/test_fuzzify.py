@@ -17,6 +17,19 @@ outputs: {y: learned(x)}
     assert gaps.initial == (1, 3, 2)
 
 
+def test_a_membership_function_can_call_one_that_leaves_an_argument_out() -> None:
+    """What is looked at for unknown names are expressions of the spec, not the layer's value."""
+    text = """
+inputs: {x: {}}
+functions:
+  square: {args: [a, b], expr: a * a}
+  bell: {args: [d], expr: "exp(-square(d, 2 * d))"}
+layers: {phi: {fuzzify: {centers: [-1, 0, 1], membership: {function: bell}}}}
+outputs: {y: phi(x)}
+"""
+    assert codes(text) == []
+
+
 @pytest.mark.parametrize(
     ("layers", "code"),
     [

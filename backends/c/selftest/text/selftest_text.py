@@ -91,6 +91,7 @@ def selftest_text(
         kernels=bool(kernels),
         calibrates=interface.calibrates,
         jacobian=jacobian is not None,
+        has_state=interface.has_state,
         hashes=_hashes(interface),
         letters=letters,
         sample_time=None if sample_time is None else real_literal(sample_time, dtype),
