@@ -21,7 +21,7 @@ def kernel_not_made(
 ) -> Diagnostic:
     """W0951: a training kernel that cannot be built though there is a compiler."""
     fault = "is too large" if too_large else "cannot be made"
-    message = f"stage `{stage}` goes on on torch: its kernel {fault} ({reason})"
+    message = f"stage `{stage}` goes on with torch: its kernel {fault} ({reason})"
     smaller = "learn fewer numbers at a time, by `freeze`, or take an optimizer of first order"
     return warning("W0951", span, message, "no kernel", help=smaller if too_large else _REPORT)
 

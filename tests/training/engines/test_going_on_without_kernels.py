@@ -176,7 +176,7 @@ def test_slopes_too_large_for_a_kernel_are_a_limit_and_no_mistake(
     assert_same(second_order("engine: auto", heard), expected)
     (said,) = heard.warnings
     assert said.code == "W0951"
-    assert "goes on on torch: its kernel is too large (a step needs " in said.message
+    assert "goes on with torch: its kernel is too large (a step needs " in said.message
     assert said.help is not None
     assert "report" not in said.help
     with pytest.raises(SpecError, match="MiB of stack") as caught:

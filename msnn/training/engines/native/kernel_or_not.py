@@ -49,7 +49,7 @@ def try_natively(
             other = try_natively(replace(plan, dtype="float64"), make, in_double=False)
             resolved = on_torch(plan) if other.made is None else other.plan
             return Attempt(other.made, resolved, (note, *other.notes))
-        note = kernels.wrong_kernel(plan.name, str(error), "on torch", plan.span)
+        note = kernels.wrong_kernel(plan.name, str(error), "with torch", plan.span)
     except StackTooSmallError as error:
         reason = str(error)
         if plan.engine == "native":
