@@ -7,6 +7,7 @@
  */
 #define _POSIX_C_SOURCE 200809L
 #include "changes.h"
+#include "../kernel_accuracy/splitmix64.h"
 
 #include <setjmp.h>
 #include <signal.h>
@@ -15,18 +16,6 @@
 
 static bool shown[CHANGES];
 static sigjmp_buf crashed;
-
-static uint64_t state = 0x9E3779B97F4A7C15U;
-
-/* splitmix64 of G. L. Steele, D. Lea and C. H. Flood (2014) */
-static uint64_t next(void)
-{
-    state += 0x9E3779B97F4A7C15U;
-    uint64_t z = state;
-    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9U;
-    z = (z ^ (z >> 27)) * 0x94D049BB133111EBU;
-    return z ^ (z >> 31);
-}
 
 static real from_bits(word pattern)
 {

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import shutil
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +16,6 @@ from msnn.control.solution import Status
 from tests.conditions import require_tool
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "mpc_tank"
-
-
-@pytest.fixture
-def example(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Imports a module of the example, and forgets all of them in the end."""
-    monkeypatch.syspath_prepend(str(EXAMPLE))
-    yield importlib.import_module
-    for name in [path.stem for path in EXAMPLE.glob("*.py")]:
-        sys.modules.pop(name, None)
 
 
 def test_steps_of_the_rig_are_small_enough(example: Any, monkeypatch: pytest.MonkeyPatch) -> None:

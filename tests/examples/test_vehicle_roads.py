@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +17,6 @@ from msnn.model.load import load_model
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "vehicle_steering"
 SPECS = ("vehicle", "controller", "mlp")
 SETS = {"train": "training", "val": "validation", "test": "test"}
-
-
-@pytest.fixture
-def example(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Imports a module of the example, and forgets all of them in the end."""
-    monkeypatch.syspath_prepend(str(EXAMPLE))
-    yield importlib.import_module
-    for name in [path.stem for path in EXAMPLE.glob("*.py")]:
-        sys.modules.pop(name, None)
 
 
 def test_no_road_and_no_noise_is_of_two_sets(example: Any) -> None:

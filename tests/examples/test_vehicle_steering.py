@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-import importlib
 import json
 import math
 import shutil
 import subprocess
-import sys
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,15 +24,6 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "vehicle_steering"
 PYTHON = ("filters", "kinematic", "stanley")
 STEERED_BY = {**dict.fromkeys(("controller", "mlp", "mpc"), "c"), **dict.fromkeys(PYTHON, "python")}
 EPOCHS = {"vehicle": (10, 2), "controller": (15, 15, 15), "mlp": (5, 5, 5)}
-
-
-@pytest.fixture
-def example(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Imports a module of the example, and forgets all of them in the end."""
-    monkeypatch.syspath_prepend(str(EXAMPLE))
-    yield importlib.import_module
-    for name in [path.stem for path in EXAMPLE.glob("*.py")]:
-        sys.modules.pop(name, None)
 
 
 def test_a_road_is_the_same_every_time_and_can_be_driven(example: Any) -> None:
