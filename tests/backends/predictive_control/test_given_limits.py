@@ -36,9 +36,9 @@ ROWS = 9
 """Samples of a preview: eight, and the end of the horizon."""
 
 
-def built(folder: Path, structure: str, bounds: str) -> ControllerLibrary:
+def built(folder: Path, structure: str, bounds: str, plant: str = PLANT) -> ControllerLibrary:
     require_tool("gcc", install="apt install gcc")
-    problem = load(folder, PLANT.format(structure=structure, bounds=bounds)).control
+    problem = load(folder, plant.format(structure=structure, bounds=bounds)).control
     assert problem is not None
     out = folder / "c"
     write_controller(problem, {}, out, prefix="plant", dtype="float64")
@@ -78,6 +78,30 @@ def test_feedback_sees_what_comes_at_its_own_time(structure: str, tmp_path: Path
         u = float(own.feedback(now).control[0])
         assert u == pytest.approx(least_squares(x, r[t:], d[t:], 0.2), abs=1e-5)
         x = 0.9 * x + 0.2 * u + 0.1 * d[t]
+
+
+@pytest.mark.parametrize("structure", STRUCTURES)
+@pytest.mark.parametrize("calls", ["prepare", "feedback", "prepare feedback prepare"])
+def test_a_solve_after_other_calls_is_of_what_is_known_now(
+    structure: str, calls: str, tmp_path: Path
+) -> None:
+    """What was computed for a sample before would make an old plan look optimal."""
+    bent = PLANT.replace("(x - r)**2 + 0.1", "(x - r)**2 * (1 + 0.1 * x**2) + 0.1")
+    own = built(tmp_path, structure, "u: {min: -top, max: top}", bent)
+    now = sample(0.0, r=0.7, top=1e3)
+    expected = own.solve(now)
+    assert expected.control[0] > 0.3
+    own.init()
+    # x stays where the plan has it, so that r alone is new
+    assert own.solve(sample(0.0, r=0.0, top=1e3)).control == [pytest.approx(0, abs=1e-9)]
+    for call in calls.split():
+        if call == "prepare":
+            own.prepare()
+        else:
+            assert own.feedback(now).status == CAPPED
+    found = own.solve(now)
+    assert found.status == SOLVED
+    assert found.control == [pytest.approx(expected.control[0], abs=1e-5)]
 
 
 def least_squares(x: float, r: FloatArray, d: FloatArray, w: float) -> float:
