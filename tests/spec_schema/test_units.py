@@ -225,3 +225,15 @@ def _failure(text: str) -> UnitError | None:
     except UnitError as error:
         return error
     return None
+
+
+@pytest.mark.parametrize(
+    ("written", "target", "value", "distance"),
+    [("degC", "K", 283.15, 10.0), ("K", "degC", -263.15, 10.0), ("km", "m", 1e4, 1e4)],
+)
+def test_offsets_have_no_part_in_distances(
+    written: str, target: str, value: float, distance: float
+) -> None:
+    own, other = parse_unit(written), parse_unit(target)
+    assert own.convert(10.0, other) == pytest.approx(value, rel=1e-12)
+    assert own.convert(10.0, other, is_distance=True) == distance
