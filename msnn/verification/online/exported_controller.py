@@ -126,7 +126,8 @@ def _controller(about: dict[str, Any]) -> ControllerPart:
             KnownLimits(
                 low=_number(limit["min"]),
                 high=_number(limit["max"]),
-                moves=bool(limit["moves"]),
+                # exports before decision 0388 do not say it: less is then asked of them
+                moves=bool(limit.get("moves", True)),
                 rate=_number(limit.get("rate")),
                 before=None if limit.get("before") is None else int(limit["before"]),
             )
