@@ -120,7 +120,7 @@ class BlockScope:
         counter = _COUNTERS[self._depth]
         inner = BlockScope(self._names, self._depth + 1, self._note)
         yield variable(counter), inner
-        self.add(c.Loop(counter, 0, count, tuple(inner.statements), step))
+        self.add(c.Loop(counter, 0, count, tuple(inner.statements), step=step))
 
     def each(
         self,

@@ -17,7 +17,7 @@ from compiler.passes.analyses.compact_sets import (
 
 
 @dataclass(frozen=True, slots=True)
-class ActiveSets:
+class ActiveSums:
     """The values that a function treats in its own way which evaluates active sets only."""
 
     sets: dict[NodeId, CompactSets] = field(default_factory=dict[NodeId, CompactSets])
@@ -28,7 +28,7 @@ class ActiveSets:
     """Values that only such sums read: computed where they are used, never kept."""
 
 
-def active_sets(graph: Graph, roots: Iterable[NodeId]) -> ActiveSets:
+def find_active_sums(graph: Graph, roots: Iterable[NodeId]) -> ActiveSums:
     """The sums whose result has the same bits without the terms that are 0.
 
     That is so where +0 is added to the sum (`settle_zeros`), so that a sum of zeros has no sign.
@@ -57,7 +57,7 @@ def active_sets(graph: Graph, roots: Iterable[NodeId]) -> ActiveSets:
     found = {node: sets for node, sets in found.items() if node in carried[node]}
     sums = {node: sets for node, sets in sums.items() if sets in found}
     parts = [index for index, sets in enumerate(carried) if not found.keys().isdisjoint(sets)]
-    return ActiveSets(found, sums, frozenset(parts))
+    return ActiveSums(found, sums, frozenset(parts))
 
 
 def _users(graph: Graph, roots: Iterable[NodeId]) -> list[list[NodeId | None]]:

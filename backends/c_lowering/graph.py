@@ -17,7 +17,7 @@ from backends.c_language.places import ArrayView, Index
 from backends.c_language.scope import BlockScope, SpecName
 from backends.c_language.tree import Binary, Expression
 from backends.c_lowering.active_memberships import ActiveMemberships, active_memberships
-from backends.c_lowering.active_sums import ActiveSets
+from backends.c_lowering.active_sums import ActiveSums
 from backends.c_lowering.forwarding import forward_slices
 from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.shift_while_summing import write_moving_sum
@@ -39,7 +39,7 @@ from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import WINDOW, Axis, Type
 
-_DENSE = ActiveSets()
+_DENSE = ActiveSums()
 """Every set of every sum is evaluated."""
 
 _STILL: Mapping[NodeId, ShiftBuffer] = {}
@@ -71,7 +71,7 @@ class GraphLowering:
         surroundings: LeafSource,
         scope: BlockScope,
         locals: LocalValues,
-        active: ActiveSets = _DENSE,
+        active: ActiveSums = _DENSE,
         moving: Mapping[NodeId, ShiftBuffer] = _STILL,
     ) -> None:
         # slices move to the operands first: what is not read is not computed
@@ -122,7 +122,7 @@ class GraphLowering:
 
     def _value(self, index: NodeId, node: Node) -> Value:
         if index in self._active.sets:
-            return self._active_degrees(index, node)
+            return self._active_memberships(index, node)
         args = [self._values[arg] for arg in node.args]
         match node.op:
             case ops.Constant(values, name):
@@ -156,7 +156,7 @@ class GraphLowering:
             case _:
                 assert_never(node.op)
 
-    def _active_degrees(self, index: NodeId, node: Node) -> Computed:
+    def _active_memberships(self, index: NodeId, node: Node) -> Computed:
         """Degrees that are known for active sets only; nothing asks for another one."""
         sets = self._active.sets[index]
         value = element_of(self._values[sets.value], (), self._scope)

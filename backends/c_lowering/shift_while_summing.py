@@ -17,7 +17,7 @@ from compiler.ir.types import WINDOW
 Term = Callable[[Index, Expression, BlockScope], Expression]
 
 
-def moving_sums(
+def shifting_sums(
     graph: Graph, roots: Sequence[NodeId], states: Iterable[StateMemory], unroll: int
 ) -> dict[NodeId, ShiftBuffer]:
     """Sums that are the only readers of a scalar's window, where it is longer than `unroll`."""

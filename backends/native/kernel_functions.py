@@ -157,7 +157,11 @@ class ModelFunctions:
                 continue
             if state.name in memory.buffers:
                 # an addend that is added rows later, from a tape of its own, is not added here
-                late = {echo.addend for echo in memory.echoes if echo.state == state.name}
+                late = {
+                    adjoint.addend
+                    for adjoint in memory.late_adjoints
+                    if adjoint.state == state.name
+                }
                 for addend in sums.of(gradient):
                     if addend not in late:
                         # adjoints of a buffer are added into its rows: each sample collects over
@@ -166,10 +170,10 @@ class ModelFunctions:
             else:
                 place = array(f"d_{memory.plain[state.name][0]}", writer.shape(state))
                 stored.append((gradient, place))
-        for echo, tape in memory.echoes.items():
-            writer.collect(echo)
-            shape = writer.graph[echo.source].type.shape
-            stored.append((echo.source, tape.place(shape, tape.last, None)))
+        for adjoint, tape in memory.late_adjoints.items():
+            writer.collect(adjoint)
+            shape = writer.graph[adjoint.source].type.shape
+            stored.append((adjoint.source, tape.place(shape, tape.last, None)))
         added += [(node, self._gradient_place(name)) for name, node in phases.direct]
         lowered = writer.lowered(*(node for node, _ in (*stored, *added)))
         for node, place in stored:
@@ -178,7 +182,7 @@ class ModelFunctions:
             writer.add_to(lowered, node, place)
         scale = Passed(Argument("const lanes *restrict", "scale"), "scale")
         passed = [*self._adjoints(TIME, "(t + 1)"), scale]
-        for tape in memory.echoes.values():
+        for tape in memory.late_adjoints.values():
             # time runs backwards here: the latest step stands first in the tape, and its readers
             # come after
             newest = f"{tape.name} + ({HORIZON} - 1 - t) * {tape.elements}"

@@ -118,8 +118,10 @@ def _source(step: TrainingStep, dtype: Dtype, training: Sequence[str]) -> Kernel
         f"static const double ELEMENTS[] = {{{numbers}}};",
         f"static const int IS_ROOT[] = {{{roots}}};",
     ]
-    echoes = [ArrayRows(tape.name, tape.elements, tape.last) for tape in memory.echoes.values()]
-    group = rendered("group.c.j2", made, **forward_arrays(memory), echoes=echoes)
+    late_adjoints = [
+        ArrayRows(tape.name, tape.elements, tape.last) for tape in memory.late_adjoints.values()
+    ]
+    group = rendered("group.c.j2", made, **forward_arrays(memory), late_adjoints=late_adjoints)
     batches = map(_text, ("threads.c", "batches.c", "epochs.c"))
     return whole_source(memory, dtype, functions, made, tables, (group, *batches, *training))
 

@@ -18,9 +18,9 @@ import numpy as np
 import msnn
 from msnn.cli.interrupts import interrupt_on_signals
 from msnn.data.dataset import Dataset
-from msnn.model.kept_run import CHECKPOINT, DESCRIPTION, WEIGHTS
 from msnn.model.model import Model
 from msnn.model.model_data import measured
+from msnn.model.saved_run import CHECKPOINT, DESCRIPTION, WEIGHTS
 from msnn.training.folds import train_folds
 from msnn.training.records.checkpoint import read_checkpoint
 from msnn.training.records.run_folder import METRICS

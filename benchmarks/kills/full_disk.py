@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.kills.cases import gain_frame, gain_model
-from msnn.model.kept_run import CHECKPOINT, WEIGHTS
 from msnn.model.model import Model
 from msnn.model.model_data import measured
+from msnn.model.saved_run import CHECKPOINT, WEIGHTS
 from msnn.model.weights.weights_file import read_weights
 from msnn.tables import table_text
 from msnn.training.records.run_folder import METRICS

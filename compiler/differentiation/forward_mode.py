@@ -48,7 +48,15 @@ def tangents(
         if node in found or builder.type(node).kind == "bool":
             continue
         with builder.at(builder.node(node).span):
-            tangent = _Rule(builder, directions, found, buffers, infinite, node).tangent()
+            rule = _Rule(
+                builder=builder,
+                directions=directions,
+                known=found,
+                buffers=buffers,
+                infinite=infinite,
+                node=node,
+            )
+            tangent = rule.tangent()
         if tangent is not None:
             found[node] = tangent
     return found

@@ -84,7 +84,9 @@ _NOWHERE = Span(file="", line=0, column=0, end_line=0, end_column=0)
 _OF_NAMES = frozenset(
     {"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0319", "E0349", "E0350"}
 )
-_UNKNOWN_DIM = "E0405"
+# axes: a call with other arguments may be right, since options can have the dims of those; only a
+# dimension that nothing declares (E0405) is wrong in any case
+_OF_AXES = frozenset({"E0401", "E0402", "E0403", "E0404", "E0406", "E0407", "E0408"})
 
 
 def _report_layer(elaborated: Elaboration, name: str, entry: Layer) -> None:
@@ -93,13 +95,8 @@ def _report_layer(elaborated: Elaboration, name: str, entry: Layer) -> None:
     if any(d.span == _NOWHERE for d in found):  # such as a table in two dimensions
         found = _found_by_calling(elaborated, name, 2)
     elaborated.context.findings.report(
-        *(d for d in found if d.span != _NOWHERE and not _of_shapes(d))
+        *(d for d in found if d.span != _NOWHERE and d.code not in _OF_AXES)
     )
-
-
-def _of_shapes(found: Diagnostic) -> bool:
-    """Whether a call with other arguments may be right: options can have the dims of those."""
-    return found.code.startswith("E04") and found.code != _UNKNOWN_DIM
 
 
 def _found_by_calling(elaborated: Elaboration, name: str, count: int) -> list[Diagnostic]:

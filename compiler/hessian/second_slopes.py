@@ -11,14 +11,12 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import Node, NodeId
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 
-_HELD = "operand'"
-"""Marks an operand while the formula is differentiated; no name of a spec has a quote."""
-
 
 def second_slopes(builder: GraphBuilder, node: NodeId) -> dict[tuple[NodeId, NodeId], NodeId]:
     """∂²φ/∂a∂b of an `Apply` by its operands a, b, each pair once, in the axes of the node.
 
-    Operands are nodes: where both are the same one, as in atan2(x, x), it is that of φ(x, x).
+    Operands are nodes: where both are the same one, as in atan2(x, x), it is that of φ(x, x). They
+    are `Named` while the formula is differentiated, and stay so: nobody else names derivatives.
     """
     made = builder.node(node)
     assert isinstance(made.op, ops.Apply)
@@ -46,7 +44,8 @@ def _by_operands(
 def _slopes_of_slopes(b: GraphBuilder, made: Node) -> dict[tuple[NodeId, NodeId], NodeId]:
     operands = list(dict.fromkeys(made.args))
     # an operand may be made of another one: what is held is made of nothing
-    held = {operand: b.named(operand, f"{_HELD}{i}") for i, operand in enumerate(operands)}
+    # (no name of a spec has a quote)
+    held = {operand: b.named(operand, f"operand'{i}") for i, operand in enumerate(operands)}
     value = b.emit(made.op, tuple(held[arg] for arg in made.args), made.type)
     one = b.broadcast(b.constant(1.0), made.type.axes)
     firsts = gradients(b, {value: one}, list(held.values()))
@@ -60,8 +59,3 @@ def _slopes_of_slopes(b: GraphBuilder, made: Node) -> dict[tuple[NodeId, NodeId]
             if second is not None:
                 found[operands[i], other] = second
     return found
-
-
-def is_held(node: Node) -> bool:
-    """Whether a node only marks its operand."""
-    return isinstance(node.op, ops.Named) and node.op.name.startswith(_HELD)

@@ -27,11 +27,10 @@ from compiler.hessian.matrix_blocks import (
     slopes_of_result,
 )
 from compiler.hessian.picked_rows import with_picked_rows
-from compiler.hessian.second_slopes import is_held
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node
 from compiler.ir.liveness import needed
-from compiler.ir.ops import Concat, ReadParameter, ReadSignal, ReadState, Window
+from compiler.ir.ops import Concat, Named, ReadParameter, ReadSignal, ReadState, Window
 from compiler.ir.program import Graph, NodeId, Program
 from compiler.ir.types import WINDOW, Axis, Type
 from compiler.jacobian.drop_zero_terms import without_zeros
@@ -237,8 +236,9 @@ def _finished(
     for index, node in graph:
         if live[index]:
             args = [copies[arg] for arg in node.args]
-            # marks have done their work: what they held takes their place
-            copies[index] = args[0] if is_held(node) else copy_node(draft, node, tuple(args))
+            # names that are no model's mark operands (`second_slopes`), and have done their work
+            is_mark = index >= count and isinstance(node.op, Named)
+            copies[index] = args[0] if is_mark else copy_node(draft, node, tuple(args))
             if index < count:
                 exact = max(exact, copies[index] + 1)
     # the model itself keeps its bits; only what is derived may be regrouped by folding

@@ -20,7 +20,7 @@ def _sqrt(x: Real) -> tuple[Value, ...]:
     return (square_root(x),)
 
 
-SQRT = Subroutine("sqrt", ("x",), ("result",), "Square root, correctly rounded.", _sqrt)
+SQRT = Subroutine("sqrt", ("x",), "Square root, correctly rounded.", _sqrt)
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,6 +60,8 @@ class WindowProblem:
     """The numbers of ξ that w and v move, in the order of w: all but past samples of inputs."""
     inputs: Mapping[str, str]
     """By input of the model the reference that is its sample."""
+    signals: tuple[str, ...]
+    """What is measured."""
 
     @staticmethod
     def measured(signal: str) -> str:
@@ -118,7 +120,13 @@ def window_problem(problem: EstimationProblem) -> WindowProblem:
             ]
         ),
     )
-    return WindowProblem(control, numbers, uncertain, inputs)
+    return WindowProblem(
+        control=control,
+        numbers=numbers,
+        uncertain=uncertain,
+        inputs=inputs,
+        signals=tuple(measurement.signal for measurement in problem.measured),
+    )
 
 
 def _uncertain(problem: EstimationProblem, numbers: Vector) -> tuple[int, ...]:

@@ -48,8 +48,8 @@ def _trained(
     # opened for runs alone: most comparisons are of texts
     from msnn.api.measurements import validate
     from msnn.errors.results.changes import not_measured
-    from msnn.model.kept_run import WEIGHTS
     from msnn.model.model_weights import choose_weights
+    from msnn.model.saved_run import WEIGHTS
 
     assert model.run is not None
     # not through `latest`: of two runs of one model each has its own

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from compiler.passes.close_loop import LoopError
 from msnn.errors.learning.runs import no_run
-from msnn.model.kept_run import run_of
 from msnn.model.model_data import sources_of
+from msnn.model.saved_run import run_of
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 if TYPE_CHECKING:

@@ -127,7 +127,13 @@ def train_folds(
     heard = Recorded(heard_by(progress), keeps_epochs=options.runs is None)
     with sources_of(model):
         found = folds.train_folds(model, read, options, heard, first)
-    return ShownFolds(found.folds, found.folder, found.count, model, heard)
+    return ShownFolds(
+        folds=found.folds,
+        folder=found.folder,
+        count=found.count,
+        model=model,
+        recorded=heard,
+    )
 
 
 def stage_loss(

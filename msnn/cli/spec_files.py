@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from msnn.model.kept_run import DESCRIPTION
+from msnn.model.saved_run import DESCRIPTION
 
 STANDARD_INPUT = Path("-")
 _ENDINGS = (".msnn.yaml", ".msnn.yml", ".msnn.json")

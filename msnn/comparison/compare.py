@@ -29,9 +29,9 @@ from msnn.comparison.workers.local_workers import outcomes
 from msnn.comparison.workers.waiting import Waiting
 from msnn.data.reading.frames import Frames
 from msnn.errors.sweeps import grid_of_a_search, nothing_proposed, set_and_swept, swept_twice
-from msnn.model.kept_run import CHECKPOINT, run_of
 from msnn.model.load import load_model
 from msnn.model.model import PROGRAM_SUFFIX
+from msnn.model.saved_run import CHECKPOINT, run_of
 from msnn.training.engines.what_trains import require_what_trains, slow_modules
 from msnn.training.ranks.torchrun import refuse_several_processes
 from msnn.training.records.run_log import LOG, RunLine, append, read

@@ -14,11 +14,11 @@ from msnn.data.dataset import Dataset
 from msnn.data.reading.frames import Frames
 from msnn.errors.failures import MissingExtraError
 from msnn.errors.results.comparison import killed_again, nothing_held_out
-from msnn.model.kept_run import WEIGHTS
 from msnn.model.load import with_seed
 from msnn.model.model import Model
 from msnn.model.model_data import sources_of
 from msnn.model.model_weights import redrawn_weights
+from msnn.model.saved_run import WEIGHTS
 from msnn.model.weights.weights_file import read_weights
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.records.progress import Silent

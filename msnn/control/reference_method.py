@@ -124,10 +124,10 @@ def _shifted(before: Iterate) -> Iterate:
         return np.concatenate([values[1:-1], values[-2:-1], values[-1:]])
 
     return Iterate(
-        later(before.states),
-        later(before.controls),
-        inside(before.slacks),
-        inside(before.multipliers),
-        inside(before.excesses),
-        inside(before.excess_multipliers),
+        states=later(before.states),
+        controls=later(before.controls),
+        slacks=inside(before.slacks),
+        multipliers=inside(before.multipliers),
+        excesses=inside(before.excesses),
+        excess_multipliers=inside(before.excess_multipliers),
     )

@@ -9,9 +9,9 @@ from typing import Literal
 
 from compiler.elaboration.compile import compile_spec
 from msnn.errors.learning.run_ends import nothing_kept
-from msnn.model.kept_run import KeptSpec, kept_spec, run_of
 from msnn.model.model import PROGRAM_SUFFIX, Model
 from msnn.model.number_files import number_parts, number_texts
+from msnn.model.saved_run import KeptSpec, kept_spec, run_of
 from msnn.model.spec_hash import hash_of, parts_of, with_files
 from msnn.model.submodel_weights import read_submodel_weights
 from spec_schema.diagnostics.diagnostic import Findings, SpecError

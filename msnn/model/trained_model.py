@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from msnn.errors.learning.weights import weights_of_another_model
-from msnn.model.kept_run import DESCRIPTION, PARTS, SPEC, read_json
 from msnn.model.model import Model
+from msnn.model.saved_run import DESCRIPTION, PARTS, SPEC, read_json
 from msnn.model.spec_hash import SubmodelFile
 from msnn.model.trained_robot import differing_robot, refuse_other_robot
 from spec_schema.diagnostics.diagnostic import SpecError

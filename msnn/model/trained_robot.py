@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from msnn.errors.learning.weights import weights_of_another_model
-from msnn.model.kept_run import PARTS
+from msnn.model.saved_run import PARTS
 from msnn.model.spec_hash import SubmodelFile
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.source import SourceText

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from msnn.model.kept_run import WEIGHTS
 from msnn.model.load import load_model
 from msnn.model.model_data import read_data, sources_of
+from msnn.model.saved_run import WEIGHTS
 from msnn.model.weights.weights_file import read_weights
 from msnn.reports.learned_functions import LearnedFunction, learned_functions
 from msnn.reports.run_summary import Run

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from msnn.errors.learning.runs import unreadable_run
-from msnn.model.kept_run import (
+from msnn.model.saved_run import (
     CHECKPOINT,
     DESCRIPTION,
     FOLD,

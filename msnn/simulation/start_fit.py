@@ -104,7 +104,8 @@ class StartFit:
         shares = {
             loss.name: loss.weight * loss.share if loss_weights is None else loss_weights[loss.name]
             for loss in self._moved.losses
-            if not loss.name.startswith(SIZE_OF)
+            # sizes compare nothing
+            if loss.target is not None
         }
         judge = Interpreter(self._judged, weights)
         # a copy of the mapping, not of the series: `products` writes into its own arrays

@@ -14,8 +14,8 @@ from backends.files.atomic_write import write_text
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.learning.stages import no_folds
 from msnn.errors.learning.training import no_checkpoint
-from msnn.model.kept_run import CHECKPOINT, FOLD, LATEST, newest, read_json
 from msnn.model.model import Model
+from msnn.model.saved_run import CHECKPOINT, FOLD, LATEST, newest, read_json
 from msnn.tables import Table
 from msnn.training.plans.stage_result import monitor_order
 from msnn.training.records.metrics_log import finite

@@ -124,7 +124,7 @@ _NOT_WHOLE = {
     "msnn.exports": {"export", "prepare", "table", "target"},
     "msnn.exports.targets": {"c"},
     "msnn.model": {
-        "kept_run",
+        "saved_run",
         "load",
         "model",
         "number_files",

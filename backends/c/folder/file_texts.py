@@ -13,8 +13,9 @@ from backends.c.folder.parameter_texts import calibration_text, parameters_text
 from backends.c.folder.ros2_texts import ros2_texts
 from backends.c.functions.function_writer import ControllerCode, Weights
 from backends.c.functions.input_policy import nearest_to_zero, policy_functions
-from backends.c.functions.jacobian_functions import jacobian_functions
+from backends.c.functions.linearize import linearize_function
 from backends.c.functions.start import init_function, reset_function, restart_functions
+from backends.c.functions.state_vector import vector_functions
 from backends.c.functions.step import step_function
 from backends.c.interface.interface import Field, Interface
 from backends.c.interface.layout_metadata import layout_metadata
@@ -67,21 +68,26 @@ def _model_texts(
         "reset": reset_function(program, model),
         "step": step_function(program, model),
     }
+    vectors: list[Function] = []
     restarts = restart_functions(program, model)
     title = "Step, init and reset"
     if interface.jacobian is not None:
-        functions |= jacobian_functions(model, interface.jacobian)
+        functions["linearize"] = linearize_function(model, interface.jacobian)
+        vectors = vector_functions(interface, interface.jacobian)
         title = "Step, init, reset and Jacobian"
     files = {
         f"include/{prefix}.h": header_text(
             program,
             interface,
             functions,
+            vectors,
             selftest_steps=SELFTEST_STEPS,
             kernels=bool(table.kernels),
         ),
         f"src/{prefix}_about.c": about_text(interface, program.spec_hash, sample_time),
-        f"src/{prefix}.c": _source(interface, table, title, [*restarts, *functions.values()]),
+        f"src/{prefix}.c": _source(
+            interface, table, title, [*restarts, *functions.values(), *vectors]
+        ),
         f"{prefix}.json": metadata_text(layout_metadata(program, interface, weights)),
     }
     if interface.takes_parameters:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from backends.c.interface.interface import Interface
@@ -23,11 +23,16 @@ def header_text(
     program: Program,
     interface: Interface,
     functions: Mapping[str, Function],
+    vectors: Iterable[Function],
     *,
     selftest_steps: int,
     kernels: bool,
 ) -> str:
-    """`include/<prefix>.h`; `functions` are step, init, reset and others by name."""
+    """`include/<prefix>.h`.
+
+    `functions` are step, init, reset and linearize by name; `vectors` copy structs into vectors of
+    the Jacobian and back.
+    """
     printer = Printer(interface.prefix, interface.options.dtype)
     # these have a bit in the result of the self-test
     helpers = program.sample_time is not None or bool(interface.jacobian)
@@ -55,9 +60,8 @@ def header_text(
         late=interface.late,
         calibrates=interface.calibrates,
         vector_functions=[
-            {"doc": comment(functions[name].doc), "prototype": printer.prototype(functions[name])}
-            for name in functions
-            if name.startswith(("get_", "set_"))
+            {"doc": comment(function.doc), "prototype": printer.prototype(function)}
+            for function in vectors
         ],
         vectors=interface.jacobian.vectors if interface.jacobian else (),
     )

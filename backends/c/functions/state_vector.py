@@ -15,27 +15,24 @@ from backends.c_lowering.values import copy_value
 _VECTOR = "v"
 
 
-def vector_functions(interface: Interface, jacobian: JacobianInterface) -> dict[str, Function]:
-    """`get_state` and the like by name, for each vector that has numbers; x and p also `set_…`."""
-    functions: dict[str, Function] = {}
+def vector_functions(interface: Interface, jacobian: JacobianInterface) -> list[Function]:
+    """`get_state` and the like, for each vector that has numbers; x and p also `set_…`."""
+    functions: list[Function] = []
     for vector in jacobian.vectors:
         match vector.letter:
             case "x":
-                functions["get_state"] = _get_state(interface, vector)
-                functions["set_state"] = _set_state(interface, vector)
+                functions += [_get_state(interface, vector), _set_state(interface, vector)]
             case "u":
                 fields = [i.field for i in interface.inputs if vector.has(i.field.name)]
-                functions["get_inputs"] = _get(interface, vector, "in", "inputs", fields)
+                functions.append(_get(interface, vector, "in", "inputs", fields))
             case "y":
-                functions["get_outputs"] = _get(
-                    interface, vector, "out", "outputs", interface.outputs
-                )
+                functions.append(_get(interface, vector, "out", "outputs", interface.outputs))
             case "p":
                 fields = [f for f in interface.parameters if vector.has(f.name)]
-                functions["get_parameters"] = _get(
-                    interface, vector, "params", "parameters", fields
-                )
-                functions["set_parameters"] = _set_parameters(interface, vector, fields)
+                functions += [
+                    _get(interface, vector, "params", "parameters", fields),
+                    _set_parameters(interface, vector, fields),
+                ]
             case _:
                 pass
     return functions

@@ -17,9 +17,9 @@ from backends.c.interface.status import StatusBit
 from backends.c.interface.structs import step_text
 from backends.c_language import tree as c
 from backends.c_language.places import ArrayView
-from backends.c_lowering.active_sums import ActiveSets, active_sets
+from backends.c_lowering.active_sums import ActiveSums, find_active_sums
 from backends.c_lowering.graph import GraphLowering
-from backends.c_lowering.shift_while_summing import moving_sums
+from backends.c_lowering.shift_while_summing import shifting_sums
 from backends.c_lowering.state_memory import Buffer, DelayLine, PlainState, joining, seen_values
 from compiler.ir.program import Graph, Program
 from compiler.passes.analyses.saturation import unsaturated
@@ -34,8 +34,8 @@ def step_function(program: Program, model: ControllerCode) -> c.Function:
     # which sets are active depends on the numbers
     constant_time = interface.options.constant_time
     # with none of them every membership is computed: as much work in each step
-    active = ActiveSets() if constant_time else active_sets(program.step, roots)
-    moving = moving_sums(program.step, roots, interface.states, writer.unroll)
+    active = ActiveSums() if constant_time else find_active_sums(program.step, roots)
+    moving = shifting_sums(program.step, roots, interface.states, writer.unroll)
     lowered = GraphLowering(
         program.step, roots, writer, writer.scope, writer.locals, active, moving
     )

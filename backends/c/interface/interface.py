@@ -16,7 +16,7 @@ from backends.c.interface.jacobian_interface import JacobianInterface, jacobian_
 from backends.c.interface.state_checks import StateCheck, state_checks
 from backends.c_language.places import ArrayView
 from backends.c_lowering.options import COptions
-from backends.c_lowering.shift_while_summing import moving_sums
+from backends.c_lowering.shift_while_summing import shifting_sums
 from backends.c_lowering.state_memory import (
     DelayLine,
     DoubledRing,
@@ -155,7 +155,7 @@ def c_interface(program: Program, options: COptions) -> Interface:
     )
     roots = seen_values(program) + [joining(memory) for memory in states]
     # sums are planned on how buffers move, and mark then those that a sum moves
-    moving = set(moving_sums(program.step, roots, states, options.unroll).values())
+    moving = set(shifting_sums(program.step, roots, states, options.unroll).values())
     states = tuple(
         replace(memory, in_sum=True)
         if isinstance(memory, ShiftBuffer) and memory in moving

@@ -20,7 +20,7 @@ from compiler.ir.types import WINDOW
 
 
 @dataclass(frozen=True, slots=True)
-class Echo:
+class LateAdjoint:
     """An addend of the adjoint of a buffer: source · taps at every sample that the buffer holds."""
 
     state: str
@@ -35,16 +35,16 @@ class Echo:
         return f"echo_{self.addend}"
 
 
-def echoes(step: TrainingStep) -> tuple[Echo, ...]:
+def late_adjoints(step: TrainingStep) -> tuple[LateAdjoint, ...]:
     """The addends that can be collected; none where the start learns from adjoints of buffers."""
     # the start would ask for the adjoint of every sample that the buffer begins with, and those
     # that are collected late are complete for the newest sample alone
     if step.reverse_start.gradients.parameters:
         return ()
-    return tuple(_echoes(step))
+    return tuple(_late_adjoints(step))
 
 
-def _echoes(step: TrainingStep) -> Iterator[Echo]:
+def _late_adjoints(step: TrainingStep) -> Iterator[LateAdjoint]:
     graph, found = step.reverse_step.graph, step.reverse_step.gradients
     sums = Addends(graph, (*found.states.values(), *found.parameters.values()))
     for state, gradient in found.states.items():
@@ -57,7 +57,7 @@ def _echoes(step: TrainingStep) -> Iterator[Echo]:
                 for source, taps in (node.args, node.args[::-1]):
                     before = _before_window(graph, source)
                     if before is not None and _is_parameter(graph, taps):
-                        yield Echo(state, addend, before, taps)
+                        yield LateAdjoint(state, addend, before, taps)
                         break
 
 

@@ -62,7 +62,7 @@ class Phases:
         return (*self.ahead, *self.kept, *self.cuts)
 
 
-def phases(step: TrainingStep) -> Phases:
+def split_loops(step: TrainingStep) -> Phases:
     """The division of one training step."""
     # The order decides who gets the room in rows: sums ahead first, since they leave the chain of
     # steps altogether, then factors of late gradients, then what only saves a second computation.

@@ -15,7 +15,7 @@ from backends.c_lowering.local_values import LocalValues
 from backends.c_lowering.spec_notes import SpecNotes
 from backends.c_lowering.sums import sum_along
 from backends.c_lowering.values import Value, copy_value
-from backends.native.arrangement.late_adjoints import Echo
+from backends.native.arrangement.late_adjoints import LateAdjoint
 from backends.native.arrangement.tiled_sums import HORIZON, TIME, Factor
 from backends.native.lanes.lane_memory import LaneMemory, read_of
 from compiler.ir import ops
@@ -55,7 +55,7 @@ class LaneWriter:
         for name, _ in memory.plain.values():
             for prefix in ("", "d_", "next_"):
                 self.scope.reserve(f"{prefix}{name}")
-        for tape in (*memory.rows.values(), *memory.echoes.values()):
+        for tape in (*memory.rows.values(), *memory.late_adjoints.values()):
             self.scope.reserve(tape.name)
         for name in (PARAMETERS, GRADIENT, "scale", "total", "count", "rows", TIME, HORIZON):
             self.scope.reserve(name)
@@ -152,16 +152,18 @@ class LaneWriter:
 
         self.scope.each(target.shape, UNROLL, one)
 
-    def collect(self, echo: Echo) -> None:
+    def collect(self, adjoint: LateAdjoint) -> None:
         """Adds to the adjoint of a buffer's newest sample what later steps owe to it."""
-        graph, tape = self.graph, self.memory.echoes[echo]
-        taps = GraphLowering(graph, [echo.taps], self, self.scope, self.locals).value(echo.taps)
-        type = graph[echo.taps].type
+        graph, tape = self.graph, self.memory.late_adjoints[adjoint]
+        taps = GraphLowering(graph, [adjoint.taps], self, self.scope, self.locals).value(
+            adjoint.taps
+        )
+        type = graph[adjoint.taps].type
         past = tape.place(type.shape, 0, tape.last)
-        source = graph[echo.source]
-        node = Node(ops.Contract(WINDOW), (echo.taps, echo.source), source.type, source.span)
+        source = graph[adjoint.source]
+        node = Node(ops.Contract(WINDOW), (adjoint.taps, adjoint.source), source.type, source.span)
         value = sum_along(node, WINDOW, [(taps, type), (past, type)], self.locals)
-        buffer = self.memory.buffers[echo.state]
+        buffer = self.memory.buffers[adjoint.state]
         newest = adjoint_of(buffer.place(source.type.shape, buffer.last, None))
         self._add_value(value, newest)
 

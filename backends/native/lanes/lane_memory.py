@@ -7,8 +7,8 @@ from functools import cached_property
 
 from backends.c_language.places import ArrayView, Index, c_strides
 from backends.c_language.tree import Name
-from backends.native.arrangement.late_adjoints import Echo, echoes
-from backends.native.arrangement.loop_splitting import Phases, phases
+from backends.native.arrangement.late_adjoints import LateAdjoint, late_adjoints
+from backends.native.arrangement.loop_splitting import Phases, split_loops
 from backends.ports.identifiers import c_identifier
 from compiler.differentiation.training_step import TrainingStep
 from compiler.ir.liveness import Extent, extents
@@ -126,7 +126,7 @@ class LaneMemory:
 
     @cached_property
     def phases(self) -> Phases:
-        return phases(self.step)
+        return split_loops(self.step)
 
     @cached_property
     def rows(self) -> dict[NodeId, LaneTape]:
@@ -138,14 +138,14 @@ class LaneMemory:
         }
 
     @cached_property
-    def echoes(self) -> dict[Echo, LaneTape]:
+    def late_adjoints(self) -> dict[LateAdjoint, LaneTape]:
         """Sources over the time, the latest time first; at t the newest becomes row n."""
         reverse = self.step.reverse_step.graph
         return {
-            echo: LaneTape(
-                echo.name, reverse[echo.source].type.size, 0, self.buffers[echo.state].last
+            adjoint: LaneTape(
+                adjoint.name, reverse[adjoint.source].type.size, 0, self.buffers[adjoint.state].last
             )
-            for echo in echoes(self.step)
+            for adjoint in late_adjoints(self.step)
         }
 
     @cached_property

@@ -7,7 +7,6 @@ from collections.abc import Container, Iterable
 from compiler.elaboration.control.bounds import control_limits, path_limits, scales_of
 from compiler.elaboration.control.control_program import control_program
 from compiler.elaboration.control.control_spec import (
-    FORMULA,
     STAGE,
     TERMINAL,
     ControlSpec,
@@ -34,6 +33,8 @@ ITERATIONS = {"converged": 50, "fixed": 5}
 TOLERANCE = 1e-6
 """Of the residual of the optimality conditions, by default."""
 _UNUSED = "W0301"
+_COSTS = {STAGE: "cost.stage", TERMINAL: "cost.terminal"}
+"""The keys of the outputs that are costs."""
 
 
 def asked_control(linked: Linked, section: OptimalControl) -> ControlSpec:
@@ -124,11 +125,11 @@ def _problem(asked: ControlSpec, program: Program, findings: Findings) -> Contro
 def _check_costs(asked: ControlSpec, program: Program, findings: Findings) -> None:
     """A cost is one number without unit."""
     for output in program.outputs:
-        if output.name not in (STAGE, TERMINAL):
+        key = _COSTS.get(output.name)
+        if key is None:
             continue
         assert output.span is not None
         type = program.step[output.node].type
-        key = output.name.removeprefix(FORMULA)
         if type.axes:
             wanted, found = "one number", describe_axes(type.axes)
             repair = "sum it over its axes: `sum(e**2)`"

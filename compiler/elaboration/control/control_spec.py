@@ -19,20 +19,20 @@ from spec_schema.sections.signals import Input, Output
 from spec_schema.sections.spec import Spec
 from spec_schema.units.quantity import Quantity
 
-FORMULA = "mpc: "
+_FORMULA = "mpc: "
 """How the names of such outputs begin; no name that a spec declares has a blank."""
-STAGE = f"{FORMULA}cost.stage"
-TERMINAL = f"{FORMULA}cost.terminal"
+STAGE = f"{_FORMULA}cost.stage"
+TERMINAL = f"{_FORMULA}cost.terminal"
 
 
 def bounded(name: str) -> str:
     """The output that is the value of a bounded state, output or equation."""
-    return f"{FORMULA}bounds.{name}"
+    return f"{_FORMULA}bounds.{name}"
 
 
 def limit(name: str, key: str) -> str:
     """The output that is the `min` or the `max` of a bound."""
-    return f"{FORMULA}bounds.{name}.{key}"
+    return f"{_FORMULA}bounds.{name}.{key}"
 
 
 @dataclass(frozen=True, kw_only=True)

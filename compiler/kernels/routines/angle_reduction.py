@@ -41,9 +41,9 @@ def _reduce(x: Real) -> tuple[Value, ...]:
 REDUCE_ANGLE = Subroutine(
     "reduce_angle",
     ("x",),
-    _RESULTS,
     "Finite x >= 0 as quadrant * pi/2 + high + low, |high| <= pi/4; the quadrant modulo 4.",
     _reduce,
+    results=_RESULTS,
 )
 
 

@@ -87,4 +87,4 @@ def _exp(x: Real) -> tuple[Value, ...]:
     return (branch(x <= largest, in_range, lambda: overflowed(x), "result"),)
 
 
-EXP = Subroutine("exp", ("x",), ("result",), "e^x", _exp)
+EXP = Subroutine("exp", ("x",), "e^x", _exp)

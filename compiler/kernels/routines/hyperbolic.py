@@ -120,6 +120,6 @@ def _cosh(x: Real) -> tuple[Value, ...]:
     return (branch(size <= limit, inside, lambda: overflowed(size), "result"),)
 
 
-TANH = Subroutine("tanh", ("x",), ("result",), "Hyperbolic tangent.", _tanh)
-SINH = Subroutine("sinh", ("x",), ("result",), "Hyperbolic sine.", _sinh)
-COSH = Subroutine("cosh", ("x",), ("result",), "Hyperbolic cosine.", _cosh)
+TANH = Subroutine("tanh", ("x",), "Hyperbolic tangent.", _tanh)
+SINH = Subroutine("sinh", ("x",), "Hyperbolic sine.", _sinh)
+COSH = Subroutine("cosh", ("x",), "Hyperbolic cosine.", _cosh)

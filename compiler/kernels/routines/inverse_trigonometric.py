@@ -155,9 +155,7 @@ def _atan2(y: Real, x: Real) -> tuple[Value, ...]:
     return (select(is_negative(y, "sign"), -turned, turned),)
 
 
-ASIN = Subroutine("asin", ("x",), ("result",), "Arc sine in rad, -pi/2 .. pi/2.", _asin)
-ACOS = Subroutine("acos", ("x",), ("result",), "Arc cosine in rad, 0 .. pi.", _acos)
-ATAN = Subroutine("atan", ("x",), ("result",), "Arc tangent in rad, -pi/2 .. pi/2.", _atan)
-ATAN2 = Subroutine(
-    "atan2", ("y", "x"), ("result",), "Angle of the point (x, y) in rad, -pi .. pi.", _atan2
-)
+ASIN = Subroutine("asin", ("x",), "Arc sine in rad, -pi/2 .. pi/2.", _asin)
+ACOS = Subroutine("acos", ("x",), "Arc cosine in rad, 0 .. pi.", _acos)
+ATAN = Subroutine("atan", ("x",), "Arc tangent in rad, -pi/2 .. pi/2.", _atan)
+ATAN2 = Subroutine("atan2", ("y", "x"), "Angle of the point (x, y) in rad, -pi .. pi.", _atan2)

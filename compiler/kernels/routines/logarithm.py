@@ -78,4 +78,4 @@ def _log(x: Real) -> tuple[Value, ...]:
     return (branch(finite_positive, inside, not_finite_positive, "result"),)
 
 
-LOG = Subroutine("log", ("x",), ("result",), "Natural logarithm.", _log)
+LOG = Subroutine("log", ("x",), "Natural logarithm.", _log)

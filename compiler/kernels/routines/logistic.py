@@ -68,5 +68,5 @@ def _softplus(x: Real) -> tuple[Value, ...]:
     return (branch(size <= _limit(x.format), inside, lambda: _outside(x, lambda: x), "result"),)
 
 
-SIGMOID = Subroutine("sigmoid", ("x",), ("result",), "1 / (1 + e^−x).", _sigmoid)
-SOFTPLUS = Subroutine("softplus", ("x",), ("result",), "log(1 + e^x).", _softplus)
+SIGMOID = Subroutine("sigmoid", ("x",), "1 / (1 + e^−x).", _sigmoid)
+SOFTPLUS = Subroutine("softplus", ("x",), "log(1 + e^x).", _softplus)

@@ -123,4 +123,4 @@ def _pow(x: Real, y: Real) -> tuple[Value, ...]:
     return (branch(always_one, lambda: constant(x, 1.0), general, "result"),)
 
 
-POW = Subroutine("pow", ("x", "y"), ("result",), "x to the power y, as C's pow.", _pow)
+POW = Subroutine("pow", ("x", "y"), "x to the power y, as C's pow.", _pow)

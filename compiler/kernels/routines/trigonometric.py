@@ -101,6 +101,6 @@ def _finite_odd(x: Real, size: Real, general: Callable[[], Real]) -> Real:
     )
 
 
-SIN = Subroutine("sin", ("x",), ("result",), "Sine of an angle in rad.", _sin)
-COS = Subroutine("cos", ("x",), ("result",), "Cosine of an angle in rad.", _cos)
-TAN = Subroutine("tan", ("x",), ("result",), "Tangent of an angle in rad.", _tan)
+SIN = Subroutine("sin", ("x",), "Sine of an angle in rad.", _sin)
+COS = Subroutine("cos", ("x",), "Cosine of an angle in rad.", _cos)
+TAN = Subroutine("tan", ("x",), "Tangent of an angle in rad.", _tan)

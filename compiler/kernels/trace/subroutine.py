@@ -18,9 +18,9 @@ class Subroutine:
 
     name: str
     parameters: tuple[str, ...]
-    results: tuple[str, ...]
     doc: str
     build: Callable[..., tuple[Value, ...]]
+    results: tuple[str, ...] = ("result",)
 
     def __call__(self, *arguments: Real) -> tuple[Value, ...]:
         """Records a call of this routine by the routine that is being traced."""

@@ -52,8 +52,8 @@ def show(
     the model it kept.
     """
     from msnn.cli.console import json_result, report_model, result
-    from msnn.model.kept_run import followed
     from msnn.model.load import load_model
+    from msnn.model.saved_run import followed
 
     views = (program, windows, resolved, interface, graph is not None, latex)
     if sum(views) > 1:

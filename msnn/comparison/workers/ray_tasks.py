@@ -15,8 +15,8 @@ from typing import Any
 
 from msnn.comparison.readings import Latest
 from msnn.comparison.trial import ReadyTrial, Setup, Trial, TrialOutcome, train_ready
-from msnn.model.kept_run import CHECKPOINT, DESCRIPTION, read_json
 from msnn.model.load import with_seed
+from msnn.model.saved_run import CHECKPOINT, DESCRIPTION, read_json
 from msnn.training.folds import of_fold
 from msnn.training.records.run_log import RunLine
 from spec_schema.version import __version__

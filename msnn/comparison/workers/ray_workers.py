@@ -24,8 +24,8 @@ from msnn.comparison.trial import (
 from msnn.comparison.workers.ray_tasks import Files, SentTrial, Task, TaskResult, in_task
 from msnn.comparison.workers.waiting import Waiting
 from msnn.errors.sweeps import unusable_cluster
-from msnn.model.kept_run import PARTS, WEIGHTS, spec_places
 from msnn.model.model import Model
+from msnn.model.saved_run import PARTS, WEIGHTS, spec_places
 from msnn.packages import RAY
 from msnn.training.records.run_log import RunLine
 from spec_schema.diagnostics.diagnostic import SpecError

@@ -206,12 +206,12 @@ class MovingHorizon:
             limits = self._functions.limits(self.given)
             cost = found.values.cost + self._functions.penalties(limits, found.values)[0]
         return WindowEstimate(
-            status,
-            {name: value for name, value in values.items() if name not in own},
-            {name: value for name, value in values.items() if name in own},
-            filtered.std,
-            filtered.innovations,
-            cost,
-            np.inf if found is None else found.residual,
-            0 if found is None else found.iterations,
+            status=status,
+            states={name: value for name, value in values.items() if name not in own},
+            parameters={name: value for name, value in values.items() if name in own},
+            std=filtered.std,
+            innovations=filtered.innovations,
+            cost=cost,
+            residual=np.inf if found is None else found.residual,
+            iterations=0 if found is None else found.iterations,
         )

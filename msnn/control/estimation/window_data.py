@@ -67,7 +67,7 @@ class WindowData:
     def samples_at(self, stage: int) -> tuple[dict[str, Array], dict[str, Array]]:
         """What was measured at a stage, NaN where nothing was, and its inputs."""
         measured: dict[str, Array] = {}
-        for name in self._signals():
+        for name in self._window.signals:
             seen = self.references[self._window.seen(name)][stage] > 0
             value = self.references[self._window.measured(name)][stage]
             measured[name] = np.where(seen, value, np.nan)
@@ -80,7 +80,7 @@ class WindowData:
         for name, values in self.references.items():
             if name in self._window.control.previewed:
                 values[:-1] = values[1:].copy()
-        for name in self._signals():
+        for name in self._window.signals:
             self.references[self._window.measured(name)][-1] = 0.0
             self.references[self._window.seen(name)][-1] = 0.0
         # once full, the window keeps its length and moves
@@ -93,8 +93,3 @@ class WindowData:
         self.references[STARTS][:] = stages == self.first - 1
         self.references[RUNS][:] = stages >= self.first
         self.references[SPREAD][0] = spread
-
-    def _signals(self) -> list[str]:
-        prefix = self._window.measured("")
-        found = [name for name in self.references if name.startswith(prefix)]
-        return [name.removeprefix(prefix) for name in found]

@@ -156,12 +156,12 @@ class HorizonFunctions:
         low, high = scaled[:, :size] / self._row_scale, scaled[:, size:] / self._row_scale
         paths = list(zip(self.problem.path_limits, self._rows(), strict=True))
         return Multipliers(
-            low[:n, :nu],
-            high[:n, :nu],
-            low[:n, nu : 2 * nu],
-            high[:n, nu : 2 * nu],
-            tuple(low[stages_of(self.problem, path), rows] for path, rows in paths),
-            tuple(high[stages_of(self.problem, path), rows] for path, rows in paths),
+            control_min=low[:n, :nu],
+            control_max=high[:n, :nu],
+            rate_min=low[:n, nu : 2 * nu],
+            rate_max=high[:n, nu : 2 * nu],
+            path_min=tuple(low[stages_of(self.problem, path), rows] for path, rows in paths),
+            path_max=tuple(high[stages_of(self.problem, path), rows] for path, rows in paths),
         )
 
     def penalties(self, limits: RowLimits, values: Values) -> tuple[float, float]:

@@ -149,7 +149,14 @@ class InteriorPoint:
         excesses = np.where(self._limits.soft, np.maximum(slacks - distance, barrier * 1e-9), 0.0)
         rest = self._limits.linear + 2 * self._limits.quadratic * excesses - multipliers
         others = np.where(self._limits.soft, np.maximum(rest, 1e-9), 0.0)
-        return Iterate(states, controls, slacks, multipliers, excesses, others), values
+        return Iterate(
+            states=states,
+            controls=controls,
+            slacks=slacks,
+            multipliers=multipliers,
+            excesses=excesses,
+            excess_multipliers=others,
+        ), values
 
     # ---- how good it is
 
@@ -178,7 +185,15 @@ class InteriorPoint:
         misfits = self._limits.distances(values) + now.excesses - now.slacks
         misfits = np.where(self._limits.active, misfits, 0.0)
         gaps = values.following - now.states[1:]
-        return Point(now, values, slopes, costates, gaps, misfits, worst)
+        return Point(
+            now=now,
+            values=values,
+            slopes=slopes,
+            costates=costates,
+            gaps=gaps,
+            misfits=misfits,
+            stationarity=worst,
+        )
 
     def _residual(self, point: Point) -> float:
         distance, z = self._limits.distances(point.values, judged=True), point.now.multipliers
@@ -274,7 +289,14 @@ class InteriorPoint:
         dt = np.where(limits.active, barrier / z_or_1 - t - t / z_or_1 * dz, 0.0)
         dv = np.where(limits.soft, room + v / bend * dz, 0.0)
         others = np.where(limits.soft, misfit + 2 * limits.quadratic * dv - dz, 0.0)
-        return Direction(states, controls, dt, dz, dv, others)
+        return Direction(
+            states=states,
+            controls=controls,
+            slacks=dt,
+            multipliers=dz,
+            excesses=dv,
+            excess_multipliers=others,
+        )
 
 
 def _convex(hessian: Array) -> Array:

@@ -47,12 +47,12 @@ class Merit:
         for cut in range(_CUTS):
             length = primal * 0.5**cut
             trial = Iterate(
-                now.states + length * step.states,
-                now.controls + length * step.controls,
-                now.slacks + length * step.slacks,
-                now.multipliers + dual * step.multipliers,
-                now.excesses + length * step.excesses,
-                now.excess_multipliers + dual * step.excess_multipliers,
+                states=now.states + length * step.states,
+                controls=now.controls + length * step.controls,
+                slacks=now.slacks + length * step.slacks,
+                multipliers=now.multipliers + dual * step.multipliers,
+                excesses=now.excesses + length * step.excesses,
+                excess_multipliers=now.excess_multipliers + dual * step.excess_multipliers,
             )
             values = self._f.values(self._given, trial.states, trial.controls)
             merit = self.merit(trial, values, barrier)

@@ -25,6 +25,7 @@ class Doubt:
 
 
 DOUBTS = (
+    # unit, low, high, rather, reason
     Doubt("K", -60.0, 150.0, "degC", "is below −120 °C"),
     Doubt("degC", 250.0, 450.0, "K", "is hotter than 250 °C all the time"),
     Doubt("Pa", 0.05, 50.0, "bar", "is a vacuum"),

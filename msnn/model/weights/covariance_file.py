@@ -13,7 +13,7 @@ from backends.files.atomic_write import write_bytes
 from backends.files.safetensors_bytes import safetensors_bytes
 from msnn.data.dataset import FloatArray, IntArray
 from msnn.errors.results.intervals import no_covariance
-from msnn.model.kept_run import PARAMETERS, read_json
+from msnn.model.saved_run import PARAMETERS, read_json
 from msnn.model.weights.safetensors_file import arrays_in
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.reading.endless_files import refuse_endless

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.errors.learning import training as errors
-from msnn.model.kept_run import WEIGHTS, followed
+from msnn.model.saved_run import WEIGHTS, followed
 from msnn.model.weights.checked_weights import GIVEN, checked_weights
 from msnn.model.weights.weights_file import initial_weights, read_weights
 from spec_schema.diagnostics.diagnostic import SpecError

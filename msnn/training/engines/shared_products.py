@@ -24,7 +24,13 @@ def own_runs(runs: Runs, ranks: Ranks) -> Runs:
 
 def no_products(numbers: int) -> Products:
     """Those of no rollout."""
-    return Products(np.zeros((numbers, numbers)), np.zeros(numbers), 0.0, 0.0, 0.0)
+    return Products(
+        curvature=np.zeros((numbers, numbers)),
+        slope=np.zeros(numbers),
+        squares=0.0,
+        cost=0.0,
+        count=0.0,
+    )
 
 
 def summed_products(own: Mapping[str, Products], ranks: Ranks) -> dict[str, Products]:
@@ -46,4 +52,6 @@ def _shaped(flat: np.ndarray, numbers: int) -> Products:
     curvature, slope, scalars = np.split(flat, [numbers * numbers, numbers * numbers + numbers])
     squares, cost, count, left_out = map(float, scalars)
     shaped = curvature.reshape(numbers, numbers)
-    return Products(shaped, slope, squares, cost, count, left_out)
+    return Products(
+        curvature=shaped, slope=slope, squares=squares, cost=cost, count=count, left_out=left_out
+    )

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from compiler.ir.program import Program
 from msnn.errors.learning import stages as stage_errors
 from msnn.errors.learning import training as errors
-from msnn.model.kept_run import LATEST, has_checkpoint, newest, spec_places
+from msnn.model.saved_run import LATEST, has_checkpoint, newest, spec_places
 from msnn.training.records.checkpoint import Checkpoint, read_checkpoint
 from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
 from msnn.training.records.run_folder import RunFolder, new_run_folder, own_folder

@@ -13,7 +13,7 @@ from typing import Any, cast
 from backends.files.atomic_write import naming, sync, write_bytes, write_text
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
-from msnn.model.kept_run import (
+from msnn.model.saved_run import (
     CHECKPOINT,
     DESCRIPTION,
     LATEST,

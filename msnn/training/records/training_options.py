@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from msnn.data.dataset import FloatArray
-from msnn.model.kept_run import CHECKPOINT
 from msnn.model.model import Model
 from msnn.model.model_weights import redrawn_weights
+from msnn.model.saved_run import CHECKPOINT
 from msnn.model.spec_hash import SubmodelFile
 from msnn.training.engines.devices import CPU, Device
 from msnn.training.ranks.training_ranks import TrainingRanks

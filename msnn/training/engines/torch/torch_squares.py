@@ -156,10 +156,10 @@ def _products(
         # where, not a product: 0 · inf is not a number
         error, slopes = torch.where(finite, error, 0.0), torch.where(finite[:, None], slopes, 0.0)
     return Products(
-        (slopes.T @ slopes).cpu().numpy(),
-        (slopes.T @ error).cpu().numpy(),
-        float(error @ error),
-        total,
-        each.sum().item(),
-        left_out,
+        curvature=(slopes.T @ slopes).cpu().numpy(),
+        slope=(slopes.T @ error).cpu().numpy(),
+        squares=float(error @ error),
+        cost=total,
+        count=each.sum().item(),
+        left_out=left_out,
     )

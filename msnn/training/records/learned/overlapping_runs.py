@@ -105,7 +105,13 @@ class _Sums:
         """Those of the learned numbers, with the starts apart."""
         nothing = np.zeros(len(self.curvature))
         count = float(self.count.sum())
-        found = Products(self.curvature, nothing, self.squares, self.squares, count)
+        found = Products(
+            curvature=self.curvature,
+            slope=nothing,
+            squares=self.squares,
+            cost=self.squares,
+            count=count,
+        )
         return replace(found, starts=self.blocks())
 
 

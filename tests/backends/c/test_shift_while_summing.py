@@ -9,7 +9,7 @@ import pytest
 
 from backends.c import COptions
 from backends.c.interface.interface import c_interface
-from backends.c_lowering.shift_while_summing import moving_sums
+from backends.c_lowering.shift_while_summing import shifting_sums
 from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
 from tests.backends.c.c_programs import assert_same_bits, built, golden, replay
@@ -44,7 +44,7 @@ outputs: {y: h(u)}
 def _moved(program: Program, unroll: int = 4) -> int:
     interface = c_interface(program, COptions(unroll=unroll))
     roots = [out.node for out in program.outputs] + [state.next for state in program.states]
-    return len(moving_sums(program.step, roots, interface.states, unroll))
+    return len(shifting_sums(program.step, roots, interface.states, unroll))
 
 
 @pytest.mark.parametrize(

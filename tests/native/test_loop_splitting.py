@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from backends.native.arrangement.late_adjoints import echoes
-from backends.native.arrangement.loop_splitting import Phases, phases
+from backends.native.arrangement.late_adjoints import late_adjoints
+from backends.native.arrangement.loop_splitting import Phases, split_loops
 from compiler.differentiation.training_step import TrainingStep, training_step
 from compiler.ir.ops import Contract
 from compiler.passes.close_loop import close_loop
@@ -13,7 +13,7 @@ from tests.native.test_kernel import FILTERED_JOINTS, FIR, LEARNED_START, VEHICL
 
 def divided(text: str, closed: str) -> tuple[TrainingStep, Phases]:
     step = training_step(close_loop(compiled(text), (closed,)))
-    return step, phases(step)
+    return step, split_loops(step)
 
 
 def test_filters_of_inputs_run_ahead_and_filters_of_the_loop_do_not() -> None:
@@ -48,12 +48,12 @@ def test_dear_values_are_kept_and_cheap_ones_computed_again() -> None:
 
 def test_adjoints_of_filtered_buffers_are_collected() -> None:
     step, _ = divided(FILTERED_JOINTS, "q")
-    (echo,) = echoes(step)  # h_q(sin(q)) filters no buffer of its own
-    assert echo.state == "q.tape"
-    assert step.reverse_step.graph[echo.source].type.axis_names == ("joint",)
+    (adjoint,) = late_adjoints(step)  # h_q(sin(q)) filters no buffer of its own
+    assert adjoint.state == "q.tape"
+    assert step.reverse_step.graph[adjoint.source].type.axis_names == ("joint",)
 
 
 def test_a_start_that_learns_keeps_the_adjoints_of_all_samples() -> None:
     step = training_step(compiled(LEARNED_START))
     assert step.reverse_start.gradients.parameters
-    assert echoes(step) == ()
+    assert late_adjoints(step) == ()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from backends.c import COptions
-from backends.c_lowering.active_sums import active_sets
+from backends.c_lowering.active_sums import find_active_sums
 from backends.c_lowering.even_points import even_points
 from compiler.interpreter.interpreter import Interpreter, physical_weights
 from compiler.ir.program import Program
@@ -129,7 +129,7 @@ def _inputs() -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("name", SPECS)
 def test_bits_are_those_of_all_sets(name: str, constant_time: bool, tmp_path: Path) -> None:
     program = settle_zeros(_program(name))
-    assert active_sets(program.step, [out.node for out in program.outputs]).sums
+    assert find_active_sums(program.step, [out.node for out in program.outputs]).sums
     inputs = {s.name: _inputs()[s.name] for s in program.signals}
     steps = len(inputs["x"])
     options = COptions(constant_time=constant_time)
@@ -163,7 +163,7 @@ def test_only_the_sign_of_zero_changes() -> None:
 def test_sets_that_are_shown_are_computed_whole() -> None:
     spec = HEAD + SPECS["even"].replace("{out: cell(z)}", "{out: cell(z), degrees: phi(x)}")
     program = settle_zeros(to_step_form(compiled(spec)))
-    assert not active_sets(program.step, [out.node for out in program.outputs]).sums
+    assert not find_active_sums(program.step, [out.node for out in program.outputs]).sums
 
 
 def test_wide_sets_have_no_support() -> None:
