@@ -86,7 +86,7 @@ def _is_of_class(annotation: Any) -> bool:
 
 
 def _state(self: Any) -> list[Any]:
-    """What a copy needs: without it a copy of a frozen object with slots would be assigned to."""
+    """The fields of a copy: without them a frozen object with slots would be assigned to."""
     return [getattr(self, field.name) for field in dataclasses.fields(self)]
 
 

@@ -51,7 +51,7 @@ class FunctionTable:
 
     @property
     def prefix(self) -> str:
-        """What the names of its functions begin with."""
+        """The prefix of the names of its functions."""
         return self._names.prefix
 
     @property

@@ -99,7 +99,7 @@ class GraphLowering:
         return self._values[node]
 
     def place(self, node: NodeId, name: str) -> ArrayView:
-        """Where the value stands, kept in a local of that name if it stands nowhere yet."""
+        """The place of a value, kept in a local of that name if it has none yet."""
         value = self._values[node]
         return value if isinstance(value, ArrayView) else self.copy(node, name)
 

@@ -48,7 +48,7 @@ def only_units_moved(old: Type, new: Type) -> bool:
 
 
 def _uses(node: Node, operand: Type, demand: int) -> int:
-    """How often the node uses an element of the operand when its own are used `demand` times."""
+    """The uses of an element of the operand when the node's own are used `demand` times."""
     match node.op:
         case ops.Broadcast():
             # each element of the operand stands for so many of the result

@@ -61,7 +61,7 @@ class ConstraintRow:
 
 @dataclass(frozen=True, slots=True)
 class _Stage:
-    """Where the variables of a stage are."""
+    """The variables of a stage by their places."""
 
     states: slice
     controls: slice
@@ -177,7 +177,7 @@ class ControlProgram:
         return states, moves, excesses
 
     def _called(self, states: Expression, controls: Expression, k: int) -> dict[str, Expression]:
-        """What the step gives at a stage; at N it reads controls of 0, on which nothing depends."""
+        """Calls the step at a stage; at N it reads controls of 0, on which nothing depends."""
         problem = self._problem
         last = k == problem.horizon
         moves = casadi.MX.zeros(problem.controls.size) if last else controls * self._scale_u
@@ -248,7 +248,7 @@ def _size(axes: Sequence[Axis]) -> int:
 
 
 def _samples(column: Expression, k: int, axes: Sequence[Axis]) -> Any:
-    """What a port reads at k, its window last, of samples one after the other."""
+    """The samples that a port reads at k, its window last, one sample after the other."""
     size, window = _size(axes), Type(tuple(axes)).window or 1
     # samples first in memory, the window last in a port: the transpose turns one into the other
     return casadi.vec(casadi.reshape(column[k * size : (k + window) * size], size, window).T)

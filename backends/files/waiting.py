@@ -38,7 +38,7 @@ def wait_until(done: Callable[[], bool], limit: float) -> bool:
 
 @contextmanager
 def _heard_interrupts() -> Generator[list[float]]:
-    """When interrupts were heard; whoever handled them before still does."""
+    """Records when interrupts come; whoever handled them before still does."""
     heard: list[float] = []
     # Python lets no other thread set handlers
     if threading.current_thread() is not threading.main_thread():

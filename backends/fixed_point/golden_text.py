@@ -23,7 +23,7 @@ def golden_functions(
     runs: Sequence[GoldenWords],
     starts: Sequence[IntegerGoldenStart] = (),
 ) -> tuple[Function, ...]:
-    """What `GoldenTables` makes; words are equal or they are not.
+    """Prints `GoldenTables` as functions; words are equal or they are not.
 
     Behind the starts of the runs stand those that are judged by the status of `reset` alone.
     """

@@ -163,7 +163,7 @@ def _beginning(interface: Interface, variable: Variable) -> list[str]:
 def _fills(
     interface: Interface, variables: UnitVariables, marks: dict[str, int]
 ) -> list[dict[str, Any]]:
-    """How samples of an input that nobody set follow from the input's own value."""
+    """The rules that fill samples of an input which nobody set from the input's own value."""
     inputs = {variable.place: variable for variable in variables.of(VariableKind.INPUT)}
     samples = {variable.place: variable for variable in variables.of(VariableKind.SAMPLES)}
     given = {input.port.signal.name: input for input in interface.inputs}

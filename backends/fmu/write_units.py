@@ -63,7 +63,7 @@ def write_headers(folder: Path) -> tuple[Path, ...]:
 
 
 def _compilers(platforms: Collection[str]) -> dict[Platform, Sequence[str]]:
-    """What compiles for each platform: that of this machine by its own compiler, if it has one."""
+    """The compiler of each platform: this machine's own compiler for its own, if it has one."""
     here = this_platform()
     found: dict[Platform, Sequence[str]] = {}
     if here is not None:

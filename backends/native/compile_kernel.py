@@ -154,7 +154,7 @@ def _version(compiler: tuple[str, ...]) -> str:
 
 @cache
 def _told(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
-    """What the compiler says of itself, asked once as long as its file stays."""
+    """Asks the compiler for its description, once as long as its file stays."""
     del file
     return _ended(compiler, [*compiler, "--version"]).output
 
@@ -173,7 +173,7 @@ def _ended(
 
 @cache
 def _processor() -> str:
-    """What -march=native depends on: the model and features of the processor."""
+    """The model and features of the processor, on which -march=native depends."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

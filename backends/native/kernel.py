@@ -93,7 +93,7 @@ class Kernel:
 
     @property
     def step(self) -> TrainingStep:
-        """What was compiled, as the interpreter runs it."""
+        """The compiled training step, as the interpreter runs it."""
         return training_step(self.program) if self.slopes else losses_alone(self.program)
 
     def groups(self, starts: Rows, steps: Rows | int) -> Groups:

@@ -64,7 +64,7 @@ def kernel_description() -> KernelDescription | None:
 
 @cache
 def _macros(compiler: tuple[str, ...], file: tuple[int, ...]) -> str:
-    """What the compiler defines for kernels, asked once as long as its file stays."""
+    """The macros that the compiler defines for kernels, asked once as long as its file stays."""
     del file
     command = [*compiler, *kernel_flags(compiler, on_lanes=True), "-dM", "-E", "-x", "c", "-"]
     told = run_compiler(command, longest=_SECONDS)

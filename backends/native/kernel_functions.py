@@ -73,7 +73,7 @@ class ModelFunctions:
         return self._made(writer, "kernel_start", self._common(""), "States at t0.")
 
     def ahead(self) -> ModelFunction:
-        """What does not wait for states, for all times."""
+        """Computes for all times at once the values that do not wait for states."""
         writer = LaneWriter(self._memory, self._memory.program.step, self._functions)
         for node in self._memory.phases.ahead:
             self._write_ahead(writer, node)
@@ -220,7 +220,7 @@ class ModelFunctions:
         sums.write(writer.scope, store)
 
     def reverse_start(self) -> ModelFunction:
-        """What the states at t0 owe to the parameters."""
+        """Adds the gradients that parameters get from the states at t0."""
         reverse = self._memory.step.reverse_start
         writer = LaneWriter(self._memory, reverse.graph, self._functions)
         gradients = reverse.gradients.parameters
@@ -287,7 +287,7 @@ def _sizes(graph: Graph, node: Node) -> dict[str, int]:
 
 
 def _parts(graph: Graph, node: NodeId, target: ArrayView) -> list[tuple[NodeId, ArrayView]]:
-    """What is added where: a concatenation part by part, without those that are 0."""
+    """Divides a sum by its targets: a concatenation part by part, without those that are 0."""
     # slices of windows come back padded with zeros; adding those would be most of the work
     if is_zero(graph, node):
         return []

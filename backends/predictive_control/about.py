@@ -61,7 +61,7 @@ def about_text(
 
 
 def _limits(rows: Rows, control: int) -> dict[str, Any]:
-    """What a control never leaves, as far as it is a number; where its value before stands."""
+    """The limits of a control, as far as they are numbers, and the place of its value before."""
     row = rows.rows[control]
     found: dict[str, Any] = {
         # limits that follow references are no numbers
@@ -76,7 +76,7 @@ def _limits(rows: Rows, control: int) -> dict[str, Any]:
 
 
 def quantities(vector: Vector) -> list[dict[str, Any]]:
-    """What stands where in a vector."""
+    """The quantities of a vector with their places."""
     return [
         {
             "name": m.name,

@@ -17,7 +17,7 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What a solve gave."""
+    """The result of a solve."""
 
     status: int
     control: Array

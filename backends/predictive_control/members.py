@@ -26,7 +26,7 @@ class StructMember:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sizes:
-    """What the arrays of a solver are as long as."""
+    """The lengths of a solver's arrays."""
 
     horizon: int
     memory: int

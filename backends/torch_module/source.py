@@ -154,7 +154,7 @@ def _argument_name(leaf: TorchLeaf) -> str:
 def _source(
     leaf: TorchLeaf, interface: StepInterface, names: dict[str, str], constants: str
 ) -> str:
-    """Where an argument comes from in the generated class."""
+    """The source of an argument in the generated class."""
     match leaf.source:
         case ReadParameter(name):
             return f"self.{names[name]}"

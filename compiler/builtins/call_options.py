@@ -29,7 +29,7 @@ def method_of(context: Context, call: Call, methods: tuple[str, ...]) -> str:
 
 
 def resolved(expression: Expression, environment: Environment) -> tuple[Expression, Environment]:
-    """What an argument of an inlined function stands for, in the place of the outermost call."""
+    """The expression that an argument of an inlined function stands for, at the outermost call."""
     while isinstance(expression, Name) and expression.name in environment.arguments:
         argument = environment.arguments[expression.name]
         environment = argument.environment.at_time_of(environment)

@@ -69,7 +69,7 @@ def zero_tangent(builder: GraphBuilder, directions: Axis, node: NodeId) -> NodeI
 
 @dataclass(frozen=True)
 class _Rule:
-    """How the tangents of a node's operands make its own."""
+    """Makes the tangent of a node from those of its operands."""
 
     builder: GraphBuilder
     directions: Axis
@@ -253,7 +253,7 @@ class _Rule:
 
 
 def _first_direction(seed: ops.Op, type: Type, count: int) -> int | None:
-    """Where the unit directions of a leaf's elements begin; None for any other seed."""
+    """The place where the unit directions of a leaf's elements begin; None for any other seed."""
     if not isinstance(seed, ops.Constant):
         return None
     # only the seeds that `sensitivities` makes are recognised; all others are summed as they stand

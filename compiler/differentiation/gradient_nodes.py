@@ -38,7 +38,7 @@ def element_gradients(
 
 
 class _Differentiated:
-    """What a value is made of, guarded, with its gradients; copied to the graph where needed."""
+    """A value's graph, guarded, with its gradients; copied to the graph where needed."""
 
     def __init__(self, builder: GraphBuilder, value: NodeId) -> None:
         self._builder = builder

@@ -52,7 +52,7 @@ class InterpretedTraining:
         )
 
     def losses(self, runs: Rollouts, loss_weights: Mapping[str, float]) -> InterpretedLosses:
-        """What these rollouts add to every loss, and the gradient of Σ weight · loss."""
+        """The terms of every loss from these rollouts, and the gradient of Σ weight · loss."""
         moments = list(self._forward.moments(runs))
         sums = {term.loss.name: Total(self._dtype) for term in self._step.losses}
         counts = {name: Total(self._dtype) for name in sums}

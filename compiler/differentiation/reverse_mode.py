@@ -121,7 +121,7 @@ def _depending_on(builder: GraphBuilder, wanted: Iterable[NodeId], last: NodeId)
 
 @dataclass(frozen=True)
 class _Rule:
-    """How one node passes its adjoint on to its operands."""
+    """Passes a node's adjoint on to its operands."""
 
     builder: GraphBuilder
     node: NodeId

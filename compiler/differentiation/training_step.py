@@ -21,7 +21,7 @@ from compiler.passes.derivatives.guard_untaken import guard_untaken
 
 @dataclass(frozen=True, slots=True)
 class LossTerm:
-    """What one step adds to a loss: Σ of its cost over the elements that are scored."""
+    """The term that one step adds to a loss: Σ of its cost over the elements that are scored."""
 
     loss: Loss
     total: NodeId
@@ -101,7 +101,7 @@ def forward_only(program: Program, losses: tuple[LossTerm, ...]) -> TrainingStep
 
 
 def loss_terms(builder: GraphBuilder, program: Program) -> tuple[LossTerm, ...]:
-    """What one step adds to every loss; `builder` has the nodes of the program's step."""
+    """The term of one step in every loss; `builder` has the nodes of the program's step."""
     return tuple(loss_term(builder, loss) for loss in program.losses)
 
 
@@ -151,7 +151,7 @@ def scored_error(builder: GraphBuilder, loss: Loss) -> NodeId:
 
 
 def element_factors(builder: GraphBuilder, loss: Loss, rows: NodeId) -> NodeId:
-    """How much each element counts: the factor of its row, 0 where its target is missing.
+    """The weight of each element: the factor of its row, 0 where its target is missing.
 
     A factor below 0 counts as 0; of the data of a training or a metric none is (E0850).
     """
@@ -165,7 +165,7 @@ def element_factors(builder: GraphBuilder, loss: Loss, rows: NodeId) -> NodeId:
 
 
 def _present(builder: GraphBuilder, loss: Loss) -> NodeId | None:
-    """Which elements are scored; None where all are, whatever the data."""
+    """The mask of the elements that are scored; None where all are, whatever the data."""
     if loss.rows is None:
         return None if loss.target is None else _there(builder, loss.target)
     factors = element_factors(builder, loss, loss.rows)

@@ -9,7 +9,7 @@ from spec_schema.sections.spec import Spec
 
 
 def formulas_of(spec: Spec) -> tuple[Formula, ...]:
-    """What every equation, output and state of a linked spec is, in its order."""
+    """The formulas of all equations, outputs and states of a linked spec, in its order."""
     written: list[tuple[str, Expression]] = []
     for name, state in spec.states.items():
         if state.der is not None:

@@ -49,7 +49,7 @@ def lower_unused(elaborated: Elaboration) -> None:
 
 
 def _report_unread(elaborated: Elaboration) -> None:
-    """What is wrong with the names in arguments that the formula of their function leaves out."""
+    """Reports errors of names in arguments that the formula of their function leaves out."""
     apart = elaborated.afresh(FoundBefore())
     for argument in elaborated.context.unread:
         there = argument.environment
@@ -61,7 +61,7 @@ def _report_unread(elaborated: Elaboration) -> None:
 
 
 def _report_parameters(elaborated: Elaboration) -> None:
-    """What is wrong with parameters that nothing uses."""
+    """Reports errors in parameters that nothing uses."""
     context = elaborated.context
     unused = {
         name: entry
@@ -90,7 +90,7 @@ _OF_AXES = frozenset({"E0401", "E0402", "E0403", "E0404", "E0406", "E0407", "E04
 
 
 def _report_layer(elaborated: Elaboration, name: str, entry: Layer) -> None:
-    """What is wrong with a layer whatever it is called with."""
+    """Reports the errors that a layer has whatever it is called with."""
     found = _found_by_calling(elaborated, name, 1)
     if any(d.span == _NOWHERE for d in found):  # such as a table in two dimensions
         found = _found_by_calling(elaborated, name, 2)

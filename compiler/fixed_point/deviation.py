@@ -79,7 +79,7 @@ def output_errors(
 
 @dataclass(slots=True, kw_only=True)
 class ErrorSpread:
-    """What is known of the error of an output after some steps."""
+    """The known distribution of an output's error after some steps."""
 
     name: str
     steps: int = 0

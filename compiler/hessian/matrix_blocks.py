@@ -53,7 +53,7 @@ def curvature_of_groups(
     columns: Sequence[DirectionRun],
     width: int,
 ) -> list[Placed]:
-    """Where a block (directions, other directions) of a Hessian stands; mirrored if not square."""
+    """Places a block (directions, other directions) of a Hessian; mirrored if not square."""
     first, second = (axis.name for axis in builder.type(block).axes)
     found: list[Placed] = []
     for row in rows:

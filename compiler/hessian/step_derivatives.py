@@ -165,7 +165,7 @@ def _has(names: Collection[str] | None, name: str) -> bool:
 def _without_windows(
     graph: Graph, wanted: Iterable[NodeId]
 ) -> tuple[GraphBuilder, dict[NodeId, NodeId]]:
-    """What is wanted, where a window is the samples of its buffer followed by the newest one."""
+    """Copies the wanted nodes, each window as the samples of its buffer and then the newest one."""
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
     live = needed(graph, wanted)

@@ -27,7 +27,7 @@ class Bounded:
     count: int
 
     def spread(self, unit: float) -> Array:
-        """How far the value computed by any such program is from the exact one at most."""
+        """The most that the value computed by any such program is off the exact one."""
         # n terms added in any order take n − 1 roundings, each within u of the sizes of the terms
         return self.error + (self.count - 1) * unit * self.terms if self.count > 1 else self.error
 

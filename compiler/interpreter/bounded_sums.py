@@ -33,7 +33,7 @@ class Total:
         self.count += one.count * len(one.value)
 
     def off(self) -> Array:
-        """How far a sum that a program computes is from the exact one at most."""
+        """The most that a sum computed by a program is off the exact one."""
         off = self.error + max(self.count - 1, 0) * unit_roundoff(self.dtype) * self.terms
         # partial sums in another order may overflow: then nothing is known
         known = self.terms + off < 0.5 * float(np.finfo(self.dtype).max)

@@ -27,7 +27,7 @@ States = dict[str, Array]
 
 @dataclass(frozen=True, slots=True)
 class StepValues:
-    """What one step computes for a batch of B members; every array is (B, *shape)."""
+    """The results of one step for a batch of B members; every array is (B, *shape)."""
 
     outputs: dict[str, Array]
     next_states: States

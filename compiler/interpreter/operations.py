@@ -30,7 +30,7 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class LeafValues:
-    """What a graph reads from outside: the log, the rows of the batch in it, and the states."""
+    """The values that a graph reads: the log, the rows of the batch in it, and the states."""
 
     log: Mapping[str, Array]
     t: NDArray[np.int64]

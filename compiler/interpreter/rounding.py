@@ -43,7 +43,7 @@ _SMALLEST_RESULT = 10.0
 
 @dataclass(frozen=True, slots=True)
 class _Given:
-    """What one evaluation reads from outside."""
+    """The values that one evaluation reads from outside."""
 
     around: LeafValues
     states: Mapping[str, Bounded]
@@ -277,7 +277,7 @@ class BoundedGraph:
 def _reach(
     function: Callable[..., Array], values: Sequence[Array], spreads: Sequence[Array]
 ) -> Array:
-    """How far a function's value moves while its arguments move within their bounds.
+    """The most that a function's value moves while its arguments move within their bounds.
 
     Twice the largest change at the ends, halves and corners: exact to first order, and a monotone
     function moves no farther than at its ends.

@@ -37,7 +37,7 @@ class Fit:
         return filter_arrays(self.kind, self.feedthrough)
 
     def sizes(self, target: tuple[Axis, ...]) -> Mapping[str, int]:
-        """How many elements each array has, for a target with these axes."""
+        """The elements of each array, for a target with these axes."""
         outputs = Type(target).size
         match self.kind:
             case "iir":

@@ -73,6 +73,6 @@ _Key = tuple[Op, tuple[NodeId, ...], Type, bytes]
 
 
 def _key(op: Op, args: tuple[NodeId, ...], type: Type) -> _Key:
-    """What makes two nodes the same; 0.0 == -0.0, but the constants are different numbers."""
+    """The key by which nodes are the same; 0.0 == -0.0, but the constants are different numbers."""
     bits = np.array(op.values).tobytes() if isinstance(op, Constant) else b""
     return op, args, type, bits

@@ -17,7 +17,7 @@ from spec_schema.late_dataclass import dataclass
 
 
 class Relation(Enum):
-    """How `Compare` relates its two operands."""
+    """The relation that `Compare` tests between its two operands."""
 
     LESS = "<"
     LESS_EQUAL = "<="

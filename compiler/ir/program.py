@@ -78,7 +78,7 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class LayerMemory:
-    """What a layer, a call such as `integral` or the count of a warm-up keeps between steps."""
+    """The memory of a layer, of a call such as `integral`, or of the count of a warm-up."""
 
     starts_fresh_each_run: bool = False
     """Whether it starts alike wherever a run begins, as that there was no step before."""
@@ -161,7 +161,7 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Formula:
-    """What the spec writes for a value, to be read beside generated code: `travel` = `w - z`."""
+    """The spec's own text for a value, to be read beside generated code: `travel` = `w - z`."""
 
     left: str
     """A name, `der(x)` or `next(x)`."""
@@ -170,7 +170,7 @@ class Formula:
 
 
 class Measure(Enum):
-    """How a loss becomes a number: the mean over steps, starts, window and dims of …."""
+    """The measure that makes a loss a number: a mean over steps, starts, window and dims."""
 
     MSE = "mse"
     """… (prediction − target)²."""
@@ -285,5 +285,5 @@ class Program:
 
 
 def learned_numbers(program: Program) -> int:
-    """How many numbers training can move."""
+    """The count of all numbers that training can move."""
     return sum(Type(p.axes).size for p in program.parameters if p.learn)

@@ -68,7 +68,7 @@ class Type:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """What an output stands for: `signal[t+ahead]`."""
+    """The prediction that an output makes: `signal[t+ahead]`."""
 
     signal: str
     ahead: int

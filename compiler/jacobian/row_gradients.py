@@ -54,7 +54,7 @@ def slopes_of_elements(elements: Elements, parts: Sequence[NodeId]) -> tuple[Gra
 def _with_leaves(
     graph: Graph, parts: dict[NodeId, LeafSlice], wanted: Sequence[NodeId]
 ) -> tuple[Graph, dict[NodeId, NodeId]]:
-    """What is wanted, with slices of leaves instead of the nodes that stand for parts of them."""
+    """Rebuilds the wanted nodes on slices of leaves in place of the nodes for their parts."""
     live = needed(graph, wanted)
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}

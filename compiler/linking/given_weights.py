@@ -14,7 +14,7 @@ from spec_schema.errors.names import no_parameter
 
 
 class GivenWeights:
-    """What `weights:` and `freeze:` of the sub-models say of a parameter with a full name."""
+    """The values that `weights:` and `freeze:` of sub-models give a parameter by its full name."""
 
     def __init__(self, linked: Linked, findings: Findings) -> None:
         self._use = linked.spec.use

@@ -100,7 +100,7 @@ class _Part:
 
 
 class _Linking:
-    """What grows while specs are linked."""
+    """Collects the sections of the whole spec while specs are linked."""
 
     def __init__(self, findings: Findings) -> None:
         self.findings = findings
@@ -189,7 +189,7 @@ class _Linking:
         sections["inputs"] = {n: entry for n, entry in inputs.items() if n not in first}
 
     def _kind(self, name: str, sections: Mapping[str, Mapping[str, Any]]) -> str | None:
-        """What a name is that is no input of a sub-model; None for nothing."""
+        """The kind of a name that is no input of a sub-model; None where nothing has that name."""
         if name in self.use:
             return "a sub-model"
         return next((f"one of its {s}" for s in MODEL_SECTIONS if name in sections[s]), None)

@@ -30,7 +30,7 @@ class EnvironmentPart(Enum):
 
 @dataclass(frozen=True, eq=False)
 class IntegratorStage:
-    """Where a right-hand side is evaluated within a step (R6); equal only to itself."""
+    """The place within a step where a right-hand side is evaluated (R6); equal only to itself."""
 
     values: Mapping[str, NodeId]
     """Of the continuous states that are integrated."""

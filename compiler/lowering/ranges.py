@@ -69,7 +69,7 @@ def signal_ranges(context: Context) -> dict[str, tuple[float, float]]:
 
 
 def expected_values(context: Context) -> list[Expected]:
-    """What is expected of equations with a range, and of what is connected to inputs with one."""
+    """The expected ranges of equations, and of values that are connected to inputs with one."""
     builder = context.builder(STEP)
     found: list[Expected] = []
     for name, entry in context.spec.equations.items():

@@ -8,7 +8,7 @@ from spec_schema.sections.dimensions import Dimension
 def shape_repair(
     context: Context, name: str, found: tuple[int, ...], axes: tuple[Axis, ...]
 ) -> str | None:
-    """What to write where the numbers have another shape than the entry declares."""
+    """The repair of numbers that have another shape than the entry declares."""
     if axes:
         wanted = " x ".join(str(axis.size) for axis in axes)
         return f"write {wanted} numbers, or one number for all"

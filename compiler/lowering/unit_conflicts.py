@@ -44,7 +44,7 @@ def _bare_number(conflict: UnitConflict, expression: Expression) -> str | None:
 
 
 def _scale_between(conflict: UnitConflict) -> float | None:
-    """What one of the unit found is in the unit expected, where they are of one quantity."""
+    """The factor from the unit found to the unit expected, where they are of one quantity."""
     found, expected = conflict.found, conflict.expected
     factor = found.factor_to(expected) if found.same_dimension(expected) else 1.0
     return None if factor == 1.0 else factor

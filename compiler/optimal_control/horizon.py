@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """What is known at t: x_0, and d and r along the horizon."""
+    """The knowns at t: x_0, and d and r along the horizon."""
 
     state: Array
     """(nx)"""
@@ -82,7 +82,7 @@ def block_starts(problem: ControlProblem) -> NDArray[np.bool_]:
 
 
 def log_of(problem: ControlProblem, given: Given, controls: Array) -> dict[str, Array]:
-    """What the program reads at rows 0 … N; the last control stays where none is decided."""
+    """The rows 0 … N that the program reads; the last control stays where none is decided."""
     # at N nothing is decided; stage costs there are not counted, but windows are evaluated
     held = np.concatenate([controls, controls[-1:]])
     log = dict(given.disturbances) | dict(given.references)
@@ -98,7 +98,7 @@ def flat(values: Array) -> Array:
 
 
 def limits_program(problem: ControlProblem) -> Program:
-    """What of the problem's program computes the limits."""
+    """The part of the problem's program that computes the limits."""
     each = (*problem.control_limits, *problem.path_limits)
     # outputs are found by name: a limit that two bounds share is computed once
     names = {name for one in each for name in (one.limits.minimum, one.limits.maximum)}

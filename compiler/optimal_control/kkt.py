@@ -42,7 +42,7 @@ from compiler.optimal_control.problem import ControlProblem
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """How far a plan is from optimal, kind by kind; NaN where anything is."""
+    """The distance of a plan from the optimum, kind by kind; NaN where anything is."""
 
     dynamics: float
     stationarity: float
@@ -166,7 +166,7 @@ class _Judged:
         return gradient
 
     def _limits(self) -> tuple[Array, Array]:
-        """How far limits are exceeded, and products that are to be 0, one after the other."""
+        """The excess over limits, and the products that are to be 0, one after the other."""
         problem, z, u = self.problem, self.multipliers, self.plan.controls
         x, scale_u = self.plan.states, scales(problem)[1]
         exceeded: list[Array] = []
@@ -213,7 +213,7 @@ class _Judged:
 
 
 def _columns(controls: Vector, inputs: Vector) -> list[int]:
-    """Where the numbers of u are among those of all ports."""
+    """The positions of the numbers of u among those of all ports."""
     return [
         inputs.member(member.name).first + number
         for member in controls.members

@@ -59,7 +59,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlLimits:
-    """What always holds of a control, also in what is returned after a failure."""
+    """The limits that always hold of a control, also of one returned after a failure."""
 
     name: str
     """Of the control, a member of `ControlProblem.controls`."""
@@ -94,7 +94,7 @@ class PathLimits:
 
 @dataclass(frozen=True, slots=True)
 class Reads:
-    """What a value depends on within its step."""
+    """The vectors that a value depends on within its step."""
 
     states: frozenset[str]
     signals: frozenset[str]
@@ -190,7 +190,7 @@ class ControlProblem:
         return self.program.step[self.node(output)].type
 
     def reads(self, *nodes: NodeId) -> Reads:
-        """What nodes of the step depend on within it."""
+        """The vectors that nodes of the step depend on within it."""
         graph = self.program.step
         live = needed(graph, nodes)
         ops = [node.op for index, node in graph if live[index]]

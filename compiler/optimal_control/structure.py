@@ -45,7 +45,7 @@ def chosen_structure(problem: ControlProblem) -> Chosen:
 
 
 def estimate(problem: ControlProblem) -> ProductEstimate:
-    """What the structures cost for a problem; weights make no difference."""
+    """Counts the products of each structure for a problem; weights make no difference."""
     form = window_form(problem)
     n, nx, nu = problem.horizon, problem.states.size, problem.controls.size
     # products of a Riccati step: Aᵀ P A and its sides, the factor of nu, and the gains

@@ -205,7 +205,7 @@ def _countdown(builder: GraphBuilder, starts: GraphBuilder, warm_up: int) -> Sta
 
 
 def _loops(program: Program, names: Iterable[str], *, warm: bool) -> dict[str, _Loop]:
-    """What closes each of the inputs; one that the step does not read needs nothing."""
+    """The loop that closes each input; one that the step does not read needs nothing."""
     known = {signal.name: signal for signal in program.signals}
     # losses read the log (R6): only reads of the step decide how long the tape is
     extents = extents_of(program.step, log=False)

@@ -198,7 +198,7 @@ def _expected(
     copies: dict[NodeId, NodeId],
     work: Samplewise,
 ) -> Iterator[Expected]:
-    """What is expected of a window that moves holds for its newest sample: each is new once."""
+    """Expects of a window that moves what holds of its newest sample: each is new once."""
     newest = {move.buffer.state.name: copies[move.buffer.newest] for move in moves}
     uses = {index for move in moves for index in move.uses}
     for entry in program.expected:

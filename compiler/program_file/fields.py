@@ -51,7 +51,7 @@ _ALWAYS = {(Parameter, "initial"), (Loss, "weight"), (Dimension, "labels")}
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """What the values of one file share: the names of the specs, and units read before."""
+    """Data that the values of one file share: the names of the specs, and units read before."""
 
     files: tuple[str, ...]
     numbers: Mapping[str, int] = field(default_factory=dict[str, int])
@@ -80,7 +80,7 @@ def to_data(value: object, shared: Shared) -> Data:
 
 @dataclass(frozen=True, slots=True)
 class _Form:
-    """How the values of one type stand in a file."""
+    """Reads and writes the values of one type."""
 
     read: Callable[[PlainRecord, str, Shared], Any]
     """The value under a key of the record, each part of it checked."""

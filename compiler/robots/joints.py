@@ -31,7 +31,7 @@ class RigidBodies:
     masses: tuple[MassDistribution, ...]
 
     def poses(self, q: Numbers) -> tuple[Pose, ...]:
-        """Where the bodies are in their parents' frames when the joints are at q."""
+        """The poses of the bodies in their parents' frames when the joints are at q."""
         return tuple(_pose(body, at) for body, at in zip(self.robot.bodies, q, strict=True))
 
 

@@ -12,7 +12,7 @@ Array = NDArray[Any]
 
 
 class FilterStatus(IntEnum):
-    """What became of a correction; the numbers are those of controllers."""
+    """The outcome of a correction; the numbers are those of controllers."""
 
     FILTERED = 0
     """The estimate is that of the measurements."""
@@ -28,7 +28,7 @@ class FilterStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What is known at a sample, by name and in the units of the spec."""
+    """The estimates at a sample, by name and in the units of the spec."""
 
     status: FilterStatus
     states: dict[str, Array]
@@ -41,7 +41,7 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class WindowEstimate(Estimate):
-    """What moving-horizon estimation found; `std` and `innovations` are those of the filter."""
+    """A moving-horizon estimate; `std` and `innovations` are those of the filter."""
 
     cost: float
     """Of the window: squares of errors and noise, by their deviations; NaN without a solve."""

@@ -21,7 +21,7 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measurement:
-    """What is measured of the model, each element with this standard deviation."""
+    """A measured value of the model, each element with this standard deviation."""
 
     name: str
     """Of the output in the spec."""
@@ -57,7 +57,7 @@ class MovingWindow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimationProblem:
-    """What an estimator is made of; vectors as in `ControlProblem`."""
+    """The model and noise of an estimator; vectors as in `ControlProblem`."""
 
     program: Program
     """In step form, loops closed, without losses."""
@@ -80,7 +80,7 @@ class EstimationProblem:
 
     @property
     def variances(self) -> tuple[tuple[str, float], ...]:
-        """What a filter computes with: whose variance, and how much, but for those of 0."""
+        """The variances that a filter computes with: their names and values, but for those of 0."""
         found = [(measurement.name, measurement.std**2) for measurement in self.measured]
         for name, numbers in (*self.deviations.items(), *self.parameters.items()):
             found += [(name, numbers.initial**2), (name, numbers.drift**2 * self.sample_time)]

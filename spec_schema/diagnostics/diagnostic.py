@@ -118,11 +118,11 @@ class SpecError(Exception):
         super().__init__("; ".join(describe(diagnostic) for diagnostic in self.diagnostics))
 
     def __reduce__(self) -> tuple[type[Exception], tuple[object, ...]]:
-        """How it crosses to another process: a pool waits for ever on one that cannot."""
+        """Crosses to another process as its diagnostics: a pool waits for ever on what cannot."""
         return SpecError, (self.diagnostics, self.sources)
 
     def _render_traceback_(self) -> list[str]:
-        """What a notebook shows in place of a traceback: the command line's message, whole."""
+        """Shows the command line's message, whole, in a notebook in place of a traceback."""
         return shown_whole(self.diagnostics, self.sources)
 
 

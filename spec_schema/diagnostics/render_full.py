@@ -148,7 +148,7 @@ def _written(line: str, part: slice) -> str:
 
 
 def _columns(text: str) -> int:
-    """How many columns of a terminal a text takes."""
+    """The number of columns of a terminal that a text takes."""
     return sum(_column_count(character) for character in text)
 
 

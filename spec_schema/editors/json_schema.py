@@ -88,7 +88,7 @@ def _reserved(entry: type[Entry], key: str) -> dict[str, Any]:
 
 
 def _alone(entry: type[Entry]) -> JsonSchema:
-    """What may be written for the mapping: its shorthand, or the bare name of a variant."""
+    """The forms that replace the mapping: its shorthand, or the bare name of a variant."""
     if entry.shorthand is not None:
         schemas = {key: schema for key, schema, _ in _fields(entry)}
         return _inlined(schemas[entry.shorthand], entry)

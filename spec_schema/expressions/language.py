@@ -7,7 +7,7 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """How a function of the language is called, and what it does in a line."""
+    """The arguments of a function of the language, and its purpose in a line."""
 
     least: int
     most: int | None

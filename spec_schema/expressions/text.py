@@ -93,7 +93,7 @@ def _within(expression: tree.Expression, least: int) -> str:
 
 
 def _subject(expression: tree.Expression) -> str:
-    """What a window is taken of; a dot behind a number would read as its decimal point."""
+    """The text a window is taken of; a dot behind a number would read as its decimal point."""
     # `1.past(2)` has a number `1.`
     if isinstance(expression, tree.Number | tree.Duration):
         return f"({expression_text(expression)})"

@@ -108,7 +108,7 @@ class _Reading:
         return self.read[real]
 
     def _robot(self, name: str, entry: Robot, path: str, around: Spec) -> ReadResult:
-        """What a URDF describes; it is read anew for each use, as settings belong to the use."""
+        """Reads a URDF, anew for each use, as settings belong to the use."""
         place = entry.urdf.span
         text = None if self.texts is None else self.texts.get(path)
         if text is None:

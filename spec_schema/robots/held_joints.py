@@ -36,7 +36,7 @@ def held_positions(urdf: Urdf, moving: Collection[str], findings: Findings) -> d
 
 
 def _position(joint: Joint, urdf: Urdf, moving: Collection[str]) -> float | None:
-    """Where it stands; None where it moves, or follows what is not there."""
+    """The position of a joint; None where it moves, or follows what is not there."""
     factor, position = 1.0, 0.0
     passed: set[str] = set()
     while joint.moves:

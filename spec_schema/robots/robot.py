@@ -80,6 +80,6 @@ class Robot:
 
     @property
     def slides(self) -> bool | None:
-        """Whether all joints slide, or none does; None where there are both."""
+        """True if all joints slide, False if none does, None if there are both."""
         kinds = {body.slides for body in self.bodies}
         return kinds.pop() if len(kinds) == 1 else None

@@ -99,7 +99,7 @@ class MovingHorizon(KalmanFilter):
 
 
 class Estimator(OneOf):
-    """How states that nobody measures are found from what is."""
+    """An estimator of states that nobody measures."""
 
     noun: ClassVar[str] = "estimator"
 

@@ -27,7 +27,7 @@ UnitPlatform: TypeAlias = Literal[
 
 
 class TargetEntry(Entry):
-    """What every target takes: `outputs` to keep (None: all) and inputs to `close`."""
+    """The options of every target: `outputs` to keep (None: all) and inputs to `close`."""
 
     # None is not (): all outputs, or none of them
     outputs: References | None = None

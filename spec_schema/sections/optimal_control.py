@@ -87,7 +87,7 @@ Controls: TypeAlias = Annotated[tuple[Reference, ...], Gathering(_read_controls,
 
 
 class ControlCost(Entry):
-    """What the controller makes small: the sum of `stage` over the horizon, plus `terminal`."""
+    """The sum that the controller makes small: `stage` over the horizon, plus `terminal`."""
 
     noun: ClassVar[str] = "the cost"
     shorthand: ClassVar[str | None] = "stage"
@@ -99,7 +99,7 @@ class ControlCost(Entry):
 
 
 class SoftBound(Entry):
-    """What it costs to go beyond a bound, in the unit of the bounded value; defaults by the cost.
+    """The cost of going beyond a bound, in the unit of the bounded value; defaults by the cost.
 
     A `linear` part above the multiplier of the bound makes the penalty exact: the bound holds
     wherever it can be held.
@@ -173,7 +173,7 @@ class InteriorPoint(Entry):
 
 
 class ControlSolver(OneOf):
-    """How the problem is solved."""
+    """The method that solves the problem."""
 
     noun: ClassVar[str] = "solver"
 

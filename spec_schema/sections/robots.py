@@ -20,7 +20,7 @@ from spec_schema.yaml_tree.nodes import Listing, Node, kind
 
 @dataclass(frozen=True)
 class Joints:
-    """Which joints move: those that label a dimension, or those of a list."""
+    """The joints that move: those that label a dimension, or those of a list."""
 
     dimension: Located[str] | None
     labels: tuple[Located[str], ...]

@@ -120,13 +120,13 @@ class State(Entry):
 
     @property
     def start(self) -> Expression | None:
-        """What `init` says of the value before the first step; None where it says nothing."""
+        """The value before the first step by `init`; None where it says nothing."""
         # None is 0 for the compiler, and nothing to check for who looks for reads of the log
         return None if self.init is None else self.init.expression
 
     @property
     def range_policy(self) -> RangePolicy:
-        """What `on_range` says, `flag` where it says nothing."""
+        """The policy of `on_range`; `flag` where it says nothing."""
         return "flag" if self.on_range is None else self.on_range.value
 
     @model_validator(mode="after")

@@ -29,7 +29,7 @@ else:
 
 
 class Spec(Entry):
-    """What a user wrote, each thing with its place; what it means is the compiler's business.
+    """The spec as a user wrote it, each thing with its place; the compiler says what it means.
 
     `sample_time` is in seconds, None for a static model. `checks` is the section `validate`.
     """

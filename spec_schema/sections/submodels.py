@@ -24,7 +24,7 @@ from spec_schema.yaml_tree.nodes import Listing, Node, Table, kind
 
 @dataclass(frozen=True)
 class Freeze:
-    """Which parameters of a sub-model are constants: patterns of names as its own file has them."""
+    """The constant parameters of a sub-model: patterns of names as its own file has them."""
 
     patterns: tuple[Located[str], ...] = ()
     span: Span | None = field(default=None, compare=False)

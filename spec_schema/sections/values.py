@@ -112,7 +112,7 @@ InitialValue: TypeAlias = (
 
 
 class Initializer(OneOf):
-    """How the initial values of an array come about; a lone expression is `value`.
+    """The initial values of an array; a lone expression is `value`.
 
     The expression may use the indices `i`, `j`, … of the array's axes and the length `n` of the
     last one.
@@ -167,7 +167,7 @@ class Constant(Entry):
 
 
 class Prior(Entry):
-    """What is known of a parameter before the data: the normal distribution of each number."""
+    """A normal distribution of each number of a parameter, known before the data."""
 
     noun: ClassVar[str] = "a prior"
 

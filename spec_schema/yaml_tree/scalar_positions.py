@@ -64,7 +64,7 @@ def _flow_offsets(text: str, start: int, end: int, style: Style, value: str) -> 
 
 
 def _folded(blanks: str) -> str:
-    """What a run of blanks and line breaks becomes: one break a blank, n breaks n-1 line feeds."""
+    """Folds a run of blanks and line breaks: one break to a blank, n breaks to n-1 line feeds."""
     breaks = len(_BREAK.findall(blanks))
     if breaks == 0:
         return blanks

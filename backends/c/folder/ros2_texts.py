@@ -115,7 +115,7 @@ def _parameter(
 
 
 def _starts(interface: Interface, names: set[str]) -> list[dict[str, Any]]:
-    """What `reset` is to be given, where a model waits for it."""
+    """The arguments of `reset`, where a model waits for it."""
     if not interface.from_record - interface.filled_by_first:
         return []
     given = [(field, port.signal.range, port.signal.doc) for field, port in interface.windows]

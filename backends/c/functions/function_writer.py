@@ -155,7 +155,7 @@ class FunctionWriter:
 
 
 def _names_of_spec(graph: Graph) -> Iterator[str]:
-    """What the spec calls values and numbers of a graph."""
+    """The names that the spec has for values and numbers of a graph."""
     for node in graph.nodes:
         if node.label:
             yield node.label

@@ -52,7 +52,7 @@ def linearize_function(model: ControllerCode, interface: JacobianInterface) -> F
 
 
 def _entries(field: MatrixField, block: MatrixBlock, graph: Graph) -> ArrayView:
-    """Where the entries of a block stand."""
+    """The place of a block's entries."""
     shape = graph[block.node].type.shape
     return ArrayView(field.place.storage, shape, block.strides, Index(block.offset))
 

@@ -172,7 +172,7 @@ class CStep:
 
 
 def _layout(folder: Path) -> dict[str, Any]:
-    """What the folder's one JSON file says about its structs."""
+    """Reads the layout of the structs from the folder's one JSON file."""
     files = sorted(folder.glob("*.json"))
     if len(files) != 1:
         raise ValueError(f"{folder} holds {len(files)} JSON files, not the one about its C")

@@ -75,7 +75,7 @@ def layout_metadata(
 
 
 def _state(memory: StateMemory) -> dict[str, Any]:
-    """How to find the value of a state in the struct: whole, or as the samples of a buffer."""
+    """The place of a state's value in the struct: whole, or as the samples of a buffer."""
     value: dict[str, Any] = {
         "name": memory.state.name,
         "field": memory.identifier,
@@ -106,7 +106,7 @@ _Ranges: TypeAlias = dict[tuple[str, str], tuple[float, float] | None]
 
 
 def _ranges(program: Program, interface: Interface) -> _Ranges:
-    """What the spec says of the values of inputs and states; a buffer holds those of its signal."""
+    """The ranges of inputs and states in the spec; a buffer has that of its signal."""
     declared = {signal.name: signal.range for signal in program.signals}
     ranges: _Ranges = {}
     for input in interface.inputs:

@@ -111,7 +111,7 @@ def golden_singles(
 
 
 def _input_bits(interface: Interface, inputs: Mapping[str, Array]) -> StatusBit:
-    """What the policies say; they replace nothing."""
+    """The status that the policies report; they replace nothing."""
     bits = StatusBit(0)
     for input in interface.inputs:
         name, dtype = input.field.name, interface.options.dtype

@@ -75,7 +75,7 @@ def description_text(facts: UnitFacts, sources: Sequence[str], guid: str) -> str
 
 
 def add_log_categories(root: Element) -> None:
-    """What the unit's messages are about; both versions list them alike."""
+    """Adds the categories of the unit's messages; both versions list them alike."""
     categories = child(root, "LogCategories")
     for name, meaning in LOG_CATEGORIES.items():
         child(categories, "Category", {"name": name, "description": meaning})

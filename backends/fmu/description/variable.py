@@ -19,7 +19,7 @@ Range = tuple[float, float] | None
 
 
 class VariableKind(Enum):
-    """What a variable is to the importer."""
+    """The role of a variable for the importer."""
 
     INPUT = "an input"
     OUTPUT = "an output of the last step"

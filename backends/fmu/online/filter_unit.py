@@ -199,7 +199,7 @@ def _estimated(
 def _first(
     problem: EstimationProblem, judge: KalmanFilter, names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
-    """What the filter begins with, where the importer sets it."""
+    """The variables of the filter's first estimate, where the importer sets it."""
     for member in problem.states.members:
         values = judge.vector[member.first : member.first + member.size]
         yield member_variable(

@@ -62,7 +62,7 @@ def _late_adjoints(step: TrainingStep) -> Iterator[LateAdjoint]:
 
 
 def _before_window(graph: Graph, node: NodeId) -> NodeId | None:
-    """What a broadcast spreads along the window and nothing else."""
+    """The node that a broadcast spreads along the window and nothing else."""
     op, args = graph[node].op, graph[node].args
     if not isinstance(op, Broadcast):
         return None

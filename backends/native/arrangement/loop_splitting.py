@@ -138,7 +138,7 @@ def is_zero(graph: Graph, node: NodeId) -> bool:
 
 
 class _Room:
-    """How much a step may keep in rows."""
+    """The room that a step has for numbers in rows."""
 
     def __init__(self) -> None:
         self._left = _MOST_ELEMENTS
@@ -211,7 +211,7 @@ def _stands_in_a_row(value: TrainingValue) -> bool:
 
 
 def _factors_to_keep(graph: Graph, node: NodeId) -> list[NodeId] | None:
-    """What must stand in rows to sum a product later; None if that does not pay."""
+    """The nodes to keep in rows to sum a product later; None if that does not pay."""
     if not isinstance(graph[node].op, ops.Multiply | ops.Contract):
         return None
     needed = {graph.unrepeated(a) for a in graph[node].args if view_leaf(graph, a) is None}

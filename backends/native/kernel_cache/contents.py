@@ -86,7 +86,7 @@ def _kernel(folder: Path, key: str) -> KeptKernel:
 
 
 def _left_over(folder: Path, now: float) -> list[Path]:
-    """What builds that never ended left there, and notes on kernels that are gone."""
+    """The remains of builds that never ended, and notes on kernels that are gone."""
     left: list[Path] = []
     for path in folder.iterdir():
         named = _OF_KERNELS.fullmatch(path.name)

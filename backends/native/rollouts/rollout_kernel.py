@@ -98,7 +98,7 @@ def _groups(starts: Rows, steps: Rows) -> tuple[Groups, NDArray[np.void]]:
 
 
 def _calls(steps: Rows) -> list[tuple[int, int, int, int]]:
-    """Which groups run which steps together: short ones whole, a long one alone, in pieces."""
+    """The groups and steps of each call: short runs whole, a long one alone, in pieces."""
     calls: list[tuple[int, int, int, int]] = []
     first = 0
     done = np.cumsum(steps)

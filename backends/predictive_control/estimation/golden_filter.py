@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class GoldenStep:
-    """What is measured and given at a sample, and what is known then."""
+    """The measurements and inputs of a sample, and the estimate after them."""
 
     measured: tuple[float, ...]
     """By the order of the measurements; NaN is what was not."""
@@ -128,7 +128,7 @@ def golden_steps(
 
 
 def _start(judge: KalmanFilter, random: np.random.Generator) -> Array:
-    """Where the spec begins, else within ranges."""
+    """The spec's first estimate, else one within ranges."""
     found: list[Array] = []
     for state in judge.problem.program.states:
         member = judge.numbers.member(state.name)

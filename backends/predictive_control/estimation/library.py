@@ -19,7 +19,7 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class FilterEstimate:
-    """What a correction gave."""
+    """The estimate that a correction gave."""
 
     status: int
     x: Array

@@ -17,7 +17,7 @@ from backends.predictive_control.estimation.library import FilterLibrary
 
 @dataclass(frozen=True, slots=True)
 class RecordedWindows:
-    """What calls returned, and mixed FNV-1a of the words of all that they gave."""
+    """The statuses of calls, and mixed FNV-1a of the words of all that they gave."""
 
     corrected: tuple[int, ...]
     predicted: tuple[int, ...]
@@ -27,7 +27,7 @@ class RecordedWindows:
 def recorded_windows(
     golden: GoldenSteps, texts: Mapping[str, str], name: str
 ) -> RecordedWindows | None:
-    """What every build gives; None where nothing compiles."""
+    """The results that every build gives; None where nothing compiles."""
     with tempfile.TemporaryDirectory() as place:
         # the estimator is of three sources that do not go into one
         folder = Path(place)

@@ -136,7 +136,7 @@ def _facts(
 
 
 def _place(field: SeriesField) -> str:
-    """How its number i is written in C."""
+    """The C text of its number i."""
     return f"{field.identifier}[{{}}]" if field.shape else field.identifier
 
 

@@ -18,7 +18,7 @@ from compiler.optimal_control.problem import ControlProblem
 
 @dataclass(frozen=True, slots=True)
 class SelfTest:
-    """What the file is named after."""
+    """The names in a file of self-tests."""
 
     model: str
     prefix: str

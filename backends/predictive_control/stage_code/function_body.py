@@ -65,11 +65,11 @@ class FunctionBody:
         )
 
     def lowered(self, roots: Iterable[int]) -> GraphLowering:
-        """What computes these nodes."""
+        """The lowering that computes these nodes."""
         return GraphLowering(self._graph, list(roots), self, self.scope, self._locals)
 
     def read(self, op: AnyRead, type: Type) -> ArrayView:
-        """Where a leaf of the graph stands."""
+        """The place of a leaf of the graph."""
         match op:
             case ReadState(name):
                 place = self._places[name]
@@ -153,7 +153,7 @@ class FunctionBody:
 
 
 def vector_places(array: str, vector: Vector) -> dict[str, Place]:
-    """Where each quantity of a vector begins in its array."""
+    """The place where each quantity of a vector begins in its array."""
     return {
         member.name: Place(array, member.first, c_strides(Type(member.axes).shape))
         for member in vector.members

@@ -16,7 +16,7 @@ from compiler.optimal_control.window_form import Sample, WindowForm
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a quantity stands: element (i, j, …) at first + Σ stride · index of an array."""
+    """The place of a quantity: element (i, j, …) at first + Σ stride · index of an array."""
 
     array: str
     first: int
@@ -25,7 +25,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """Where each series begins; those of states come first, then those of controls."""
+    """The beginning of each series; those of states come first, then those of controls."""
 
     form: WindowForm
     horizon: int
@@ -35,7 +35,7 @@ class Series:
     size: int
 
     def place(self, sample: Sample) -> int:
-        """Where a stage finds it."""
+        """The place of a sample in its series."""
         # that of stage 0: stage k adds k, whatever the sample
         return self.now[self._number(sample)] - sample.lag
 
@@ -46,11 +46,11 @@ class Series:
         return tuple(at + n - (number >= states) for number, at in enumerate(self.now))
 
     def of_memory(self) -> tuple[int, ...]:
-        """Where a stage finds each number of x."""
+        """The place of each number of x."""
         return tuple(self.place(sample) for sample in self.form.memory)
 
     def control(self, number: int) -> int:
-        """Where a stage finds a control."""
+        """The place of a control."""
         return self.now[self.form.states + number]
 
     def _number(self, sample: Sample) -> int:
@@ -72,7 +72,7 @@ def series_of(problem: ControlProblem, form: WindowForm) -> Series:
 
 
 def places_in_series(problem: ControlProblem, series: Series) -> dict[str, Place]:
-    """Where a stage finds states and controls."""
+    """The places of states and controls as a stage finds them."""
     at = series.of_memory()
     found: dict[str, Place] = {}
     for member in problem.states.members:

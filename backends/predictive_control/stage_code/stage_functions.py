@@ -20,7 +20,7 @@ from compiler.jacobian.matrices import Vector
 
 @dataclass(frozen=True, slots=True)
 class StageArrays:
-    """How the arrays of the solver are laid out."""
+    """The layout of the solver's arrays."""
 
     variables: Mapping[str, Place]
     """Where a stage finds states and controls."""
@@ -35,7 +35,7 @@ class StageArrays:
 
     @property
     def places(self) -> dict[str, Place]:
-        """Where all that values read stands."""
+        """The places of all that values read."""
         return {**self.variables, **vector_places("given", self.given)}
 
     def wanted(self, graph: Graph) -> list[NodeId]:

@@ -38,7 +38,7 @@ class Classes:
 
     @property
     def plain(self) -> int:
-        """How many have the same slopes along the horizon."""
+        """The count of variables that have the same slopes along the horizon."""
         return len(self.order) - self.moving
 
 
@@ -83,7 +83,7 @@ def classes_of(problem: ControlProblem, rows: Rows, stages: Stages) -> Classes:
 
 
 def _entries(matrix: Matrix) -> NDArray[np.bool_]:
-    """Whether each entry is anything but 0 always."""
+    """The mask of the entries that are not always 0."""
     # None, a number that is computed, counts too
     return np.array([number != 0 for number in matrix.known], np.bool_).reshape(matrix.shape)
 

@@ -119,7 +119,7 @@ def _tables(
 
 
 def _runs(samples: Sequence[Sample]) -> tuple[list[int], list[int]]:
-    """Where samples of one number that follow each other begin and end."""
+    """The beginnings and ends of runs of samples of one number that follow each other."""
     begins = [
         at
         for at, sample in enumerate(samples)
@@ -190,7 +190,7 @@ def _steady_numbers(problem: ControlProblem, classes: Classes) -> dict[str, tupl
 def _positions(
     problem: ControlProblem, found: StepDerivatives, classes: Classes
 ) -> NDArray[np.int64]:
-    """Where each variable of the derivatives is among the numbers that a stage reads."""
+    """The position of each variable of the derivatives among the numbers that a stage reads."""
     # argsort of a permutation is its inverse
     position = np.argsort(np.array(classes.order))
     return position[numbers_of(problem, found.variables)]

@@ -14,7 +14,7 @@ from compiler.optimal_control.structure import Chosen
 
 @dataclass(frozen=True, slots=True)
 class PlanLayout:
-    """Where the plan of a controller is: number i of (x, u) at stage k in z[places[i] + step k]."""
+    """The layout of a controller's plan: number i of (x, u) at stage k in z[places[i] + step k]."""
 
     structure: Chosen
     places: tuple[int, ...]
@@ -23,7 +23,7 @@ class PlanLayout:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Addresses:
-    """How the templates address numbers; each is a text with places for what it is asked for."""
+    """The addresses of numbers in templates; each is a text with places for what it is asked for."""
 
     stage: str
     """The numbers of an array that a stage reads, of the array and the stage."""
@@ -62,7 +62,7 @@ class Addresses:
         return f"BEGIN[{block}]" if self.has_blocks else block
 
     def of_decided(self, k: str) -> str:
-        """How many numbers are decided before a stage."""
+        """The count of numbers that are decided before a stage."""
         return f"DECIDED_BEFORE[{k}]" if self.has_blocks else f"{k} * CONTROLS"
 
     def of_tightest(self, k: str, side: str) -> str:

@@ -110,7 +110,7 @@ def rows_of(problem: ControlProblem) -> Rows:
 
 
 def resting_controls(rows: Rows, count: int) -> list[float]:
-    """What controls are before anything is known: 0, or the limit that is nearest to it."""
+    """The controls before anything is known: 0, or the limit that is nearest to it."""
     # limits that move are placeholders here
     return [0.0 if rows.move else _nearest_to_zero(row) for row in rows.rows[:count]]
 

@@ -89,7 +89,7 @@ def stages_of_problem(
 
 
 def numbers_of(problem: ControlProblem, variables: Vector) -> NDArray[np.int64]:
-    """Which number of (x, u) each number of a vector of states and controls is."""
+    """The number of (x, u) for each number of a vector of states and controls."""
     states = {member.name: member.first for member in problem.states.members}
     nx = problem.states.size
     firsts = states | {m.name: nx + m.first for m in problem.controls.members}

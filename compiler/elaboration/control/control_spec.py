@@ -182,7 +182,7 @@ def _bounded_sections(spec: Spec) -> tuple[Mapping[str, object], ...]:
 
 
 def _kind(spec: Spec, name: str) -> str | None:
-    """What a name is, as messages call it; None for nothing."""
+    """The kind of a name, as messages call it; None where nothing has that name."""
     declared = Scope(spec, Findings()).get(name)
     if declared is None:
         return None

@@ -49,7 +49,7 @@ def signals_in_step(program: Program, node: NodeId) -> set[str]:
 
 
 def _jumping(program: Program, live: list[bool]) -> Iterator[NodeId]:
-    """What comparisons and signs among these nodes are taken of."""
+    """The operands of comparisons and signs among these nodes."""
     for index, node in program.step:
         match node.op:
             case Compare() | Apply(function="sign") if live[index]:

@@ -229,7 +229,7 @@ class _Steps:
         return (self.begin + self.end) / 2
 
     def _stage(self, values: Values, fraction: Fraction) -> Environment:
-        """Where right-hand sides are evaluated: at these values of the states, at that time."""
+        """Evaluates right-hand sides at these values of the states, at that time."""
         stage = IntegratorStage(values, fraction, self.owner)
         return Environment(EnvironmentPart.STEP, stage=stage)
 

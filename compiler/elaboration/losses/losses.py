@@ -140,7 +140,7 @@ def _measured(context: Context, function: str, call: Call) -> tuple[Measure, Nod
 
 
 def _factor_of_rows(context: Context, name: str, expression: Expression) -> NodeId:
-    """How much each row counts: one number a row, known before anything is simulated or learned."""
+    """The weight of each row: one number, known before anything is simulated or learned."""
     builder = context.builder(_LOSS)
     node = lower(context, expression, _LOSS)
     axes = builder.type(node).axes

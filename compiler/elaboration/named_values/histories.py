@@ -24,7 +24,7 @@ from spec_schema.sections.signals import Equation, Output, State
 
 @dataclass(frozen=True)
 class Remembered:
-    """How many past samples of something are kept, and the axes of one of them."""
+    """The number of past samples that are kept of something, and the axes of one of them."""
 
     length: int
     axes: tuple[Axis, ...] = ()
@@ -102,7 +102,7 @@ class Histories:
         return builder.log(name, first + environment.shift, last + environment.shift, type)
 
     def found(self) -> Buffers:
-        """What this lowering needs: lengths, and the axes that the values turned out to have."""
+        """The buffers of this lowering: lengths, and the axes that their values have."""
         builder = self._context.builder(STEP)
         found: dict[str, Remembered] = {}
         for name, length in self._lengths.items():

@@ -75,7 +75,7 @@ class Elaboration:
         return Elaboration(self._linked, self._variables, known, self._draw)
 
     def found(self) -> FoundBefore:
-        """What this lowering tells the next one."""
+        """The findings of this lowering for the next one."""
         return FoundBefore(self.histories.found(), self.layers.found_units())
 
     # ---- names

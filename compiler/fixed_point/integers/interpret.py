@@ -14,7 +14,7 @@ Words = Mapping[str, Sequence[int]]
 
 
 class FixedStatus(IntFlag):
-    """What a step returns; bits that float exports have too mean the same."""
+    """The status that a step returns; bits that float exports have too mean the same."""
 
     OUT_OF_RANGE = 1
     CLAMPED = 4
@@ -30,7 +30,7 @@ NOTHING = FixedStatus(0)
 
 @dataclass(slots=True, kw_only=True)
 class IntegerState:
-    """What one instance remembers."""
+    """The memory of one instance."""
 
     memories: dict[str, list[int]]
     held: dict[str, list[int]]
@@ -44,7 +44,7 @@ class IntegerState:
 
 @dataclass(frozen=True, slots=True)
 class IntegerStep:
-    """What a step answers."""
+    """The results of a step."""
 
     outputs: dict[str, list[int]]
     status: FixedStatus
@@ -205,7 +205,7 @@ def _first_held(program: integer.IntegerProgram) -> dict[str, list[int]]:
 
 
 def _kept(memory: integer.IntegerMemory, nodes: Sequence[int], values: Sequence[int]) -> list[int]:
-    """What a memory keeps of these nodes."""
+    """The numbers of these nodes that a memory keeps."""
     return [_within(values[node], memory.low, memory.high) for node in nodes]
 
 

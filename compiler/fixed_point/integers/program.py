@@ -12,7 +12,7 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True, slots=True)
 class Width:
-    """How many bits data and coefficients have (`word`), and sums and products (`sum`)."""
+    """The bits of data and coefficients (`word`), and of sums and products (`sum`)."""
 
     name: str
     word: int
@@ -150,7 +150,7 @@ class WordPort:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntegerMemory:
-    """What stays between steps: words or, of a state that is summed up, wide numbers."""
+    """Words that stay between steps or, of a state that is summed up, wide numbers."""
 
     name: str
     axes: tuple[Axis, ...]
@@ -198,7 +198,7 @@ class ExpectedWords:
 
 @dataclass(frozen=True, slots=True)
 class StepError:
-    """What one step adds at most to the error of an output or of a state (decisions/0193).
+    """The most that one step adds to the error of an output or of a state (decisions/0193).
 
     From the same words in inputs and states, as real numbers; inf where nothing is proved.
     """

@@ -19,7 +19,7 @@ from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 
 
 class ElementwiseForms(Settler):
-    """What makes nodes out of operations that end a linear form."""
+    """Makes nodes out of operations that end a linear form."""
 
     def quotient(self, left: PolynomialForm, right: PolynomialForm) -> PolynomialForm:
         """left / right, by a table of reciprocals where right varies."""
@@ -65,7 +65,8 @@ class ElementwiseForms(Settler):
         return scaled > found.high if above else scaled < found.low
 
     def _overshoot(self, number: PolynomialForm, other: PolynomialForm, *, above: bool) -> float:
-        """How far beyond such a number the real value may be, of which the node is an error off."""
+        """The most by which the real value exceeds such a number, of which the node is an error
+        off."""
         node = self.node(other)
         low, high = self.builder.bounds(node)
         apart = number.constant - high if above else low - number.constant

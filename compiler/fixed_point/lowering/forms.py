@@ -16,7 +16,7 @@ Monomial = tuple[int, ...]
 
 
 class FormContext(Protocol):
-    """What makes nodes out of forms."""
+    """Makes nodes out of forms."""
 
     def is_thin(self, form: PolynomialForm) -> bool:
         """Whether the form is a degree of membership, which products are expanded with."""

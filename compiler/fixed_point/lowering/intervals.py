@@ -20,7 +20,7 @@ Interval = tuple[int, int]
 def bounds_near(
     nodes: Sequence[IntegerNode], node: int, ends: Interval
 ) -> dict[int, tuple[float, float]]:
-    """What nodes can be, as real numbers, while a node's word is between the ends.
+    """The real intervals of nodes while a node's word is between the ends.
 
     Of the nodes that this narrows: what the node is a rescaled copy of, and what is made of that.
     """

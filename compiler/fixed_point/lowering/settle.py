@@ -238,7 +238,7 @@ class Settler:
         )
 
     def _bounds(self, terms: list[tuple[int, float]], *, integer: bool) -> tuple[float, float]:
-        """What partial sums of the terms stay within, 0 included."""
+        """The interval of partial sums of the terms, 0 included."""
         low = high = 0
         chains: dict[int, list[float]] = {}
         for node, coefficient in terms:

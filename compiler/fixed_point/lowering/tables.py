@@ -93,7 +93,7 @@ def fitted_table(
 
 
 def _between(name: str, points: Reals, fraction: int, steep: float) -> float:
-    """How much further words between the points can be off: 0 where every word is a point.
+    """The further error of words between the points: 0 where every word is a point.
 
     From the nearest point neither the function nor the table moves further than its steepest slope.
     """

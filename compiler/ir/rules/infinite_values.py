@@ -15,7 +15,7 @@ from compiler.ir.program import Node, NodeId
 
 
 class Sign(IntEnum):
-    """What is known of every element, the more the higher."""
+    """The known sign of every element, the more is known the higher."""
 
     ANY = 0
     NOT_NEGATIVE = 1
@@ -28,7 +28,7 @@ _BOUNDED = frozenset({"sin", "cos", "asin", "acos", "atan", "atan2", "tanh", "si
 
 
 class Infinite(IntEnum):
-    """When a value can be infinite although what is read is finite."""
+    """The case in which a value can be infinite although all that is read is finite."""
 
     NEVER = 0
     WITH_MODEL = 1
@@ -136,7 +136,7 @@ def _is_bounded(node: Node) -> bool:
 
 
 def _sign(node: Node, of: list[Sign]) -> Sign:
-    """What is known of a value whose operands are such."""
+    """The known sign of a value whose operands have these signs."""
     known = [sign for sign in of if sign in (Sign.NOT_NEGATIVE, Sign.POSITIVE)]
     match node.op:
         case ops.Constant(values) if node.type.kind == "real":
@@ -210,7 +210,7 @@ def _of_product(left: Sign, right: Sign) -> Sign:
 
 
 def _common(signs: list[Sign]) -> Sign:
-    """What holds of all of them."""
+    """The sign that holds of all of them."""
     found = set(signs)
     if found <= {Sign.NOT_NEGATIVE, Sign.POSITIVE}:
         return min(signs)

@@ -34,7 +34,7 @@ class Arithmetic(Protocol[V]):
 
     @property
     def infinite_values(self) -> InfiniteFacts[V]:
-        """What is known of values, so that only those that need it are tested."""
+        """Facts about values, so that only those that need it are tested for infinity."""
         ...
 
     def zero_with(self, factor: V, product: V, /) -> V:

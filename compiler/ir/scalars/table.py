@@ -59,7 +59,7 @@ Definition = ByFormula | ByKernel
 
 
 class UnitRule(Enum):
-    """How the unit of a function's value follows from those of its arguments."""
+    """The rule by which the unit of a function's value follows from those of its arguments."""
 
     NUMBER = "a dimensionless argument gives a dimensionless value"
     ANGLE = "an angle in rad gives a dimensionless value"

@@ -9,7 +9,7 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known of every number of a parameter before the data: mean and deviation."""
+    """The mean and deviation of every number of a parameter, known before the data."""
 
     mean: float
     std: float
@@ -30,7 +30,7 @@ class Penalty:
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """What of a signal's training rows a parameter is, set once before the first stage."""
+    """The statistic of a signal's training rows to which a parameter is set before all stages."""
 
     kind: Literal["mean", "std"]
     signal: str

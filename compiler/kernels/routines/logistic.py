@@ -20,7 +20,7 @@ def _limit(format: Format) -> float:
 
 
 def _outside(x: Real, above: Callable[[], Real]) -> Real:
-    """What is left for |x| beyond the limit: e^x below, elsewhere above(), which gets the NaN."""
+    """The value for |x| beyond the limit: e^x below, elsewhere above(), which gets the NaN."""
     return branch(x < 0.0, lambda: call(EXP, x), above, "outside")
 
 

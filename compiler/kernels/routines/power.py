@@ -81,7 +81,7 @@ def _finite_power(base: Real, y: Real) -> Real:
 
 
 def _split_exponent(size: Real) -> tuple[Truth, Truth]:
-    """Whether size ≥ 0 has a fraction, and whether it is odd; large numbers are even."""
+    """Tells whether size ≥ 0 has a fraction, and whether it is odd; large numbers are even."""
     kind = ValueKind.UNSIGNED if size.format.digits < 32 else ValueKind.WIDE
 
     def small() -> tuple[Value, ...]:

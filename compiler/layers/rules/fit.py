@@ -25,7 +25,7 @@ from spec_schema.sections.signals import Signal, State
 
 @dataclass(frozen=True, kw_only=True)
 class Orders:
-    """What kind of linear system a layer is."""
+    """The kind of linear system that a layer is."""
 
     kind: FilterKind
     num: int
@@ -78,7 +78,7 @@ def declare_fit(
 
 
 def _graph_of(context: LayerContext, argument: NodeId) -> Graph:
-    """What the layer is called with, in a graph of its own."""
+    """Lowers the layer's argument in a graph of its own."""
     graph, own = context.builder.graph(), GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
     # nodes stand after their operands: none that comes later is needed

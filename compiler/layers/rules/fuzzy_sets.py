@@ -89,7 +89,7 @@ def _ramp(sets: FuzzySets, origin: NodeId, slope: NodeId, is_flat: Array) -> Nod
 
 
 def beyond(sets: FuzzySets) -> NodeId:
-    """What makes the hat functions continue as straight lines beyond the outermost centres.
+    """The terms that continue the hat functions as straight lines beyond the outermost centres.
 
     Added to `triangular`, the two sets at an end weigh as the line through their centres does:
     below c₀ the first gains (c₀ − x) / (c₁ − c₀) and the second loses it. They sum to 1 still.

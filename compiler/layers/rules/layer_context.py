@@ -34,7 +34,7 @@ from spec_schema.units.unit import Unit
 
 
 class CellRule(Protocol):
-    """How a layer made of layers has another one read its arguments and expand."""
+    """The rule of a cell in a layer made of layers: reads its arguments and expands it."""
 
     @property
     def read(self) -> Callable[[LayerContext, Any], tuple[NodeId, ...]]: ...
@@ -44,7 +44,7 @@ class CellRule(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class LayerStores:
-    """What the layers of one spec leave for their next calls."""
+    """The values that the layers of one spec leave for their next calls."""
 
     arrays: Arrays
     first_calls: dict[str, str] = field(default_factory=dict[str, str])

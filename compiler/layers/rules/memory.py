@@ -50,7 +50,7 @@ class CallMemory:
         return CallMemory(context, name, Type((*context.cells, *axes), unit))
 
     def value(self) -> NodeId:
-        """What was remembered at the last step."""
+        """The value remembered at the last step."""
         return self.context.builder.state(self.name, self.type)
 
     def becomes(self, following: NodeId, start: NodeId, doc: str) -> None:

@@ -41,7 +41,7 @@ class Arrays:
         return tuple(self._parameters)
 
     def of_layer(self, layer: str) -> tuple[str, ...]:
-        """What stands after the dot in the names of a layer's arrays."""
+        """The parts behind the dot in the names of a layer's arrays."""
         owners = (name.rpartition(".") for name in self._parameters)
         return tuple(suffix for owner, _, suffix in owners if owner == layer)
 

@@ -60,7 +60,7 @@ def _chosen(context: Context, name: str, initializer: Initializer, axes: tuple[A
 
 
 def _position(context: Context, name: str, shaped: Shaped, axes: tuple[Axis, ...]) -> int:
-    """Which axis the values change along: the named one, by default the last."""
+    """The axis the values change along: the named one, by default the last."""
     if shaped.along is None:
         return max(len(axes) - 1, 0)
     for position, axis in enumerate(axes):

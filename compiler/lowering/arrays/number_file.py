@@ -52,7 +52,7 @@ def number_path(path: str, beside: str) -> str:
 
 
 def number_text(path: str) -> str:
-    """What a file of numbers holds. Raises UnusableFileError."""
+    """Reads a file of numbers. Raises UnusableFileError."""
     if "\0" in path:
         raise UnusableFileError("that is no path")
     file = Path(path)

@@ -7,7 +7,7 @@ from compiler.ir.program import NodeId
 
 
 class GradientSources:
-    """Which value each gradient was taken of: of 3·x it is a number, and yet x was used."""
+    """The value that each gradient was taken of: of 3·x it is a number, and yet x was used."""
 
     def __init__(self) -> None:
         # a node is a number of its graph: step and start count on their own, told apart by builder

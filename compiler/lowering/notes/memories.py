@@ -8,7 +8,7 @@ from compiler.ir.program import State
 
 
 class Memories:
-    """What is remembered; the same layer or call on the same signal is the same memory."""
+    """The memories of layers and calls; the same one on the same signal is the same memory."""
 
     def __init__(self) -> None:
         self._names: dict[tuple[str, tuple[Hashable, ...]], str] = {}

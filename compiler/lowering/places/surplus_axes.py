@@ -50,7 +50,7 @@ def report_surplus(
 
 
 def _operands(context: Context, expression: Expression) -> tuple[Expression, ...]:
-    """What an elementwise operation takes; nothing of others."""
+    """The operands of an elementwise operation; none of others."""
     match expression:
         case Negate(operand=operand):
             return (operand,)

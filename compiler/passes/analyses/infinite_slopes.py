@@ -110,7 +110,7 @@ def _reached(
     ranges: ValueRanges,
     guards: Iterable[_Guard],
 ) -> Interval | None:
-    """What the argument can be, if that has a singular value and follows from declared ranges."""
+    """The argument's interval, if that has a singular value and follows from declared ranges."""
     found = ranges.of(argument)
     # follows from no declared range: whatever is said would be a guess
     if not found.of or not any(map(found.has, at)):

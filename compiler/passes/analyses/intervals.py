@@ -31,7 +31,7 @@ class Interval:
         return self.low <= value <= self.high and not (value == 0 and self.nonzero)
 
     def within(self, other: Interval) -> Interval:
-        """What is known where both hold."""
+        """The interval where both hold."""
         low, high = max(self.low, other.low), min(self.high, other.high)
         if low > high:  # nothing is in both: the declared ranges do not fit each other
             return self
@@ -42,7 +42,7 @@ ANYTHING = Interval()
 
 
 def union(parts: Sequence[Interval]) -> Interval:
-    """What holds of elements of any of them."""
+    """The interval of elements of any of the parts."""
     ends = [end for one in parts for end in (one.low, one.high)]
     return replace(_between(ends, *parts), nonzero=not any(one.has(0.0) for one in parts))
 

@@ -16,7 +16,7 @@ Kept = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """What is kept of an array along one of its axes."""
+    """The slice that is kept of an array along one of its axes."""
 
     parameter: str
     position: int

@@ -28,7 +28,7 @@ class Sampled:
 
 @dataclass(frozen=True, slots=True)
 class Samplewise:
-    """What is known of the nodes of one graph."""
+    """The nodes of one graph that are functions of single samples."""
 
     sampled: dict[NodeId, Sampled]
     fixed: frozenset[NodeId]

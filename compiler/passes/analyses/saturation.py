@@ -22,7 +22,7 @@ def saturated(
 
 
 def unsaturated(program: Program) -> dict[str, NodeId]:
-    """What the next value of each saturated state would be without its range.
+    """The next value that each saturated state would have without its range.
 
     A state is not in it where the step cannot make its next value NaN: it is a number of the spec.
     """

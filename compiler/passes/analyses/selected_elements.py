@@ -93,7 +93,7 @@ class SelectedElements:
             self._needed[arg][operand] = None
 
     def _operands(self, index: NodeId, selection: Selection) -> list[Selection]:
-        """What a selection of a node needs of each operand; nothing where it is 0."""
+        """The elements of each operand that a selection of a node needs; none where it is 0."""
         node, graph = self._graph[index], self._graph
         match node.op:
             case ops.Reduction(axis):

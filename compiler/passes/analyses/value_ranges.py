@@ -114,7 +114,7 @@ class ValueRanges:
 def holding(
     graph: Graph, condition: NodeId, ranges: ValueRanges, *, holds: bool
 ) -> dict[NodeId, Interval]:
-    """What is known of the operands of a comparison where it holds, or where it does not."""
+    """The intervals of a comparison's operands where it holds, or where it does not."""
     # a condition is repeated where its branches have more axes
     node = graph[graph.unrepeated(condition)]
     if not isinstance(node.op, ops.Compare):

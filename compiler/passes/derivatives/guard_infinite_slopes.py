@@ -50,7 +50,7 @@ class _Guard:
         self._b, self._node, self._args = builder, node, args
 
     def result(self) -> NodeId | None:
-        """What stands for the operation; None where its slopes are finite."""
+        """The node that replaces the operation; None where its slopes are finite."""
         b, args = self._b, self._args
         # decided by structure, such as x² + 1: where nothing can be 0 no guard is needed
         never_zero = b.infinite_values.is_never_zero

@@ -25,7 +25,7 @@ from spec_schema.units.parser import parse_unit
 
 
 class Csv(Entry):
-    """How a text file is laid out: `skip` lines, then a header if there is one, then rows.
+    """The layout of a text file: `skip` lines, then a header if there is one, then rows.
 
     Without `delimiter` cells are separated by commas, in `.tsv` files by tabs.
     """
@@ -57,7 +57,7 @@ class TimeColumn(Entry):
 
     @property
     def seconds(self) -> float:
-        """What one unit of the column is in seconds."""
+        """The seconds in one unit of the column."""
         return 1.0 if self.unit is None else self.unit.value.factor_to(SECOND)
 
     @model_validator(mode="after")
@@ -71,7 +71,7 @@ SECOND = parse_unit("s")
 
 
 class Layout(Entry):
-    """What may be said of one set of files, or of all as a default; None where unsaid.
+    """The layout of one set of files, or the default of all; None where it is not given.
 
     `first` and `last` (written `from`, `to`) are rows from 0, times of the time column, or dates
     where these are dates, both inclusive. `join` makes one record of files that follow each other
@@ -118,7 +118,7 @@ class Source(Layout):
 
 
 class Data(Layout):
-    """Where the data of each set is, with defaults for all sets."""
+    """The files of each set of data, with defaults for all sets."""
 
     noun: ClassVar[str] = "data"
 

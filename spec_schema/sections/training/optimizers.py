@@ -47,7 +47,7 @@ _Rate = Annotated[float | FromSearch, reads(_read_rate, _RATE)]
 
 
 class OptimizerOptions(Entry):
-    """What an optimiser is set to, and what holds of it whatever the model."""
+    """The settings of an optimiser, and what holds of it whatever the model."""
 
     # facts of the class, not fields: a user cannot set them, and the schema for editors leaves them
     # out

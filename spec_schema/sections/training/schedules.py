@@ -56,7 +56,7 @@ class Plateau(Entry):
 
 
 class Schedule(OneOf):
-    """How the learning rate of a stage goes down, epoch by epoch."""
+    """Lowers the learning rate of a stage, epoch by epoch."""
 
     noun: ClassVar[str] = "schedule"
 

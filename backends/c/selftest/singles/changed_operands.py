@@ -62,7 +62,7 @@ class ChangeableGraph:
 
     @property
     def size(self) -> int:
-        """How many numbers a step computes, the terms of sums too."""
+        """The count of all numbers that a step computes, the terms of sums too."""
         return sum(
             self._graph[index].type.size + sum(self._graph[arg].type.size for arg in node.args)
             if isinstance((node := self._graph[index]).op, ops.Reduction)

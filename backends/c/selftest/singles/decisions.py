@@ -137,7 +137,7 @@ class Decisions:
                     yield beyond, every == own
 
     def settled(self, values: TrialValues, count: int) -> NDArray[np.bool_]:
-        """Whether the bits of a step are promised, (B).
+        """The mask of steps whose bits are promised, (B).
 
         C leaves out the terms of fuzzy sets that are 0: they would be NaN if the other factor were
         infinite.

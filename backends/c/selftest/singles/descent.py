@@ -118,7 +118,7 @@ def allowed(numbers: Array, steps: TrialSteps) -> Array:
 def _gaps(
     steps: TrialSteps, decisions: Decisions, trials: Trials, which: NDArray[np.int64]
 ) -> Array:
-    """How far apart the sides of these decisions are, infinitely where one is no number."""
+    """The distances between the sides of these decisions, infinite where one is no number."""
     return decisions.gaps(steps.run(trials), len(trials), which)
 
 

@@ -33,7 +33,7 @@ def between(left: Codes, right: Codes) -> Codes:
 
 
 def distance(left: Codes, right: Codes) -> NDArray[np.uint64]:
-    """How many steps from neighbour to neighbour lie between numbers with these codes."""
+    """The number of steps from neighbour to neighbour between numbers with these codes."""
     # of two numbers of float64 there may be more than an int64 counts to; an unsigned difference
     # of the larger from the smaller one is right modulo 2⁶⁴, and below that
     return np.maximum(left, right).view(np.uint64) - np.minimum(left, right).view(np.uint64)

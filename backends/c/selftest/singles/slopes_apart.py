@@ -91,7 +91,7 @@ class _Search:
         return current.of(np.array([nearest])), float(left[nearest])
 
     def _far(self, trials: Trials, slope: int, below: Array) -> Array:
-        """How far each step is from its aim; only where that is below a limit it is exact."""
+        """The distance of each step from its aim; only where that is below a limit it is exact."""
         wide = Trials(trials.starts, trials.numbers.astype(np.float64))
         slopes = self._decisions.doubtful(self._twin.run(wide), len(wide))
         with np.errstate(divide="ignore"):

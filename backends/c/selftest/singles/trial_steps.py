@@ -56,7 +56,7 @@ def joined_trials(parts: Iterable[Trials]) -> Trials:
 
 @dataclass(frozen=True, slots=True)
 class TrialValues:
-    """What B steps answer; what nobody asks for is not computed."""
+    """The results of B steps; those that nobody asks for are not computed."""
 
     program: Program
     count: int
@@ -78,7 +78,7 @@ class TrialValues:
         return {state.name: self.next_state(state.name) for state in self.program.states}
 
     def next_state(self, name: str) -> Array:
-        """What one of them is after the step, (B, …)."""
+        """The next values of one state, (B, …)."""
         return repeated_batch(self.nodes[self.program.state(name).next], self.count)
 
 
@@ -149,7 +149,7 @@ class TrialSteps:
 
     @property
     def computed(self) -> int:
-        """How many numbers a step and its Jacobian compute."""
+        """The count of all numbers that a step and its Jacobian compute."""
         return sum(graph.size for graph, _ in self._shown)
 
     def members(self) -> Iterator[tuple[State | InputField, slice]]:
@@ -161,7 +161,7 @@ class TrialSteps:
 
     @property
     def tuned(self) -> slice:
-        """Where the parameters stand among the numbers."""
+        """The slice of the parameters among the numbers."""
         return slice(self.size - len(self.trained), self.size)
 
     def _bounds_of_tuned(self) -> tuple[Array, Array]:
@@ -190,7 +190,7 @@ class TrialSteps:
         return {name: values[trials.starts] for name, values in self._begun.items()}
 
     def run(self, trials: Trials) -> TrialValues:
-        """What the interpreter answers; no policy looks at the inputs."""
+        """Runs the interpreter on the trials; no policy looks at the inputs."""
         around, parameters = self._around(trials), self._parameters(trials)
         return TrialValues(
             program=self.program,
@@ -223,7 +223,7 @@ class TrialSteps:
     def seen(
         self, trials: Trials, changes: Sequence[tuple[int, Change]], *, states: bool = True
     ) -> NDArray[np.bool_]:
-        """Which changes show in what is compared after each single step, (B, changes).
+        """The mask of changes that the comparison after a single step shows, (B, changes).
 
         Without `states` in what is compared after each step of a golden run.
         """

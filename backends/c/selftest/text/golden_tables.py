@@ -160,7 +160,7 @@ DIFFER: tuple[c.Statement, ...] = (c.Assign(c.Name("differ"), c.Truth(True)),)
 
 
 def _row(table: str, fields: Iterable[Field], row: str) -> list[ArrayView]:
-    """Where each field stands in the table."""
+    """The place of each field in a row of the table."""
     listed = list(fields)
     width = sum(field.size for field in listed)
     # row · width + place: one table for all fields, so that a step's numbers lie together

@@ -24,7 +24,7 @@ def golden_functions(
     starts: Sequence[GoldenStart] = (),
     singles: GoldenSingles | None = None,
 ) -> tuple[c.Function, ...]:
-    """What `GoldenTables` makes, after the function that compares two numbers.
+    """Prints `GoldenTables` as functions, after the one that compares two numbers.
 
     Behind the starts of the runs stand those that are judged by the status of `reset` alone.
     """
@@ -88,7 +88,7 @@ def _tune_function(interface: Interface, tuned: Sequence[Mapping[int, float]]) -
 
 
 def differs_function(prefix: str) -> c.Function:
-    """Whether a number is another one than expected; NaN is NaN, and an infinity itself only."""
+    """Writes the test for another number than expected; NaN is NaN, and an infinity itself only."""
     x, expected, tolerance = c.Name("x"), c.Name("expected"), c.Name("tolerance")
     near = c.Binary(
         "&&",
@@ -130,7 +130,7 @@ def tolerance(interface: Interface, values: Array) -> float:
 def kernels_function(
     prefix: str, cases: Mapping[str, Sequence[tuple[tuple[float, ...], float]]]
 ) -> c.Function:
-    """Whether a kernel gives other bits than it should: a table of arguments and value for each."""
+    """Writes the test of kernels' bits: a table of arguments and value for each kernel."""
     scope = BlockScope(LocalNames(prefix))
     scope.reserve("differ")
     scope.add(c.Declare(c.CType.BOOL, "differ", c.Truth(False)))

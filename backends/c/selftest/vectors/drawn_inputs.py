@@ -24,7 +24,7 @@ to the next."""
 
 @dataclass(frozen=True, slots=True)
 class StartPoint:
-    """Where in its range a run finds what its states begin with: in part `part` of `parts`."""
+    """The start of a run's states: part `part` of `parts` of the range of each."""
 
     part: int = 0
     parts: int = 1
@@ -38,7 +38,7 @@ Outside = Literal["above", "below", "far above", "far below", "nan"]
 
 @dataclass(frozen=True, slots=True)
 class DrawnRecord:
-    """What was measured around the first step, (rows, *shape) by name."""
+    """The measurements around the first step, (rows, *shape) by name."""
 
     log: dict[str, Array]
     t0: int

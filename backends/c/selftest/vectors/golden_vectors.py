@@ -60,7 +60,7 @@ class GoldenVectors:
 
 @dataclass(frozen=True, slots=True)
 class GoldenRun:
-    """How a golden run begins."""
+    """The beginning of a golden run."""
 
     seed: int
     start: StartPoint | Outside | None = _ANYWHERE
@@ -180,8 +180,8 @@ def _written(interface: Interface, run: GoldenRun, first: Mapping[str, Array]) -
 def _seen(
     interface: Interface, inputs: Sequence[Mapping[str, Array]], steps: int
 ) -> tuple[dict[str, Array], list[list[StatusBit]]]:
-    """What the policies make of the inputs of all runs, (runs, steps, *shape), and what they say of
-    each run and step."""
+    """The inputs of all runs after the policies, (runs, steps, *shape), and the status of each run
+    and step."""
     dtype = interface.options.dtype
     bits = [[StatusBit(0)] * steps for _ in inputs]
     seen: dict[str, Array] = {}

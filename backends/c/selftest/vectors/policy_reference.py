@@ -57,5 +57,5 @@ def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> tuple[A
 
 
 def first_held(signal: Signal, shape: tuple[int, ...], dtype: Dtype) -> Array:
-    """What `hold` falls back to before the first valid value."""
+    """The value that `hold` falls back to before the first valid one."""
     return np.full(shape, stand_in(signal, dtype), dtype)

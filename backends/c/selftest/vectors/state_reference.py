@@ -32,7 +32,7 @@ def with_checked(program: Program) -> Program:
 
 
 def equation_bits(program: Program, values: Mapping[str, Array], dtype: Dtype) -> StatusBit:
-    """What a step says of equations; `values` are the outputs of `with_checked`."""
+    """The status of equations in a step; `values` are the outputs of `with_checked`."""
     outside = [
         _is_outside(values[_CHECKED.format(number)], entry.range, dtype)
         for number, entry in enumerate(program.expected)
@@ -41,13 +41,13 @@ def equation_bits(program: Program, values: Mapping[str, Array], dtype: Dtype) -
 
 
 def saturation_bits(program: Program, values: Mapping[str, Array]) -> StatusBit:
-    """Whether a saturated state keeps its value because the next one is NaN."""
+    """The status of saturated states that keep their value because the next one is NaN."""
     unordered = [np.isnan(values[_CHECKED.format(name)]).any() for name in unsaturated(program)]
     return StatusBit.STATE_OUT_OF_RANGE if any(unordered) else StatusBit(0)
 
 
 def first_state_bits(interface: Interface, states: Mapping[str, Array]) -> StatusBit:
-    """What `reset` says of the states that it set, with all their samples."""
+    """The status of the states that `reset` set, with all their samples."""
     bits = StatusBit(0)
     for check in interface.checks:
         if _is_left(interface, check, states[check.memory.state.name]):
@@ -56,7 +56,7 @@ def first_state_bits(interface: Interface, states: Mapping[str, Array]) -> Statu
 
 
 def next_state_bits(interface: Interface, states: Mapping[str, Array]) -> StatusBit:
-    """What a step says of the states that it leaves, of buffers of their newest sample."""
+    """The status of the states after a step, for buffers of their newest sample."""
     bits = StatusBit(0)
     for check in interface.checks:
         state = check.memory.state

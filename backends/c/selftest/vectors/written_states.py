@@ -34,7 +34,7 @@ class WrittenNumber:
 
 
 def written_states(interface: Interface) -> list[WrittenNumber]:
-    """What brings each check of a step's states to speak alone.
+    """The written numbers by which each check of a step's states speaks alone.
 
     A state that begins at a number of the spec may need many steps to its limit, and one without
     a range is never infinite while all goes well.
