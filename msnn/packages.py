@@ -108,7 +108,7 @@ def install_line(package: OptionalPackage) -> str:
 
 
 def _origin() -> dict[str, Any] | None:
-    """What the installer recorded by PEP 610; None where it took msnn from an index."""
+    """The origin that the installer recorded by PEP 610; None where it took msnn from an index."""
     import json  # only where something is missing
     from importlib.metadata import PackageNotFoundError, distribution
 

@@ -8,7 +8,7 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """How far one target is from the judge, relative to each signal's largest magnitude."""
+    """The deviation of one target from the judge, relative to each signal's largest magnitude."""
 
     target: str
     dtype: str

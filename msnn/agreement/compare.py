@@ -81,7 +81,7 @@ def _free_run(loaded: Loaded, judged: Judgement, most_steps: int) -> Arrays:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Single:
-    """What comparing the states before the first step, and single steps, gives."""
+    """The deviations of the states before the first step, and of single steps."""
 
     measured: Deviations
     costs: Mapping[str, float]

@@ -26,7 +26,7 @@ def deviations(found: Arrays, wanted: Arrays) -> dict[str, float]:
 
 
 def bits_of_each(found: Arrays, wanted: Arrays) -> dict[str, int]:
-    """How many values of each array differ in any bit; one NaN is as good as another."""
+    """The count of values of each array that differ in any bit; all NaNs count as equal."""
     counts: dict[str, int] = {}
     for name, values in wanted.items():
         a, b = np.ascontiguousarray(found[name]), np.ascontiguousarray(values)

@@ -29,7 +29,7 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class AgreementReport:
-    """What each target's comparison gave, and what kept others from being compared."""
+    """The result of each target's comparison, and the reasons why others were not compared."""
 
     origin: str
     """The record along which they were compared."""
@@ -38,13 +38,13 @@ class AgreementReport:
 
     @property
     def missing(self) -> tuple[MissingExtraError, ...]:
-        """What is not installed and kept targets from being compared."""
+        """The missing packages that kept targets from being compared."""
         errors = (failure.error for failure in self.failures)
         return tuple(error for error in errors if isinstance(error, MissingExtraError))
 
     @property
     def first_error(self) -> Exception | None:
-        """What ended the comparison of a target although everything that it needs is there."""
+        """The error that ended the comparison of a target although everything it needs is there."""
         errors = (failure.error for failure in self.failures)
         return next((e for e in errors if not isinstance(e, MissingExtraError)), None)
 
@@ -84,7 +84,7 @@ def _cells(row: Agreement, *, with_undecided: bool) -> tuple[str, ...]:
 
 
 def agreement_diagnostics(report: AgreementReport) -> list[Diagnostic]:
-    """Where targets break their promise, and values that single precision cannot hold well."""
+    """Reports targets that break their promise, and values that float32 cannot hold well."""
     found: list[Diagnostic] = []
     for row in report.rows:
         found += [

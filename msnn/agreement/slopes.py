@@ -65,7 +65,7 @@ def measured_slopes(
 
 @dataclass(frozen=True, slots=True)
 class _Judge:
-    """What the entries of one matrix are compared with."""
+    """The values with which the entries of one matrix are compared."""
 
     wanted: NDArray[np.float64]
     """(points, rows, columns); NaN where nothing is compared: in rows of values that are not

@@ -31,7 +31,7 @@ class Subject:
 
 @dataclass(frozen=True, slots=True)
 class Deviations:
-    """How far values are from the judge's, by the names that messages give them."""
+    """The distances of values from the judge's, by their names in messages."""
 
     deviations: Mapping[str, float]
     rounding: Mapping[str, float]

@@ -21,7 +21,7 @@ def changes(
     must_measure: bool = False,
     progress: RolloutProgress | None = None,
 ) -> ModelChanges:
-    """What changed from one model to another.
+    """Compares two models, or two runs.
 
     Where both are of runs, each is measured by the `validate` entries of its own spec on its data,
     below `data_root`. Data that cannot be read are a warning; with `must_measure` SpecError.

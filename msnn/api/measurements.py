@@ -230,7 +230,7 @@ def _intervals(
     data_root: str | Path | None,
     engine: Engine,
 ) -> Intervals:
-    """How wide the bands of free runs are: what errors leave is measured on the training rows."""
+    """The widths of the bands of free runs, by the errors that remain on the training rows."""
     from msnn.model.weights.known_covariance import known_covariance
     from msnn.validation.covered import free_intervals
 

@@ -216,7 +216,7 @@ def _line(folder: Path) -> RunLine | None:
 
 
 def _verification(file: Path) -> dict[str, Any]:
-    """What `msnn verify --format json` wrote; SpecError for any other file."""
+    """Reads the output of `msnn verify --format json`; SpecError for any other file."""
     from msnn.errors.results import reports as errors
     from spec_schema.reading.endless_files import refuse_endless
 

@@ -21,7 +21,7 @@ _DEEPEST = 8
 
 @dataclass(frozen=True, slots=True)
 class DwarfMember:
-    """Where a member lies in its struct, and how many bytes it has."""
+    """The offset of a member in its struct, and its size in bytes."""
 
     offset: int
     size: int
@@ -40,7 +40,7 @@ class Instance:
 
 @dataclass(frozen=True, slots=True)
 class Elf:
-    """What was found in a file."""
+    """The instances of wanted types in a file."""
 
     big_endian: bool
     instances: tuple[Instance, ...]

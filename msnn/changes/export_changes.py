@@ -23,7 +23,7 @@ _BREAKS = {
 
 
 def export_changes(old: Model, new: Model) -> tuple[InterfaceChange, ...]:
-    """What differs between targets that both specs name, in the order of the section."""
+    """The differences of targets that both specs name, in the order of the section."""
     return tuple(_changes(old, new))
 
 

@@ -30,7 +30,7 @@ class InterfaceChange:
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """What breaks where a part appears or goes."""
+    """A kind of part, and what breaks where one appears or goes."""
 
     section: str
     part: Part
@@ -53,7 +53,7 @@ _KINDS = (
 
 
 def interface_changes(old: Program, new: Program) -> tuple[InterfaceChange, ...]:
-    """What differs between the interfaces of the exports of two models, in the order of `show`.
+    """The differences of the exported interfaces of two models, in the order of `show`.
 
     Buffers are memory of the step alone and no part of it, but for the samples that a start takes;
     docs and first guesses are none either.

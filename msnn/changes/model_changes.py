@@ -39,7 +39,7 @@ class Trained:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelChanges:
-    """What changed; metrics and learned numbers only between two runs."""
+    """The changes between two models; metrics and learned numbers only between two runs."""
 
     name: str
     specs: SpecDifference
@@ -50,7 +50,7 @@ class ModelChanges:
 
     @property
     def breaking(self) -> tuple[InterfaceChange, ...]:
-        """What those who use the model must follow."""
+        """The changes that users of the model must follow."""
         return tuple(change for change in self.interface if change.breaks)
 
     def worse(self, margin: float) -> tuple[MetricChange, ...]:

@@ -25,7 +25,7 @@ class Property:
     """Of a range that users rely on: only a wider one breaks them."""
 
     def broken_by(self, new: Property) -> str:
-        """What breaks where the new one takes its place; empty for nothing."""
+        """The use that breaks where the new one takes its place; empty for none."""
         if self.allowed is not None and new.allowed is not None:
             return "" if _covers(new.allowed, self.allowed) else self.breaks
         if self.promised is not None and new.promised is not None:

@@ -53,7 +53,7 @@ def changes_record(found: ModelChanges, margin: float) -> dict[str, Any]:
 
 
 def failures(found: ModelChanges, on: Collection[FailOn], margin: float) -> list[Diagnostic]:
-    """What is said of each change that ends a pipeline; `any` has no message of its own."""
+    """A message for each change that ends a pipeline; `any` has no message of its own."""
     said: list[Diagnostic] = []
     if "breaking" in on:
         for change in found.breaking:

@@ -107,7 +107,7 @@ def refuse_undrawable(plot: Path | None) -> None:
 
 # of trainings alone: simulations also run on exports, whose names `known_engine` checks with a hint
 class EngineName(StrEnum):
-    """What computes a training stage."""
+    """The engine that computes a training stage."""
 
     AUTO = "auto"
     NATIVE = "native"
@@ -139,7 +139,7 @@ ValidationEngine: TypeAlias = Annotated[
 
 
 class ResultFormat(StrEnum):
-    """How a result and messages are printed."""
+    """The format in which a result and messages are printed."""
 
     TEXT = "text"
     JSON = "json"

@@ -26,7 +26,7 @@ JSON_VERSION = 1
 
 
 def result(text: str) -> None:
-    """What the command was asked for: to stdout, or at the end to the file of `-o`.
+    """Writes the command's result: to stdout, or at the end to the file of `-o`.
 
     Nothing where a log of SARIF is the result.
     """
@@ -65,7 +65,7 @@ def note(text: str) -> None:
 
 
 def progress_stream() -> TextIO:
-    """Where a command says how far it is; nowhere with `--quiet`."""
+    """The stream on which a command reports its progress; none with `--quiet`."""
     # no stream that a test for a terminal takes for one: nothing is then rewritten in place
     return _Nowhere() if NOW.is_quiet or NOW.is_silent else sys.stderr
 
@@ -112,7 +112,7 @@ def report(diagnostics: Sequence[Diagnostic], sources: Iterable[SourceText]) -> 
 
 
 def report_model(model: Model) -> None:
-    """What loading a model found: warnings, with `--verbose` remarks too."""
+    """Prints the warnings of loading a model, with `--verbose` its remarks too."""
     remarks = model.remarks if NOW.is_verbose else ()
     report((*model.warnings, *remarks), model.sources)
 

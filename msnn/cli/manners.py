@@ -23,7 +23,7 @@ Messages = Literal["full", "concise", "github", "sarif"]
 
 @dataclass(slots=True)
 class Manners:
-    """What the options of the command that runs ask for."""
+    """The options of the running command that say how it speaks."""
 
     is_quiet: bool = False
     is_verbose: bool = False

@@ -44,5 +44,5 @@ def _below(folder: Path) -> Iterator[Path]:
 
 
 def text_of(file: Path) -> str | None:
-    """What standard input has, where the file is `-`; None for others."""
+    """The text of standard input, where the file is `-`; None for others."""
     return sys.stdin.read() if file == STANDARD_INPUT else None

@@ -42,7 +42,7 @@ from spec_schema.reading.setting_values import one_path
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparisonOptions:
-    """How models are compared."""
+    """The options by which models are compared."""
 
     settings: Sequence[str] = ()
     """Values replaced in all specs."""
@@ -211,7 +211,7 @@ def _cost_another(
 
 
 def _forget_checkpoint(log: Path, line: RunLine) -> None:
-    """What the log has is not trained again; until then a killed comparison goes on from there."""
+    """Deletes the checkpoint of a logged trial: until then a killed comparison resumes from it."""
     if line.folder is not None:
         (log.parent / line.folder / CHECKPOINT).unlink(missing_ok=True)
 

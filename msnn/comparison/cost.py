@@ -21,7 +21,7 @@ _NEEDS = (ARM_GCC, ARM_QEMU, GCC)
 
 
 def missing_tools() -> tuple[Tool, ...]:
-    """What a machine lacks to count instructions."""
+    """The tools that a machine lacks to count instructions."""
     return tuple(tool for tool in _NEEDS if not tool.is_there)
 
 

@@ -78,7 +78,7 @@ class DrawAxis:
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """How often which values are drawn, and the seed that decides them."""
+    """The values that are drawn, the number of draws, and the seed that decides them."""
 
     axes: tuple[DrawAxis, ...] = ()
     count: int = 0

@@ -14,7 +14,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 
 
 def planned(model: Model) -> tuple[Measured, ...]:
-    """What `validate` will give of it, every number still unknown. Raises SpecError."""
+    """The metrics that `validate` will give, every number still unknown. Raises SpecError."""
     findings = Findings()
     plans = plan_checks(model.program, model.spec.checks, findings)
     findings.raise_errors()

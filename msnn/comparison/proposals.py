@@ -35,7 +35,7 @@ _IN_MEMORY = re.compile(r"(sqlite(\+\w+)?://(/|/?(?=\?)|$))?(:memory:)?(\?.*)?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """What Optuna searches, and where it keeps what it knows."""
+    """The space that Optuna searches, and the place where it keeps its trials."""
 
     storage: str
     """A file of SQLite, or the address of a database as SQLAlchemy writes it."""

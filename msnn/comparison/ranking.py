@@ -148,7 +148,7 @@ def common_ways(lines: Sequence[RunLine]) -> tuple[Way, ...]:
 
 
 def _told(line: RunLine) -> list[str]:
-    """What was measured of a model: `y in m, record`."""
+    """The words for each measurement of a model: `y in m, record`."""
     return [
         f"{of} in {unit}, {rollout}" if unit else f"{of}, {rollout}"
         for of, rollout, unit in (each.way for each in line.held_out)
@@ -156,7 +156,7 @@ def _told(line: RunLine) -> list[str]:
 
 
 def chosen_criterion(lines: Sequence[RunLine], wanted: str | None) -> Criterion:
-    """What models are ranked by: `wanted`, or else what the first entry of `validate` asks for.
+    """The criterion of ranks: `wanted`, or else the first entry of `validate`.
 
     `fit`, `x_next.fit` and `x_next.fit:record` name a metric, its output, and how its rollout
     begins.

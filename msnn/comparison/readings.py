@@ -47,7 +47,7 @@ class Readings:
         return model if fold is None else of_fold(model, fold)
 
     def data(self, variant: Variant, fold: int | None) -> Dataset:
-        """What the model of this variant and fold reads; folds share their arrays.
+        """The data that the model of this variant and fold reads; folds share their arrays.
 
         Raises SpecError and MissingExtraError.
         """
@@ -63,7 +63,7 @@ class Readings:
 
 
 def data_key(variant: Variant) -> DataKey:
-    """What is alike of two variants that read the same data: settings of other sections."""
+    """The key that variants share which read the same data: settings of other sections differ."""
     deciding = (
         setting
         for setting in variant.settings

@@ -11,7 +11,7 @@ from msnn.tables import Table
 
 
 def comparison_table(found: Comparison, most: int | None = None) -> str:
-    """What `comparison_cells` has, as text."""
+    """The text of `comparison_cells`."""
     return comparison_cells(found, most).text
 
 
@@ -47,7 +47,7 @@ def comparison_cells(found: Comparison, most: int | None = None) -> Table:
 
 
 def comparison_notes(found: Comparison) -> list[str]:
-    """What a reader of the table should know besides."""
+    """The notes that a reader of the table should see besides."""
     notes: list[str] = []
     best = found.best
     if best is not None and best.lines[0].folder is not None and found.folder is not None:

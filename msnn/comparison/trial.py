@@ -37,7 +37,7 @@ _KEY_SHOWN = 16
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What is trained once."""
+    """One training: a variant, a fold and a seed."""
 
     variant: Variant
     seed: int
@@ -49,7 +49,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """What all trials of a comparison share."""
+    """The settings that all trials of a comparison share."""
 
     data: Frames | None
     data_root: Path | None
@@ -62,7 +62,7 @@ class Setup:
 
 @dataclass(frozen=True, slots=True)
 class TrialOutcome:
-    """How a trial ended."""
+    """The end of a trial."""
 
     line: RunLine
     is_new: bool
@@ -94,7 +94,7 @@ def run_trial(
 def ready_trial(
     trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
 ) -> ReadyTrial | TrialOutcome:
-    """What is to be trained; the outcome of what is known, or cannot be trained."""
+    """Prepares a trial; the outcome itself where it is known, or cannot be trained."""
     # a spec that cannot be read has no hash; its line says at least which one was tried
     line = _unknown(trial)
     try:
@@ -125,13 +125,13 @@ def train_ready(ready: ReadyTrial, setup: Setup) -> TrialOutcome:
 
 
 def trial_folder(model: Model, line: RunLine) -> Path:
-    """Where a trial is kept, seen from the log."""
+    """The folder in which a trial is kept, seen from the log."""
     # by its key, no time: a training that was killed finds its checkpoint there
     return Path(model.name) / _FOLDER / line.key[:_KEY_SHOWN]
 
 
 def killed(trial: Trial, times: str) -> TrialOutcome:
-    """What becomes of a trial whose process was killed again and again."""
+    """The outcome of a trial whose process was killed again and again."""
     return refused(_unknown(trial), SpecError((killed_again(trial.variant.label, times),)))
 
 
@@ -170,7 +170,7 @@ def _require_rows(data: Dataset, held_out: str) -> None:
 
 
 def _unknown(trial: Trial) -> RunLine:
-    """What is known of a training before its spec is read."""
+    """The line of a training before its spec is read."""
     return RunLine(
         key="",
         model=trial.variant.label,

@@ -13,7 +13,7 @@ from msnn.training.folds import fold_count
 
 @dataclass(slots=True)
 class TrialLists:
-    """What is trained of each variant; how many folds data have is read once."""
+    """The trainings of each variant; the count of folds in data is read once."""
 
     seeds: int
     folds: bool

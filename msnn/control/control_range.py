@@ -84,7 +84,7 @@ class ControlRange:
         return low, high
 
     def _ranges(self) -> tuple[Array, Array]:
-        """What can be reached at each sample."""
+        """The reachable values at each sample."""
         low, high = self._leads_on()
         for k in range(len(low)):
             if k == 0:

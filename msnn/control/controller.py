@@ -187,7 +187,7 @@ class Controller:
         )
 
     def _resting(self) -> Array:
-        """What is applied, or before anything was 0 as far as fixed limits let it."""
+        """The applied control, or before there is one 0 as far as fixed limits let it."""
         if self._applied is not None:
             return self._applied
         return self._functions.resting

@@ -44,7 +44,7 @@ class Memory:
 
     @property
     def known(self) -> Mapping[str, Array]:
-        """What is known, by name; a later sample changes none of these arrays."""
+        """The known values by name; a later sample changes none of these arrays."""
         return dict(self._known)
 
     def restore(self, known: Mapping[str, Array]) -> None:

@@ -15,7 +15,7 @@ Solver = Literal["c", "python"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """Where a method ended; `status` is one of the first three."""
+    """The end of a method; `status` is one of the first three."""
 
     status: Status
     plan: Plan

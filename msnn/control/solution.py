@@ -9,7 +9,7 @@ from compiler.optimal_control.horizon import Array, Given, Multipliers, Plan
 
 
 class Status(IntEnum):
-    """What became of a solve; only the first two move the control."""
+    """The outcome of a solve; only the first two move the control."""
 
     SOLVED = 0
     """The residual is at most the tolerance."""

@@ -111,7 +111,7 @@ class Dataset:
         return bool(self.in_set(name).any())
 
     def in_set(self, name: str) -> BoolArray:
-        """Which rows belong to the set."""
+        """The mask of the rows that belong to the set."""
         if name not in self.sets:
             return np.zeros(self.rows, dtype=np.bool_)
         return self.set_of_row == self.sets.index(name)

@@ -59,7 +59,7 @@ class Runs:
 
 
 def reach(program: Program, also: Extent | None = None) -> Reach:
-    """How far the step, losses, `predicts` and the start of a program look around t.
+    """The samples around t that the step, losses, `predicts` and the start of a program read.
 
     `also` are further samples that somebody reads, such as the target of a metric.
     """

@@ -31,7 +31,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowsOfData:
-    """How the rows of a data set follow each other, jitter allowed, and where they stand."""
+    """The places of a data set's rows, and the gaps between them, jitter allowed."""
 
     records: tuple[Record, ...]
     follows: BoolArray

@@ -41,7 +41,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 def check_data(
     model: Model, data: GivenData | None = None, data_root: str | Path | None = None
 ) -> DataCheck:
-    """What the data of a model show; `data`, files or frames, in place of those of the spec.
+    """Checks the data of a model; `data`, files or frames, in place of those of the spec.
 
     Raises SpecError where they cannot be read at all, MissingExtraError.
     """
@@ -58,7 +58,7 @@ def check_data(
 def check_datasets(
     model: Model, recorded: Mapping[str, Dataset], resampled: Dataset | None = None
 ) -> DataCheck:
-    """What data sets show; the system is looked at in the first, or in it at the sample time."""
+    """Checks data sets; the system is looked at in the first, or in it at the sample time."""
     findings = Findings()
     checked: list[DatasetCheck] = []
     for name, dataset in recorded.items():

@@ -51,7 +51,7 @@ class CheckedTarget:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckedSystem:
-    """What the section `data` shows of the system between open inputs and targets."""
+    """The system between open inputs and targets, as the section `data` shows it."""
 
     step: float
     """Seconds between its rows."""

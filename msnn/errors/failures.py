@@ -19,9 +19,9 @@ class MissingExtraError(Exception):
         self._made_of = (what, install)
 
     def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
-        """How it crosses to another process: a pool waits for ever on one that cannot."""
+        """Crosses to another process as its arguments: a pool waits for ever on what cannot."""
         return MissingExtraError, self._made_of
 
     def _render_traceback_(self) -> list[str]:
-        """What a notebook shows in place of a traceback: the line that installs it too."""
+        """Shows in a notebook the message and the line that installs it, not a traceback."""
         return shown_whole([self.diagnostic])

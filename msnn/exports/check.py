@@ -24,7 +24,7 @@ def check_exports(
     weights: Weights,
     data_folder: Path,
 ) -> AgreementReport:
-    """How far what was written for every plan is from its judge along a record of the model.
+    """Compares the written files of every plan with its judge along a record of the model.
 
     Relative data paths start in `data_folder`. A target that needs something which is not
     installed, or that fails, does not keep the others from being compared: the report has the

@@ -74,7 +74,7 @@ def plan_exports(
     extras: Collection[str] = (),
     weights: Weights | None = None,
 ) -> list[AnyPlan]:
-    """How each target will be written; what is wrong with its entry goes to `findings`.
+    """Plans the export to each target; mistakes in its entry go to `findings`.
 
     `extras` are for targets that have any, besides those of the spec. Where the `weights` are
     known, slices of them that a penalty took to 0 are left out.

@@ -87,7 +87,7 @@ def compare_controller(
 def drawn_samples(
     problem: ControlProblem,
 ) -> Iterator[tuple[bool, NDArray[Any], Given, dict[str, NDArray[Any]]]]:
-    """Whether it begins anew; the state; what is known, for the judge and by field."""
+    """Samples, each with: anew or not; the state; the knowns, for the judge and by field."""
     random = np.random.default_rng(1)
     fields = {field.name: field for field in input_fields(problem)}
     members = (*problem.disturbances.members, *problem.references.members)

@@ -45,7 +45,7 @@ def float_plan(
 
 
 def name_prefix(request: Request, given: Located[str] | None) -> str:
-    """What public names of an export begin with: what is given, or the name of the model."""
+    """The prefix of an export's public names: the given one, or the name of the model."""
     return c_identifier(request.model.name if given is None else given.value, set())
 
 

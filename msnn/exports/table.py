@@ -8,7 +8,7 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ListedTarget:
-    """What is said of a target before it is loaded, from `msnn/exports/targets/<name>.py`."""
+    """The facts of a target before it is loaded, from `msnn/exports/targets/<name>.py`."""
 
     name: str
     """On the command line, in `export:`, and of its folder."""

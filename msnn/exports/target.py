@@ -27,7 +27,7 @@ Weights: TypeAlias = Mapping[str, FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is to be exported."""
+    """The request for an export."""
 
     model: Model
     findings: Findings
@@ -51,7 +51,7 @@ class Written:
 def interpreted(
     plan: AnyPlan, weights: Weights, record: AgreementRecord, dtype: NumberType
 ) -> Judgement:
-    """What the interpreter does, the judge of targets that compute in floating point."""
+    """The values of the interpreter, the judge of targets that compute in floating point."""
     from msnn.agreement.judging.judge import judge
 
     return judge(plan.program, weights, record, dtype, restarts=plan.target.is_deployed)
@@ -117,7 +117,7 @@ class Target(Generic[OwnEntry, Options]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportPlan(Generic[Options]):
-    """How a target will be written: the program in step form, the beginning of its names."""
+    """The plan of a target's files: the program in step form, the beginning of its names."""
 
     target: Target[Any, Options]
     program: Program
@@ -135,7 +135,7 @@ class ExportPlan(Generic[Options]):
 
     @property
     def float_type(self) -> FloatType:
-        """What a target without fixed point computes in."""
+        """The floating-point type of a target without fixed point."""
         assert self.dtype == "float32" or self.dtype == "float64"
         return self.dtype
 

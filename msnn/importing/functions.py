@@ -75,7 +75,7 @@ class Functions:
     )
 
     def called(self, key: str, operands: Sequence[Value | str], relation: str) -> Value:
-        """What a function of the file makes of streams, named matrices and its own arrays."""
+        """Calls a function of the file with streams, named matrices and its own arrays."""
         given = self.file.Functions.get(key)
         if given is None or given.code is None or given.name is None:
             raise ShapeError(f"`{key}` is no function of the file")

@@ -94,7 +94,7 @@ class Relations:
         return self._known
 
     def refused(self, diagnostic: Diagnostic) -> SpecError:
-        """What ends an import."""
+        """The error that ends an import."""
         return SpecError([diagnostic], [self.text.source])
 
     def _needed(self, name: str) -> list[str]:

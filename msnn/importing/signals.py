@@ -20,7 +20,7 @@ _HIDDEN = re.compile(r".*_(sw|tw|int|der)\d+")
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """How many samples nnodely keeps of an input, and how many of them lie in the future."""
+    """The samples that nnodely keeps of an input, and the number of them in the future."""
 
     back: int
     ahead: int
@@ -32,7 +32,7 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Loops:
-    """What following a model has found out about its closed inputs."""
+    """The facts about closed inputs that following a model has found."""
 
     widths: dict[str, int] = field(default_factory=dict[str, int])
     """Samples of what closes a loop, where it is more than one."""
@@ -204,7 +204,7 @@ class Signals:
         return past if late is None else self.values.after(past, late)
 
     def kept_past(self, name: str) -> Value:
-        """What is connected to an input, as an equation whose past is 0 before the start."""
+        """The value connected to an input, as an equation whose past is 0 before the start."""
         source = self.file.Inputs[name].connect
         assert source is not None
         value = self.value_of(source)

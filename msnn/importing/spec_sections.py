@@ -115,7 +115,7 @@ def _entry_text(equations: Equations, outputs: Mapping[str, Term], name: str) ->
 
 
 def _predictors(found: Sections) -> tuple[dict[str, str], dict[str, Term]]:
-    """Which output predicts which input, and outputs that are added for it."""
+    """The output that predicts each input, and the outputs that are added for it."""
     predictors: dict[str, str] = {}
     added: dict[str, Term] = {}
     for old, ahead in found.signals.predicted.items():

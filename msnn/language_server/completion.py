@@ -80,7 +80,7 @@ class Completion:
 
 
 def complete(view: View, position: Position) -> Completion | None:
-    """What may stand at a place; None where anything may."""
+    """The words that fit a place; None where anything does."""
     if view.is_comment(position):
         return None
     cursor = view.cursor(position)
@@ -144,7 +144,7 @@ def _chosen(
 
 
 def _start_of_word(text: str, character: re.Pattern[str]) -> int:
-    """Where the characters begin that end a text."""
+    """The position where the characters begin that end a text."""
     start = len(text)
     while start and character.fullmatch(text[start - 1]):
         start -= 1

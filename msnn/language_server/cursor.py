@@ -50,7 +50,7 @@ class _Bracket:
 
 
 def cursor_at(source: SourceText, line: int, column: int) -> Cursor:
-    """What a place is in; line and column count characters from zero."""
+    """Finds the part of the text around a place; line and column count characters from zero."""
     text = source.line(line + 1)
     inside = _in_flow(source, line, column)
     if inside is not None:

@@ -19,7 +19,7 @@ class Definition:
 
 
 def definition(view: View, position: Position) -> Definition | None:
-    """Where the name at a place is declared, also in the file of a sub-model."""
+    """The declaration of the name at a place, also in the file of a sub-model."""
     cursor = view.cursor(position)
     file = _used_file(view, cursor.path, position) if not cursor.is_key else None
     if file is not None:

@@ -23,7 +23,7 @@ class Examined:
 
 
 def examine(path: str, text: str, unsaved: Mapping[str, str]) -> Examined:
-    """What `msnn check` says of `text` at `path`, where open files hold in place of saved ones.
+    """Runs `msnn check` on `text` at `path`, where open files hold in place of saved ones.
 
     `unsaved` are texts of files by their real paths.
     """

@@ -39,7 +39,7 @@ class Hover:
 
 
 def hover(view: View, position: Position) -> Hover | None:
-    """What stands at a place; None where there is nothing to say."""
+    """The description of a place; None where there is nothing to say."""
     word = view.word(position)
     if word is None or view.is_comment(position):
         return None
@@ -118,7 +118,7 @@ def function_text(name: str, signature: Signature) -> str:
 
 
 def unit_text(text: str) -> str | None:
-    """What a unit is in the SI."""
+    """The words for a unit in the SI."""
     try:
         unit = parse_unit(text)
     except UnitError:

@@ -51,7 +51,7 @@ class Knowledge:
 
 
 def knowledge_of(model: Model) -> Knowledge:
-    """What is known of a model that compiles."""
+    """The known facts of a model that compiles."""
     reads = _samples_read(model)
     # findings are thrown away: the model has compiled, and its check has told them
     scope = Scope(model.spec, Findings())
@@ -131,7 +131,7 @@ def _samples_read(model: Model) -> dict[str, str]:
 
 
 def members(names: Mapping[str, Known], base: str) -> Iterator[Known]:
-    """What stands right below a sub-model."""
+    """The names right below a sub-model."""
     start = f"{base}."
     for name, known in names.items():
         if name.startswith(start) and "." not in name[len(start) :]:

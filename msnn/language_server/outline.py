@@ -44,7 +44,7 @@ class Heading:
 
     @property
     def end_column(self) -> int:
-        """Where the key ends."""
+        """The column where the key ends."""
         return self.column + len(self.name)
 
 
@@ -57,7 +57,7 @@ class Section:
 
     @property
     def kind(self) -> Kind | None:
-        """What its keys declare; None where they are no names."""
+        """The kind that its keys declare; None where they are no names."""
         return KINDS.get(self.heading.name)
 
 

@@ -32,7 +32,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Repair:
-    """What to write at the place of a problem."""
+    """The text that repairs a problem at its place."""
 
     problem: Problem
     title: str

@@ -30,12 +30,12 @@ class SchemaPlace:
 
     @property
     def gathering(self) -> Gathering | None:
-        """How its keys or items are read, where the user chooses them."""
+        """The reader of its keys or items, where the user chooses them."""
         return next((note for note in self.notes if isinstance(note, Gathering)), None)
 
     @property
     def leaf(self) -> LeafField | None:
-        """How one value is read, that of a shorthand too, and of an item where one may stand."""
+        """The reader of one value, of a shorthand too, and of an item where one may stand."""
         leaf = next((note for note in self.notes if isinstance(note, LeafField)), None)
         if leaf is not None:
             return leaf
@@ -86,7 +86,7 @@ def place_of(path: Sequence[str]) -> SchemaPlace | None:
 
 
 def _notes(kind: Kind) -> Iterator[Any]:
-    """What annotates a type, or an arm of a union."""
+    """The annotations of a type, or of an arm of a union."""
     origin = get_origin(kind)
     if origin is Annotated:
         inner, *notes = get_args(kind)

@@ -60,7 +60,7 @@ class SpecServer(LanguageServer):
         params: types.HoverParams | types.CompletionParams | types.DefinitionParams,
         ask: Callable[[OpenText, Position], Answer | None],
     ) -> Answer | None:
-        """What is to be said of a place in an open text; None where it is not open."""
+        """Asks about a place in an open text; None where it is not open."""
         opened = self.checks.texts.get(params.text_document.uri)
         if opened is None:
             return None

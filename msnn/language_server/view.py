@@ -55,7 +55,7 @@ class View:
 
     @cached_property
     def headings(self) -> Mapping[str, tuple[Kind, Heading]]:
-        """What the text declares, by name."""
+        """The declarations of the text by name."""
         return {
             normalised(heading.name): (section.kind, heading)
             for section in self.outline
@@ -75,12 +75,12 @@ class View:
         return {**self.knowledge.names, **new}
 
     def place(self, known: Known) -> Span:
-        """Where a name is declared: in the text as it is now, or in another file."""
+        """The declaration of a name: in the text as it is now, or in another file."""
         found = self.headings.get(known.name)
         return known.place if found is None else span_of(found[1], self.source)
 
     def cursor(self, position: Position) -> Cursor:
-        """What a place is in."""
+        """The part of the text around a place."""
         return cursor_at(self.source, *offset_of(position, self.source))
 
     def is_comment(self, position: Position) -> bool:

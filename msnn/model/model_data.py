@@ -60,7 +60,7 @@ def _too_many_rows(purpose: str, rows: int) -> Diagnostic:
 
 @contextmanager
 def told_where_they_were(model: Model, data_root: str | Path | None) -> Generator[None]:
-    """What is wrong with data that a run has not kept says where the run has read them."""
+    """Adds to errors of data that a run has not kept the place where the run has read them."""
     try:
         yield
     except SpecError as error:
@@ -71,7 +71,7 @@ def told_where_they_were(model: Model, data_root: str | Path | None) -> Generato
 
 
 def _elsewhere(found: Sequence[Diagnostic], trained_in: str) -> list[Diagnostic]:
-    """What is wrong with data that a run has not kept, and where they were."""
+    """The errors of data that a run has not kept, with the place where they were."""
     note = f"the run does not keep its data: it read them from {trained_in}"
     help = "say where they are: `--data-root FOLDER`"
     return [replace(each, notes=(*each.notes, note), help=help) for each in found]
@@ -114,7 +114,7 @@ def given_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray] 
 
 @contextmanager
 def sources_of(model: Model) -> Generator[None]:
-    """What is found wrong shows lines of the spec."""
+    """Lets errors show lines of the spec."""
     try:
         yield
     except SpecError as error:

@@ -76,7 +76,7 @@ def choose_weights(
 
 
 def _of_the_spec(model: Model) -> str:
-    """What is said of weights that no training of this model has made."""
+    """The words for weights that no training of this model has made."""
     given = [f"of `{part.name}` those in {part.file}" for part in model.parts if part.file]
     return ", ".join(("the initial values of the spec", *given))
 

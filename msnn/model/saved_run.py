@@ -45,7 +45,7 @@ class KeptSpec:
 
 
 def leads_to(path: Path) -> Path | None:
-    """What a link leads to, or a file `latest` where links are refused; None for another path."""
+    """The target of a link, or of a file `latest` where links are refused; None for other paths."""
     if path.is_symlink():
         return path.readlink()
     if path.name == LATEST and path.is_file():
@@ -76,7 +76,7 @@ def run_of(path: Path) -> Path | None:
 
 
 def kept_spec(run: Path) -> KeptSpec:
-    """What a run has kept of its model, read without trust. SpecError where it is not there."""
+    """The model that a run has kept, read without trust. SpecError where it is not there."""
     record = read_json(run / DESCRIPTION)
     try:
         text = _text(run / SPEC)
@@ -112,7 +112,7 @@ def kept_spec(run: Path) -> KeptSpec:
 
 
 def spec_places(spec: str, run: Path) -> list[str]:
-    """Where the spec of a run is: seen from the run, which moves with its project, and absolute."""
+    """The spec of a run: seen from the run, which moves with its project, and absolute."""
     absolute = str(Path(spec).absolute())
     try:
         seen = Path(os.path.relpath(absolute, os.path.realpath(run))).as_posix()

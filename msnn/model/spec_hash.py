@@ -29,7 +29,7 @@ class SubmodelFile:
     is_numbers: bool = False
 
     def record(self) -> dict[str, str]:
-        """What a run was made of, as data."""
+        """The parts that a run was made of, as data."""
         if self.is_numbers:
             digest = _sha256(self.text)
             return {"path": self.path, "numbers_sha256": digest, "kind": NUMBERS}

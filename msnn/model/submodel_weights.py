@@ -42,7 +42,7 @@ def read_submodel_weights(
     kept: Mapping[str, Path] | None = None,
     texts: Mapping[str, str] | None = None,
 ) -> SubmodelWeights:
-    """What the files hold that the uses in a spec, and in those that it uses, name.
+    """Reads the files that the uses in a spec name, and those in the specs that it uses.
 
     `kept` are files that hold the same, by the full names of sub-models, and `texts` what a run
     keeps of files of initial values.
@@ -135,7 +135,7 @@ def _content(path: Path) -> bytes:
 
 
 def _metadata(content: bytes) -> Mapping[str, Any]:
-    """What the header says besides arrays; `load` has checked its length and that it is JSON."""
+    """The header's metadata; `load` has checked its length and that it is JSON."""
     length = int.from_bytes(content[:8], "little")
     header: dict[str, Any] = json.loads(content[8 : 8 + length])
     return header.get("__metadata__", {})

@@ -33,7 +33,7 @@ def refuse_other_robot(parts: Sequence[SubmodelFile], weights: Path) -> None:
 
 
 def differing_robot(kept: Path, text: str) -> str | None:
-    """What a URDF describes otherwise than the file of a run; None where both are one robot.
+    """The difference of a URDF from the file of a run; None where both are one robot.
 
     Comments, names of meshes and all else that no model reads count for nothing.
     """

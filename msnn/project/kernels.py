@@ -50,7 +50,7 @@ class KernelCache:
 
 
 def kernel_cache() -> KernelCache:
-    """What there is now."""
+    """The kernels that are kept now."""
     taken = kernel_folder()
     return KernelCache(taken, [] if taken.path is None else kept_kernels(taken.path))
 

@@ -49,7 +49,7 @@ class SpecDifference:
 
 
 def compare_specs(old: Model, new: Model) -> SpecDifference:
-    """What changed from one model to another; paths are those of the canonical spec."""
+    """Compares two models; paths are those of the canonical spec."""
     before, after = spec_data(old.spec), spec_data(new.spec)
     changes = tuple(_changes("", before, after))
     # programs too: text that the canonical spec does not hold (a sub-model, weights) may have

@@ -121,5 +121,5 @@ def unit_of(unit: Unit | None) -> str:
 
 
 def with_unit(name: str, unit: str) -> str:
-    """What an axis is called."""
+    """The title of an axis."""
     return f"{name} / {unit}" if unit else name

@@ -207,7 +207,7 @@ def _curves(
 def _ranges(
     model: Model, weights: Weights, data: Dataset, texts: Sequence[str]
 ) -> dict[str, _Argument]:
-    """Where in the data the arguments are, those that are one number; runs begin at records."""
+    """The ranges in the data of arguments that are one number; runs begin at records."""
     outputs = {f"argument{number}": {"expr": text} for number, text in enumerate(texts)}
     probe = _compiled(model, {"outputs": outputs}, _WORKFLOW)
     if probe is None or not texts:

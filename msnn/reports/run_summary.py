@@ -49,7 +49,7 @@ class TrainedStage:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What the files of a run say."""
+    """The contents of a run's files."""
 
     folder: Path
     description: Mapping[str, Any]
@@ -59,7 +59,7 @@ class Run:
 
     @property
     def end(self) -> Mapping[str, Any]:
-        """How it ended, the reasons of its stages, its warnings."""
+        """The end of the run, the reasons of its stages, its warnings."""
         return self.description.get("end") or {}
 
     @property
@@ -183,7 +183,7 @@ def commands(run: Run) -> dict[str, str]:
 
 
 def _options(run: Run) -> list[str]:
-    """What else the command line of the run said, as far as it is kept."""
+    """The other options of the run's command line, as far as they are kept."""
     words = [word for text in run.description.get("settings", []) for word in ("--set", text)]
     device = run.description.get("device", "cpu")
     words += [] if device == "cpu" else ["--device", device]

@@ -56,7 +56,7 @@ def interface_record(program: Program) -> dict[str, Any]:
 
 
 def windows_text(program: Program) -> str:
-    """Which samples of every signal the step, the losses and the start read, and in which lines."""
+    """The samples of every signal that the step, the losses and the start read, with the lines."""
     step, log = extents(program.step, log=False), extents(program.step, log=True)
     start = extents(program.start, log=True)
     rows = [
@@ -91,7 +91,7 @@ _WINDOW_HEADER = (
 
 
 def _duration(program: Program, extent: Extent | None) -> str:
-    """How much time the step's window covers: as a spec writes it, samples times sample time."""
+    """The time that the step's window covers: as a spec writes it, samples times sample time."""
     if extent is None or program.sample_time is None:
         return ""
     return f"{(extent.last - extent.first + 1) * program.sample_time:g} s"

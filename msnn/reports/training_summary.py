@@ -53,7 +53,7 @@ class Recorded:
 
 
 def stages_table(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> str:
-    """What `stages_cells` has, as text."""
+    """The text of `stages_cells`."""
     return stages_cells(stages).text
 
 
@@ -76,7 +76,7 @@ def stages_cells(stages: Sequence[tuple[StageEnd, Mapping[str, float]]]) -> Tabl
 
 
 def parameters_table(record: Mapping[str, Any]) -> str:
-    """What `parameters_cells` has, as text."""
+    """The text of `parameters_cells`."""
     return parameters_cells(record).text
 
 
@@ -101,7 +101,7 @@ def parameters_cells(record: Mapping[str, Any]) -> Table:
 
 
 def errors_note(record: Mapping[str, Any]) -> str | None:
-    """What the standard errors rest on, or why there are none; None where nobody looked."""
+    """The basis of the standard errors, or why there are none; None where nobody looked."""
     found = record.get("standard_errors")
     if found is None:
         return None
@@ -115,7 +115,7 @@ def errors_note(record: Mapping[str, Any]) -> str | None:
 
 
 def zeros_note(record: Mapping[str, Any]) -> str | None:
-    """Which numbers penalties took to exactly 0; None where none is."""
+    """The numbers that penalties took to exactly 0; None where none is."""
     if "zero_slices" not in record:
         return None
     said: list[str] = []

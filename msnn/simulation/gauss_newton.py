@@ -57,7 +57,7 @@ class RunProducts:
 
 @dataclass(frozen=True, slots=True)
 class Descended:
-    """Where the problems ended."""
+    """The ends of the problems."""
 
     values: FloatArray
     """(problems, numbers)."""

@@ -24,7 +24,7 @@ from msnn.model.weights.covariance_file import Covariance
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intervals:
-    """How wide the intervals of a model's outputs are."""
+    """The widths of the intervals of a model's outputs."""
 
     level: float
     """The probability that a measured value lies inside, between 0 and 1."""

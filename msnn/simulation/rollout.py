@@ -128,7 +128,7 @@ def _along(rows: NDArray[Any], like: FloatArray) -> NDArray[Any]:
 
 
 def _factors(loss: Loss, values: StepValues, like: FloatArray) -> FloatArray | None:
-    """How much each element counts; None for 1."""
+    """The weight of each element; None for 1."""
     if loss.rows is None:
         return None
     factors = values.nodes[loss.rows]
@@ -155,7 +155,7 @@ def _sum(
 
 
 def cost(measure: Measure, prediction: FloatArray, target: FloatArray | None) -> FloatArray:
-    """What each element adds to the mean of a loss."""
+    """The term of each element in the mean of a loss."""
     error = prediction if target is None else prediction - target
     match measure:
         case Measure.MSE | Measure.RMSE:

@@ -38,7 +38,7 @@ class PlannedStarts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RolloutPlan:
-    """How far and from where a stage or a metric simulates; the loop in `program` is closed."""
+    """The horizon and starts of a stage's or a metric's runs; the loop in `program` is closed."""
 
     program: Program
     horizon: Horizon

@@ -28,7 +28,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 @dataclass(frozen=True, slots=True)
 class StepPlaces:
-    """Where each step of a run belongs in the log: the row whose samples are `t` of the step."""
+    """The place of each step of a run in the log: the row whose samples are `t` of the step."""
 
     files: tuple[str, ...]
     rows: IntArray
@@ -115,7 +115,7 @@ def _reading(program: Program, compared: Iterable[NodeId]) -> Program:
 
 
 def measured_beside(model: Program, program: Program) -> tuple[Signal, ...]:
-    """What the outputs of a model predict and its simulation does not read."""
+    """The signals that outputs of a model predict and its simulation does not read."""
     read = {signal.name for signal in program.signals}
     predicted = {out.predicts.signal for out in model.outputs if out.predicts is not None}
     return tuple(s for s in model.signals if s.name in predicted - read)
@@ -268,7 +268,7 @@ def _read(program: Program) -> list[str]:
 
 
 def _places(program: Program, data: Dataset, record: Record, rows: range) -> StepPlaces:
-    """Where rows of the series are in the files of their record."""
+    """The places of rows of the series in the files of their record."""
     first, stop = rows.start, rows.stop
     pieces = [
         (piece, max(first, piece.start), min(stop, piece.stop))

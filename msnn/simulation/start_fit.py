@@ -38,7 +38,7 @@ Series = Mapping[str, FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class FoundStarts:
-    """Where runs start, and where that is uncertain."""
+    """The starts of runs, and the doubts about them."""
 
     t0: IntArray
     values: Mapping[str, FloatArray]
@@ -60,7 +60,7 @@ class FoundStarts:
 
 
 class StartFit:
-    """How starts are found for the runs of one program, its loops closed."""
+    """Finds the starts of one program's runs, its loops closed."""
 
     def __init__(self, program: Program, over: int | None, skip: int = 0) -> None:
         """`over` evaluations of each run decide; None for all that it has, from `skip` on."""
@@ -230,7 +230,7 @@ def _weighted(sums: Mapping[str, _Sums], shares: Mapping[str, float]) -> RunProd
 
 
 def fit_of(plan: RolloutPlan) -> StartFit | None:
-    """How the starts of a plan are found; None where it has none to find."""
+    """The fit of a plan's starts; None where it has none to find."""
     return None if plan.starts is None else StartFit(plan.starts.program, plan.starts.over)
 
 

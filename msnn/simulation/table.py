@@ -58,7 +58,7 @@ def simulation_rows(
 
 
 def run_record(run: Simulation) -> dict[str, object]:
-    """Where a run belongs, as data: its first and last step."""
+    """The place of a run, as data: its first and last step."""
     places, ends = run.places, (0, run.steps - 1)
     return {
         "files": list(dict.fromkeys(places.files)),

@@ -27,7 +27,7 @@ class RealsPlace:
     """Whether numbers that are not finite are refused: nothing replaces them."""
 
     def number(self, value: Any) -> float:
-        """What is given for one number. ValueError where it is none, or not finite."""
+        """The value given for one number. ValueError where it is none, or not finite."""
         try:
             number = float(value)
         except (TypeError, ValueError):
@@ -47,7 +47,7 @@ class RealsPlace:
 
 
 def numbers_of(name: str, value: ArrayLike) -> Array:
-    """What is given for a value, as an array. ValueError where it is not made of numbers."""
+    """The array given for a value. ValueError where it is not made of numbers."""
     try:
         return np.asarray(value, np.float64)
     except (TypeError, ValueError):

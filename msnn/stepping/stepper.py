@@ -82,7 +82,7 @@ class Stepper:
 
     @property
     def status(self) -> tuple[str, ...]:
-        """What the last step or reset found out of order, by the names of the C's status bits."""
+        """The faults of the last step or reset, by the names of the C's status bits."""
         bits = StatusBit(self._status)
         # members that are one bit each have names
         return tuple(bit.name or "" for bit in StatusBit if bit in bits)
@@ -194,7 +194,7 @@ def _window(value: ArrayLike, field: Field, port: Port) -> Array:
 
 
 def _start(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """What a state begins with."""
+    """The first value of a state."""
     array = shaped(name, value, shape)
     if not np.isfinite(array).all():
         raise ValueError(not_a_start(name, _first_not_finite(array)))

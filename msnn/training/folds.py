@@ -44,7 +44,7 @@ class Fold:
 
     @property
     def monitor(self) -> float:
-        """What the last stage reached, measured on the fold."""
+        """The monitor of the last stage, measured on the fold."""
         return self.training.stages[-1].best_value
 
 
@@ -133,7 +133,7 @@ def _is_unfinished(folder: Path) -> bool:
 
 
 def _options(options: TrainingOptions, folder: Path | None, number: int) -> TrainingOptions:
-    """How one fold is trained: one without a checkpoint begins afresh."""
+    """The options of one fold's training: one without a checkpoint begins afresh."""
     if folder is None:
         return options
     return in_folder(options, folder / f"{FOLD}{number}", goes_on=options.resume)
@@ -146,7 +146,7 @@ def _write_record(result: FoldsResult) -> None:
 
 
 def fold_count(model: Model) -> int:
-    """How many folds the data of a model have. Raises SpecError where they have none."""
+    """The number of folds in the data of a model. Raises SpecError where they have none."""
     data = model.spec.data
     split = None if data is None else data.split
     if split is None or split.by != "kfold":
@@ -167,7 +167,7 @@ def of_fold(model: Model, number: int) -> Model:
 
 
 def folds_table(result: FoldsResult) -> str:
-    """What `folds_cells` has, as text."""
+    """The text of `folds_cells`."""
     return folds_cells(result).text
 
 
@@ -217,7 +217,7 @@ def folds_record(result: FoldsResult) -> dict[str, Any]:
 
 
 def _columns(result: FoldsResult) -> dict[str, list[float]]:
-    """What is compared, under the heading of its column: a value for each fold."""
+    """The compared values of all folds, under the heading of their column."""
     columns = {"monitor": [fold.monitor for fold in result.folds]}
     for rows in zip(*(fold.report.rows for fold in result.folds), strict=True):
         # two entries that differ in their set or their limits only are one here

@@ -23,7 +23,7 @@ from spec_schema.version import __version__
 def begun(
     model: Model, data: Dataset, *, seed: int = 0, fold: int | None = None, held_out: str = ""
 ) -> RunLine:
-    """What is known before: of what the training is, and what decides its result.
+    """The line of a training before it begins: its name, and the things that decide its result.
 
     `held_out` is the set that it will be measured on.
     """

@@ -147,7 +147,7 @@ class StageLoss(nn.Module):
         return loss_values(self.plan, self._sums)
 
     def monitor(self) -> float:
-        """What decides which weights of the stage are best, at the present ones."""
+        """The monitor at the present weights, by which the best of the stage are chosen."""
         if self._starts is not None:
             found = self._starts.for_watching(self._runs.watched, self.weights())
             self._objective.write(found, watched=True)

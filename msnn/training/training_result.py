@@ -47,11 +47,11 @@ class TrainingDivergedError(Exception):
         self.sources = sources
 
     def __reduce__(self) -> tuple[object, tuple[object, ...]]:
-        """How it crosses to another process: a pool waits for ever on one that cannot."""
+        """Crosses to another process as its arguments: a pool waits for ever on what cannot."""
         return _diverged, (self.diagnostic, self.result, self.is_latest, self.sources)
 
     def _render_traceback_(self) -> list[str]:
-        """What a notebook shows in place of a traceback."""
+        """Shows the message in a notebook in place of a traceback."""
         kept = "the best weights so far are in the exception's `.result`"
         return [*shown_whole([self.diagnostic], self.sources), kept]
 
@@ -73,9 +73,9 @@ class TrainingInterruptedError(Exception):
         self.result = result
 
     def __reduce__(self) -> tuple[type[TrainingInterruptedError], tuple[TrainingResult]]:
-        """How it crosses to another process: a pool waits for ever on one that cannot."""
+        """Crosses to another process as its result: a pool waits for ever on what cannot."""
         return TrainingInterruptedError, (self.result,)
 
     def _render_traceback_(self) -> list[str]:
-        """What a notebook shows in place of a traceback."""
+        """Shows the message in a notebook in place of a traceback."""
         return [f"{self}; the best weights so far are in the exception's `.result`"]

@@ -99,7 +99,7 @@ def coverages(
     engine: Engine,
     advance: Advance,
 ) -> list[Coverage]:
-    """How often the targets of each entry, none of them a loss, lie inside its intervals."""
+    """The share of each entry's targets, none of them a loss, inside its intervals."""
     found: dict[int, Coverage] = {}
     for group in simulated_together(checks):
         first, names = checks[group[0]], {checks[index].plan.of for index in group}

@@ -20,7 +20,7 @@ _MOST_SIGNALS = 40
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedErrors:
-    """What the errors of an output tell of the model."""
+    """The verdict on the model by the errors of an output."""
 
     residuals: tuple[ErrorsOfElement, ...]
     """By element."""
@@ -95,7 +95,7 @@ def _records(data: Dataset, rows: IntArray) -> IntArray:
 
 
 def _places(data: Dataset, sample_time: float | None, lags: int) -> IntArray:
-    """When each row was measured, in samples: rows beside a gap are as far apart as their times.
+    """The times of rows in samples: rows beside a gap are as far apart as their times.
 
     Where a gap has no length that is known, no lag reaches over it.
     """

@@ -72,7 +72,7 @@ class Measurement:
 
 
 def bounds(count: int, most: int = _POINTS) -> IntArray:
-    """Where each of `most` parts of `count` begins; at most as many as a curve has."""
+    """The beginning of each of `most` parts of `count`; at most as many as a curve has."""
     # parts of whole numbers, as equal as they can be
     points = min(count, most, _POINTS)
     return np.arange(points, dtype=np.int64) * count // points

@@ -73,7 +73,7 @@ class Measuring:
         return metric_in_doubt(plan, self._errors, self._largest, learned)
 
     def measurement(self, *, judges: bool) -> Measurement:
-        """What was found, when all parts were added; the errors are judged if that is wanted."""
+        """The measurement of all parts; the errors are judged if that is wanted."""
         assert self._along is not None, "there are rollouts"
         # handed over and let go: the next entry may need the memory
         (extremes, by_row), self._along = self._along, None

@@ -42,7 +42,7 @@ Outcome = Measurement | LossValue
 
 @dataclass(frozen=True, slots=True)
 class FoundOutcomes:
-    """What was found of some entries, and whether a limit of one lies within rounding of it."""
+    """The outcomes of some entries, and whether a limit of one lies within rounding of it."""
 
     outcomes: list[Outcome]
     is_doubtful: bool
@@ -65,7 +65,7 @@ class Simulator:
         """What the user should know of the choice of engines."""
 
     def outcomes(self, checks: Sequence[ReadyCheck]) -> list[Outcome]:
-        """What is found of every entry; entries measured alike share it."""
+        """The outcome of every entry; entries measured alike share it."""
         found: dict[int, Outcome] = {}
         # a rollout answers all entries that are simulated alike: outputs apart from losses, as the
         # two keep different nodes
@@ -119,7 +119,7 @@ class Simulator:
     def _judged(
         self, program: Program, check: ReadyCheck, found: Callable[[RolloutEngine], FoundOutcomes]
     ) -> list[Outcome]:
-        """What the engine finds; in doubt about a limit, what the interpreter does."""
+        """The outcomes of the engine; in doubt about a limit, those of the interpreter."""
         opened = self._opened(program, check)
         # limits are judged by the interpreter where engines could disagree (decision 0218)
         answer = found(opened.engine)
@@ -151,7 +151,7 @@ def simulated_together(checks: Sequence[ReadyCheck]) -> list[list[int]]:
 # entries, folds and sets ask for the same program again and again
 @kept_for_same(4)
 def _measured_program(program: Program, names: frozenset[str]) -> Program:
-    """What computes these outputs, and nothing else."""
+    """The part of a program that computes these outputs, and nothing else."""
     return reduced(program, lambda output: output.name in names, lambda _: False)
 
 

@@ -50,7 +50,7 @@ class CheckPlan:
 
     @property
     def details(self) -> tuple[str, ...]:
-        """What the entry says beside horizon and closed signals of how it is measured."""
+        """The words of the entry about its measurement, beside horizon and closed signals."""
         plan = self.rollout
         skip = plan.skip if plan.starts is None else plan.starts.skip
         stride = plan.stride if isinstance(plan.horizon, int) else plan.horizon
@@ -115,7 +115,7 @@ def _default_plans(program: Program) -> tuple[CheckPlan, ...]:
 
 # rows that nothing was fitted to, where there are some
 def default_set(data: Dataset) -> str:
-    """What is measured where nothing is said: `test`, else `val`, else `train`."""
+    """The set that is measured by default: `test`, else `val`, else `train`."""
     return next((name for name in ("test", "val", "train") if data.has(name)), "test")
 
 

@@ -17,7 +17,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadyCheck:
-    """What is measured, over which rollouts of which data."""
+    """The outputs to measure, over their rollouts of their data."""
 
     plan: CheckPlan
     name: str

@@ -53,7 +53,7 @@ class MetricRow:
 
     @property
     def passed(self) -> bool | None:
-        """Whether the value keeps its limits; None without limits. NaN keeps none."""
+        """True if the value keeps its limits; None without limits. NaN keeps none."""
         if self.minimum is None and self.maximum is None:
             return None
         low = self.minimum is None or self.value >= self.minimum
@@ -62,7 +62,7 @@ class MetricRow:
 
 @dataclass(frozen=True, slots=True)
 class ValidationReport:
-    """What a spec asks to be measured, in its order."""
+    """The measurements that a spec asks for, in its order."""
 
     rows: tuple[MetricRow, ...]
     """The metrics of its entries."""

@@ -20,7 +20,7 @@ _SECONDS = 300.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """What one build of the step, or of another function, takes on one board."""
+    """The figures of one build of the step, or of another function, on one board."""
 
     flags: str
     of: str = ""
@@ -136,7 +136,7 @@ class ToolTimedOutError(Exception):
 
 
 def run_tool(command: Sequence[str | Path], folder: Path, seconds: float = _SECONDS) -> str:
-    """What a command wrote; ToolFailedError where it failed, ToolTimedOutError."""
+    """The output of a command; ToolFailedError where it failed, ToolTimedOutError."""
     words = [str(word) for word in command]
     try:
         done = subprocess.run(

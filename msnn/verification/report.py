@@ -107,7 +107,7 @@ def _figure_cells(figures: Figures) -> tuple[str, ...]:
 
 
 def _trace_parts(verification: Verification) -> list[str]:
-    """Where each line of the spec is in C, and where each block of C is in the spec."""
+    """The lines of C for each line of the spec, and the spec's line for each block of C."""
     blocks = traced(verification.model.sources)
     if not blocks:
         return []

@@ -18,7 +18,7 @@ class Sources(Protocol):
 
     @property
     def prefix(self) -> str:
-        """What its names begin with."""
+        """The prefix of its names."""
         ...
 
     @property
@@ -40,7 +40,7 @@ class Sources(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CFolder:
-    """Where the files of an export of C lie."""
+    """The files of an export of C."""
 
     folder: Path
 
@@ -66,5 +66,5 @@ def plain_name(text: str) -> str:
 
 
 def includes(model: Sources) -> list[str]:
-    """Where a harness finds the export and its vectors."""
+    """The folders in which a harness finds the export and its vectors."""
     return [f"-I{model.include}", f"-I{model.folder / 'src'}", f"-I{model.folder / 'test'}"]

@@ -36,7 +36,7 @@ TARGETS: tuple[Target, ...] = ("host", "m4", "m7", "m0", "rv32")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WantedSteps:
-    """What shall be checked."""
+    """The checks to make."""
 
     targets: frozenset[str]
     proof: bool = False
@@ -71,7 +71,7 @@ class Verification:
 
     @property
     def install_line(self) -> str:
-        """What brings all missing tools."""
+        """The line that installs all missing tools."""
         packages = dict.fromkeys(p for tool in self.missing for p in tool.package.split())
         return f"apt-get install {' '.join(packages)}"
 

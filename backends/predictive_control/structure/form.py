@@ -23,7 +23,7 @@ class PlanLayout:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Addresses:
-    """The addresses of numbers in templates; each is a text with places for what it is asked for."""
+    """The addresses of numbers in templates; each is a text with places for its indices."""
 
     stage: str
     """The numbers of an array that a stage reads, of the array and the stage."""

@@ -65,8 +65,7 @@ class ElementwiseForms(Settler):
         return scaled > found.high if above else scaled < found.low
 
     def _overshoot(self, number: PolynomialForm, other: PolynomialForm, *, above: bool) -> float:
-        """The most by which the real value exceeds such a number, of which the node is an error
-        off."""
+        """The most by which the real value exceeds such a number; the node is an error off."""
         node = self.node(other)
         low, high = self.builder.bounds(node)
         apart = number.constant - high if above else low - number.constant

@@ -60,7 +60,7 @@ def judge(
 
 
 def beginning_at(interface: StepInterface, log: Arrays, t0: int, states: Arrays) -> Beginning:
-    """What is known at row t0 of a log, where the judge starts with these states."""
+    """The known values at row t0 of a log, where the judge starts with these states."""
     windows = _samples(interface.start_windows, log, np.array([t0]))
     return Beginning(
         windows={port.signal.name: window[0] for port, window in windows},
@@ -70,7 +70,7 @@ def beginning_at(interface: StepInterface, log: Arrays, t0: int, states: Arrays)
 
 
 def inputs_at(interface: StepInterface, log: Arrays, rows: NDArray[np.int64]) -> Arrays:
-    """What every port takes at these rows of a log, (rows, *shape)."""
+    """The values of every port at these rows of a log, (rows, *shape)."""
     return {port.signal.name: values for port, values in _samples(interface.inputs, log, rows)}
 
 

@@ -125,7 +125,7 @@ def _proof(stepper: ExactStepper, integers: IntegerProgram, along: _Run) -> Proo
 def _both(
     stepper: ExactStepper, integers: IntegerProgram, run: _Run
 ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
-    """What a run and the same steps in real numbers give, by the names that messages give them."""
+    """The values of a run and of the same steps in real numbers, by their names in messages."""
     count = len(next(iter(run.outputs.values())))
     begun = {name: values[:1] for name, values in run.states.items()}
     before = {name: values[:count] for name, values in run.states.items()}
@@ -147,7 +147,7 @@ def _joined(parts: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[An
 
 
 def _bounds(integers: IntegerProgram) -> dict[str, float]:
-    """What is proved of every value, and what float64 may lose of it."""
+    """The proved bound of every value, and the most that float64 may lose of it."""
     ends = {port.name: _ends(port) for port, _ in integers.outputs}
     kept = {memory.name: _ends(memory) for memory in integers.memories}
 
@@ -165,14 +165,14 @@ def _bounds(integers: IntegerProgram) -> dict[str, float]:
 
 
 def _ends(words: WordPort | IntegerMemory) -> tuple[float, float]:
-    """What the lowest and the highest word stand for."""
+    """The real values of the lowest and the highest word."""
     return math.ldexp(words.low, -words.fraction), math.ldexp(words.high, -words.fraction)
 
 
 def _run(
     words: WordPort | IntegerMemory, steps: Sequence[Mapping[str, Sequence[int]]]
 ) -> NDArray[np.float64]:
-    """What the words of one name stand for in each step, (steps, *shape)."""
+    """The real values of the words of one name in each step, (steps, *shape)."""
     shape = tuple(axis.size for axis in words.axes)
     found = np.array([step[words.name] for step in steps], np.int64)
     return _numbers(words, found.reshape(len(steps), *shape))
@@ -186,5 +186,5 @@ def _words(port: WordPort, values: NDArray[Any], *steps: int) -> NDArray[np.int6
 
 
 def _numbers(words: WordPort | IntegerMemory, values: NDArray[Any]) -> NDArray[np.float64]:
-    """What words stand for."""
+    """The real values of words."""
     return np.ldexp(values.astype(np.float64), -words.fraction)

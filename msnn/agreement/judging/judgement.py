@@ -20,7 +20,7 @@ NumberType: TypeAlias = FloatType | FixedPoint
 
 
 class Promise(Enum):
-    """What an export keeps of what its judge does along a record."""
+    """The promise of an export about its judge's values along a record."""
 
     BITS = "the bits of the interpreter in the same arithmetic"
     ROUNDING = "each step as near to the interpreter in float64 as rounding allows"
@@ -28,7 +28,7 @@ class Promise(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Beginning:
-    """What is known at the first step of a run."""
+    """The known values at the first step of a run."""
 
     windows: Arrays
     """What the first states are made of: one window a signal, (*shape)."""
@@ -46,7 +46,7 @@ class Beginning:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """What the judge computed, what the same steps are in real numbers, and a bound of the error.
+    """The judge's values, those of the same steps in real numbers, and a bound of the error.
 
     The steps in real numbers begin with the inputs and states of the judge's. All go by the names
     that messages give them; arrays are (steps, *shape), first states (1, *shape).
@@ -79,7 +79,7 @@ class Judgement:
 
     @property
     def steps(self) -> int:
-        """How many there are."""
+        """The number of steps."""
         return len(next(iter(self.outputs.values())))
 
 

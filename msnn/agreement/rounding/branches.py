@@ -39,7 +39,7 @@ class Branches:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many steps of each value these are, where there are any."""
+        """The count of these steps for each value, where there are any."""
         return {name: int(where.sum()) for name, where in self.at.items() if where.any()}
 
     @property
@@ -130,7 +130,7 @@ class _Value:
         return NoChoice(self.name, step, nearest)
 
     def _excess(self, choice: OpenDecision, value: NDArray[Any]) -> float:
-        """How much farther a value is from a choice than rounding explains."""
+        """The distance of a value from a choice beyond that which rounding explains."""
         mine = choice.values[self.name].astype(float)
         # both are within the spread of the exact value
         room = np.maximum(2.0 * choice.spreads[self.name], self.granted * self.scale)

@@ -37,7 +37,7 @@ class OpenDecision:
 
 @dataclass(frozen=True, slots=True)
 class Undecided:
-    """What steps give for every choice that rounding leaves open."""
+    """The choices that rounding leaves open, with the values of steps by each."""
 
     choices: tuple[OpenDecision, ...]
     vast: frozenset[int]

@@ -65,11 +65,11 @@ class Shown:
 
     @abstractmethod
     def _said(self) -> str:
-        """What it is, in a line."""
+        """The result in a line."""
 
     @abstractmethod
     def _tables(self) -> Sequence[Table]:
-        """What the command line prints of it."""
+        """The tables that the command line prints of it."""
 
     @abstractmethod
     def _columns(self) -> Mapping[str, Sequence[object]]:

@@ -13,7 +13,7 @@ from msnn.cli.exit_codes import ExitCode
 
 
 class OutputFormat(StrEnum):
-    """How diagnostics are printed."""
+    """The format in which diagnostics are printed."""
 
     FULL = "full"
     CONCISE = "concise"

@@ -12,7 +12,7 @@ from msnn.cli.arguments import OutputFormat, PlotFile, ResultFormat, Settings, r
 
 
 class GraphFormat(StrEnum):
-    """What draws the graph."""
+    """The program that draws the graph."""
 
     MERMAID = "mermaid"
     SVG = "svg"

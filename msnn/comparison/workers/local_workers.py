@@ -60,7 +60,7 @@ def outcomes(
 
 @dataclass(slots=True)
 class _Shared:
-    """What a worker was given when it began."""
+    """The arguments that a worker was given when it began."""
 
     setup: Setup | None = None
     known: Mapping[str, RunLine] | None = None

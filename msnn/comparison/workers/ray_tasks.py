@@ -53,7 +53,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class TaskResult:
-    """How a trial ended on a node, the files that it leaves, and the seconds that it took."""
+    """The end of a trial on a node, the files that it leaves, and the seconds that it took."""
 
     outcome: TrialOutcome
     files: Files
@@ -107,6 +107,6 @@ _DATA = Latest[Any](_OPEN_DATA)
 
 
 def _opened(reference: Any, kept: Latest[Any]) -> Any:
-    """What lies in the object store, the same object each time as long as it is kept."""
+    """Fetches from the object store, the same object each time as long as it is kept."""
     # get() would make a new object each time, and the caches of the model with it
     return kept.get(reference.hex(), lambda: import_module("ray").get(reference))

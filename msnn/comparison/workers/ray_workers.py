@@ -143,7 +143,7 @@ class _Cluster:
         return len(self._running) < self._cores * _AHEAD
 
     def together(self, waiting: int) -> int:
-        """How many trials go into a task: a moment's work, and no processor waits for another."""
+        """The number of trials in a task: a moment's work, and no processor waits for another."""
         # at the end tasks become small, so that all processors end together
         return max(1, min(int(_TOGETHER / self._seconds), waiting // self._cores))
 

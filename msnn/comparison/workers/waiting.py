@@ -35,7 +35,7 @@ class Waiting:
         self._add(trials)
 
     def __len__(self) -> int:
-        """How many are known and have not begun."""
+        """The number of trials that are known and have not begun."""
         return sum(map(len, self._of.values()))
 
     def take_together(self, last: Trial | None, most: int) -> list[Trial]:

@@ -130,7 +130,7 @@ class MovingHorizon:
         return self._told(filtered, status)
 
     def expected(self, inputs: Mapping[str, ArrayLike] | None = None) -> dict[str, Array]:
-        """What would be measured of each signal at t, were the filter's estimate right."""
+        """The measurement expected of each signal at t if the filter's estimate is right."""
         return self.filter.expected(inputs)
 
     def predict(self, inputs: Mapping[str, ArrayLike] | None = None) -> FilterStatus:

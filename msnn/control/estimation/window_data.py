@@ -46,7 +46,7 @@ class WindowData:
             marks[-1] = np.where(seen, 1.0, marks[-1])
 
     def fresh(self, measured: Mapping[str, ArrayLike]) -> dict[str, Array]:
-        """What of it was not measured at the newest sample before; NaN stands for the rest."""
+        """The values not yet measured at the newest sample; NaN stands for the rest."""
         found = {name: np.asarray(value, float) for name, value in measured.items()}
         for name, value in found.items():
             marks = self.references.get(self._window.seen(name))
@@ -65,7 +65,7 @@ class WindowData:
         self._is_given = self._is_given or bool(inputs)
 
     def samples_at(self, stage: int) -> tuple[dict[str, Array], dict[str, Array]]:
-        """What was measured at a stage, NaN where nothing was, and its inputs."""
+        """The measurements at a stage, NaN where nothing was measured, and its inputs."""
         measured: dict[str, Array] = {}
         for name in self._window.signals:
             seen = self.references[self._window.seen(name)][stage] > 0

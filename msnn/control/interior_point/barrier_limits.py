@@ -48,7 +48,7 @@ class BarrierLimits:
         return np.where(self.active, self.signs * (both - ends), 0.0)
 
     def by_row(self, multipliers: Array) -> Array:
-        """What multiplies the gradient of each row: those of its high limit less the low one's."""
+        """The factor of each row's gradient: its high limit's multiplier less the low one's."""
         size = len(self.signs) // 2
         signed = -self.signs * multipliers
         return signed[:, :size] + signed[:, size:]
@@ -60,7 +60,7 @@ class BarrierLimits:
         return float(np.max(hard, initial=0.0))
 
     def rounding(self, values: Values, multipliers: Array) -> float:
-        """What products of multipliers and distances may be off by, as both are rounded."""
+        """The error of products of multipliers and distances, as both are rounded."""
         rows = np.concatenate([values.rows, values.rows], axis=1)
         rounded = ROUNDING * (np.abs(rows) + np.abs(self.ends))
         beyond = np.where(self.soft, np.maximum(-self.distances(values, judged=True), 0.0), 0.0)

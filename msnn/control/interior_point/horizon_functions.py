@@ -165,7 +165,7 @@ class HorizonFunctions:
         )
 
     def penalties(self, limits: RowLimits, values: Values) -> tuple[float, float]:
-        """What violations of soft limits cost, and the largest of them, scaled."""
+        """The cost of violated soft limits, and the largest violation, scaled."""
         rows = values.rows
         excess = np.maximum(np.maximum(limits.low - rows, rows - limits.high), 0.0)
         soft = np.isfinite(limits.linear)

@@ -31,7 +31,7 @@ _WARM_BARRIER = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Where it ended."""
+    """The last iterate of the method and its errors."""
 
     iterate: Iterate
     residual: float
@@ -208,7 +208,7 @@ class InteriorPoint:
         return float(np.max([*parts, _largest(held), 0.0 * point.values.cost]))
 
     def _rounding(self, point: Point) -> float:
-        """What the residual may be off by: half a unit in the last place of all it is made of."""
+        """The rounding of the residual: half a unit in the last place of all it is made of."""
         f, slopes, costates = self._f, point.slopes, point.costates
         # a multiplier pulls at its row from either end
         sums = np.abs(point.now.multipliers).reshape(f.horizon + 1, 2, -1).sum(axis=1)
@@ -218,7 +218,7 @@ class InteriorPoint:
         return ROUNDING * max(parts) + self._limits.rounding(point.values, point.now.multipliers)
 
     def _error(self, point: Point, barrier: float) -> float:
-        """How far the point is from the solution at this barrier."""
+        """The distance of the point from the solution at this barrier."""
         now = point.now
         products = np.where(self._limits.active, now.slacks * now.multipliers - barrier, 0.0)
         others = np.where(self._limits.soft, now.excesses * now.excess_multipliers - barrier, 0.0)

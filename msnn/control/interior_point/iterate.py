@@ -10,7 +10,7 @@ from msnn.control.interior_point.horizon_values import Slopes, Values
 
 @dataclass(frozen=True, slots=True)
 class Iterate:
-    """Where the method is, scaled: a plan, and what belongs to its limits, low ones first.
+    """An iterate of the method, scaled: a plan, and values of its limits, low ones first.
 
     Slacks, multipliers, excesses and multipliers of excesses are (N+1, 2m).
     """

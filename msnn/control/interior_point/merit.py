@@ -102,7 +102,7 @@ class Merit:
 
 
 def held_gaps(functions: HorizonFunctions, now: Iterate) -> Array:
-    """How far controls within a block are from the one that they are held at, (N, nu)."""
+    """The distances of controls within a block from the one that they are held at, (N, nu)."""
     gaps = functions.held.gaps(now.states, now.controls)
     return np.where(functions.held.stages[:, None], gaps, 0.0)
 

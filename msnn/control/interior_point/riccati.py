@@ -30,7 +30,7 @@ class HeldControls:
     """(nu, nx)"""
 
     def gaps(self, states: Array, controls: Array) -> Array:
-        """How far controls are from those that the states hold, (N, nu)."""
+        """The distances of controls from those that the states hold, (N, nu)."""
         return states[:-1] @ self.selection.T - controls
 
 

@@ -21,7 +21,7 @@ def _no_place(row: int) -> Span | None:
 
 @dataclass(frozen=True, slots=True)
 class WantedColumns:
-    """What is asked of a file; `users` says for each column what wants it, for messages."""
+    """The columns to read of a file; `users` names for each column what wants it, for messages."""
 
     users: Mapping[ColumnKey, str]
     optional: frozenset[ColumnKey] = frozenset()

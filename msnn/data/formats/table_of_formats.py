@@ -38,7 +38,7 @@ class FileFormat:
 
     @property
     def missing(self) -> tuple[OptionalPackage, ...]:
-        """What reads it and is not installed."""
+        """The packages that read it and are not installed."""
         return tuple(package for package in self.packages if not package.is_installed)
 
 

@@ -112,7 +112,7 @@ def data_of_files(data: Data, files: Sequence[Path], data_set: str | None = None
 
 
 def _layout(data: Data, data_set: str | None) -> Source:
-    """What a set says of its files, without which they are and which of their rows it takes."""
+    """The layout that a set gives its files, without their names and the choice of rows."""
     plain = {
         name: source.model_copy(update={"files": (), "first": None, "last": None})
         for name, source in data.source.items()

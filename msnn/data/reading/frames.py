@@ -23,7 +23,7 @@ from spec_schema.sections.data.data import Data, Source
 
 @runtime_checkable
 class FrameLike(Protocol):
-    """What frames of pandas and polars have in common."""
+    """The interface that frames of pandas and polars share."""
 
     @property
     def columns(self) -> Any: ...

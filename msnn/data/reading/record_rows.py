@@ -111,7 +111,7 @@ def _picked(
 
 
 def _seconds(column: TimeColumn, table: ColumnTable, findings: Findings) -> float | None:
-    """What one unit of the column of time is: the spec says it, or the file, else it is seconds."""
+    """The seconds in one unit of the time column: of the spec, or the file, else one second."""
     key = column.column.column
     if key in table.begins:
         if column.unit is None:

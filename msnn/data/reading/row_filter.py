@@ -41,7 +41,7 @@ class RowFilter:
         return self.program.signals
 
     def kept(self, series: Mapping[str, FloatArray], rows: int) -> BoolArray:
-        """Which rows the condition holds for; a missing value makes no condition true."""
+        """The mask of rows where the condition holds; a missing value makes no condition true."""
         judge = Interpreter(self.program)
         kept = np.zeros(rows, dtype=np.bool_)
         # in parts: the interpreter holds an array for each operation

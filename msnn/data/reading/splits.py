@@ -32,7 +32,7 @@ def split_source(sources: Sequence[str], split: Split, findings: Findings) -> st
 
 @dataclass(frozen=True, slots=True)
 class RecordTimes:
-    """What a split may ask of a record: how many rows it has, and when they were."""
+    """The count of a record's rows and their times, for splits."""
 
     rows: int
     time: FloatArray | None

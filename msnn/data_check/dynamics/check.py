@@ -18,7 +18,7 @@ from msnn.data_check.dynamics.time_constants import TimeConstants, time_constant
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetCheck:
-    """How one series answers all inputs; lists are in the order of the inputs."""
+    """The responses of one series to all inputs; lists are in the order of the inputs."""
 
     rows: int
     """Rows that were looked at."""
@@ -35,7 +35,7 @@ class TargetCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputsCheck:
-    """What the inputs are, apart from what answers them."""
+    """The properties of the inputs, apart from what answers them."""
 
     excitation: tuple[Excitation | None, ...]
     dependences: tuple[Dependence, ...]
@@ -55,7 +55,7 @@ def check_inputs(
 def check_target(
     target: FloatArray, inputs: FloatArray, follows: BoolArray, about: InputsCheck
 ) -> TargetCheck:
-    """How `target` answers (rows, inputs)."""
+    """Checks the response of `target` to (rows, inputs)."""
     count = inputs.shape[1]
     pieces = pieces_of(target, inputs, follows)
     found = responses(pieces) if count and _moves(pieces) else None

@@ -21,7 +21,7 @@ _BANDS = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Excitation:
-    """What an input excites; frequencies in parts of the sampling rate, 0 … 0.5."""
+    """The excitation by an input; frequencies in parts of the sampling rate, 0 … 0.5."""
 
     order: int
     """Order of persistent excitation, up to `tested`."""
@@ -43,7 +43,7 @@ class Excitation:
 
 
 def excitation(pieces: Sequence[Piece], number: int, step: float | None) -> Excitation | None:
-    """What input `number` excites; `step` is that of its quantisation. None for fewer than 8 rows.
+    """The excitation by input `number`, quantised by `step`. None for fewer than 8 rows.
 
     An input excites order n where its n×n covariance has full rank (Ljung 1999, §13.2), and a
     larger covariance has rank n. Rank is counted down to what rounding makes of a matrix that has

@@ -23,7 +23,7 @@ _PREDICTED = 1e-5
 
 
 def feedback(pieces: Sequence[Piece], number: int) -> float | None:
-    """How much of input `number` its own past leaves open and the past output explains.
+    """The share of input `number` that its own past leaves open and the past output explains.
 
     None where the output explains nothing of it. Granger's test (Econometrica 37, 1969): two models
     of the input in its past, one with the past output; n ln(Σe²/Σe'²) is χ² of the added numbers

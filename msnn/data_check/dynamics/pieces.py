@@ -69,5 +69,5 @@ def slower(pieces: Sequence[Piece], factor: int) -> list[Piece]:
 
 
 def rows_of(pieces: Sequence[Piece]) -> int:
-    """How many rows there are in all."""
+    """The count of all rows."""
     return sum(map(len, pieces))

@@ -14,7 +14,7 @@ from msnn.data_check.signals.spikes import Spikes, spikes
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeriesCheck:
-    """What one series shows; numbers are NaN where it has no values."""
+    """The properties of one series; numbers are NaN where it has no values."""
 
     rows: int
     missing: int

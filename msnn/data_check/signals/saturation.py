@@ -75,7 +75,7 @@ def saturation(values: FloatArray, follows: BoolArray) -> tuple[Saturation, ...]
 
 
 def _levels(values: FloatArray) -> int:
-    """How many values there are; counting ends where there are plainly many."""
+    """The number of different values; counting ends where there are plainly many."""
     # a look at the first rows: sorting all would take the time of reading
     few = np.unique(values[: 64 * _FEW_LEVELS])
     return len(few) if len(few) > _FEW_LEVELS else len(np.unique(values))

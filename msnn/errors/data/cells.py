@@ -70,7 +70,7 @@ def unbalanced_quote(file: str, row: int, more: int, place: Span) -> Diagnostic:
 
 
 def _repair_of(text: str, column: str) -> str | None:
-    """What to write in place of a text that people often have in a table."""
+    """The repair of a text that people often have in a table."""
     if text == column:
         return "remove this line: a second header, as where two logs were joined"
     if text.upper() in _TRUTHS:

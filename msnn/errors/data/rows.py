@@ -33,7 +33,7 @@ def other_sample_time(*, file: str, found: float, expected: float) -> Diagnostic
 
 
 def _repair_of_step(found: float, expected: float, column: str) -> str:
-    """What to write where rows are `found` seconds apart and `sample_time` says otherwise."""
+    """The repair where rows are `found` seconds apart and `sample_time` says otherwise."""
     ratio = expected / found if found > 0 else 0.0
     if abs(ratio / _DAY - 1) < 0.01:
         return (

@@ -118,7 +118,7 @@ class FmuInstance:
         self._fmu.terminate()
 
     def slopes(self, unknowns: Mapping[int, int], knowns: Mapping[int, Array]) -> Array:
-        """How unknowns of so many numbers change with knowns that change so."""
+        """The changes of unknowns of so many numbers with knowns that change so."""
         rows = [r for first, size in unknowns.items() for r in self._references(first, size)]
         columns = [r for first, v in knowns.items() for r in self._references(first, v.size)]
         seeds = np.concatenate([values.ravel() for values in knowns.values()]).tolist()

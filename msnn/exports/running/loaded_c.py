@@ -13,7 +13,7 @@ from msnn.agreement.loaded import ExportedSlopes, Loaded, stacked
 
 
 def loaded_c(step: CStep, interface: Interface) -> Loaded:
-    """What one instance can do; slopes where the export has a Jacobian."""
+    """Calls one instance of the C; with slopes where the export has a Jacobian."""
     model = _CModel(step, interface)
     matrices = interface.jacobian
     slopes = None if matrices is None else ExportedSlopes(matrices.jacobian, model.slopes)
@@ -26,7 +26,7 @@ class _CModel:
     interface: Interface
 
     def start(self, beginning: Beginning) -> Arrays:
-        """What `reset` makes of the samples around the first step."""
+        """The state that `reset` makes of the samples around the first step."""
         windows = {
             field.name: beginning.window(
                 field.name, port.first, port.last - port.first + 1

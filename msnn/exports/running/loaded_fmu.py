@@ -26,7 +26,7 @@ from msnn.exports.target import Written
 
 @contextmanager
 def loaded_fmu(program: Program, interface: Interface, written: Written) -> Generator[Loaded]:
-    """What the unit of FMI 3.0 can do; in free runs that of FMI 2.0 must give the same bits."""
+    """Calls the unit of FMI 3.0; in free runs that of FMI 2.0 must give the same bits."""
     with ExitStack() as stack:
         paths = sorted(path for path in written.files if path.suffix == ".fmu")
         # the names differ in the version alone, so that sorted 2.0 comes first
@@ -129,7 +129,7 @@ class _Serialised:
 
     @property
     def _checksum(self) -> int:
-        """Where it begins."""
+        """The address of the checksum."""
         return self.data.index(b"\0") + 1
 
     @property

@@ -97,7 +97,7 @@ def _load(plan: ExportPlan[None], written: Written) -> Generator[Loaded]:
 
 @dataclass(frozen=True, slots=True)
 class _Scale:
-    """What the words of a struct stand for."""
+    """The scales of the words of a struct."""
 
     fields: Mapping[str, Mapping[str, Any]]
 

@@ -60,7 +60,7 @@ def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[
 
 
 def _tell(plan: ExportPlan[COptions], folder: Path) -> str:
-    """Whether the units run on this machine."""
+    """A sentence where the units do not run on this machine; else empty."""
     from backends.fmu.archive import holds_binary
 
     paths = [folder / f"{plan.prefix}_fmi{version}.fmu" for version in (2, 3)]

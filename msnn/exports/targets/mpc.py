@@ -195,7 +195,7 @@ def _compare(plan: ExportPlan[Online], weights: Weights, written: Written) -> Ag
 
 
 def _tell(plan: ExportPlan[Online], folder: Path) -> str:
-    """Whether the self-tests know the bits that every build gives."""
+    """A sentence where the self-tests do not know the bits that every build gives; else empty."""
     del plan
     tests = [path.read_text(encoding="utf-8") for path in folder.glob("src/*_selftest.c")]
     if all("golden" in text for text in tests):

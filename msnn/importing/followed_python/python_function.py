@@ -44,7 +44,7 @@ _LOWERED = {"true": True, "false": False, "null": None}
 
 
 def follow(function: ast.FunctionDef, arguments: Sequence[Tensor], rows: int = 1) -> Tensor:
-    """What the function returns; so many `rows` at once may take as many steps more.
+    """Follows a call to its result; so many `rows` at once may take as many steps more.
 
     Raises FunctionError; NeedsElementsError of whole values.
     """

@@ -30,7 +30,7 @@ class Module:
 
 
 def imported(statement: ast.Import | ast.ImportFrom) -> dict[str, Module | float]:
-    """What a statement gives names to. Raises NotTranslatedError of modules not translated."""
+    """The names that a statement binds. Raises NotTranslatedError of modules not translated."""
     if isinstance(statement, ast.ImportFrom):
         module = _known("." * statement.level + (statement.module or ""))
         for one in statement.names:

@@ -148,7 +148,7 @@ def called(name: str, arguments: Sequence[Any]) -> Any:
 
 
 def kind_of(node: ast.AST) -> str:
-    """What a part of a program is called in messages."""
+    """The name of a program's part in messages."""
     return type(node).__name__.lower()
 
 

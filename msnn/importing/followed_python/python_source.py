@@ -10,7 +10,7 @@ _LONGEST = 20_000
 
 
 class FunctionError(Exception):
-    """What of a function is not translated: its line, from 1, and why."""
+    """The line of a function that is not translated, from 1, and the reason."""
 
     def __init__(self, line: int, reason: str) -> None:
         super().__init__(reason)

@@ -99,7 +99,7 @@ def elementwise(make: Callable[..., Term], *operands: Any) -> Tensor:
 
 
 def condition(value: Term) -> Term:
-    """What a `where` compares: 1 and 0 stand for a comparison elsewhere."""
+    """The condition of a `where`: 1 and 0 stand for a comparison elsewhere."""
     match value.head:
         case Call("where") if len(value.args) == 3 and _is_flag(value):
             return value.args[0]

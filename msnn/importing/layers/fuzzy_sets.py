@@ -21,7 +21,7 @@ _SHAPES = {"Triangular": "triangular", "Rectangular": "rectangular"}
 def fuzzified(
     functions: Functions, layers: Layers, name: str, value: Value, findings: Findings
 ) -> Value:
-    """How much a scalar belongs to each set of a function of the file."""
+    """The membership of a scalar in each set of a function of the file."""
     given = functions.file.Functions[name]
     centers = [float(c) for c in given.centers or []]
     count = (given.dim_out or {}).get("dim", 0)

@@ -27,7 +27,7 @@ class Weighted:
 
 @dataclass(slots=True, kw_only=True)
 class Layers:
-    """What the spec declares as layers."""
+    """Declares layers in the spec."""
 
     names: TakenNames
     dims: Dims

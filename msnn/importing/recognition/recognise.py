@@ -12,7 +12,7 @@ from msnn.importing.saved_file.graph import Graph
 
 
 def recognise(file: File) -> Mapping[str, Recognised]:
-    """What the relations are that stand for many."""
+    """Finds the relations that are the whole of a form made of many relations."""
     graph = Graph(file)
     # of a relation that is both, the local model stands
     return {**calculus(graph), **local_models(graph)}

@@ -13,7 +13,7 @@ from msnn.importing.terms.values import Value, ValueOperations
 
 
 class Followed(Protocol):
-    """What a recognised form asks of the relations around it."""
+    """The relations around a recognised form, as it reads them."""
 
     values: ValueOperations
     layers: Layers

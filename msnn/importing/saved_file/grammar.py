@@ -25,7 +25,7 @@ class _Strict(BaseModel):
 
 
 class Info(_Strict):
-    """What holds of the whole model."""
+    """The facts of the whole model."""
 
     SampleTime: Annotated[Number, Field(gt=0)] = 1
 
@@ -116,7 +116,7 @@ def read_file(text: JsonText) -> File:
 
 
 def _compared(file: File) -> dict[str, str]:
-    """What losses compare of a model that is only trained, but for windows of inputs."""
+    """The relations that the losses of a model only trained compare, but for windows of inputs."""
     sides = [side for one in file.Minimizers.values() for side in (one.A, one.B)]
     return {side: side for side in sides if side in file.Relations and not _reads(file, side)}
 

@@ -18,7 +18,7 @@ class Graph:
 
     @cached_property
     def uses(self) -> Mapping[str, int]:
-        """How often a name is an operand, an output, or fed back."""
+        """The number of times that a name is an operand, an output, or fed back."""
         found: Counter[str] = Counter(self.file.Outputs.values())
         for name in self.file.Relations:
             found.update(self.operands(name))

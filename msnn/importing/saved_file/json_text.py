@@ -42,7 +42,7 @@ class JsonText:
     places: Mapping[Path, tuple[int, int]]
 
     def place(self, *path: str | int) -> Span:
-        """Where the value at a path stands, or what is nearest around it."""
+        """The place of the value at a path, or of the nearest one around it."""
         while path and path not in self.places:
             path = path[:-1]
         start, end = self.places[path]

@@ -31,7 +31,7 @@ ROWS = 3
 
 
 class NotTranslatedError(Exception):
-    """What is not translated; says why."""
+    """A part of a function that is not translated; says why."""
 
 
 def tensor(value: Any) -> Elements:

@@ -39,7 +39,7 @@ def one_piece(term: Term) -> Value:
 
 @dataclass(frozen=True, slots=True)
 class ValueOperations:
-    """What is made of values along time and along their elements."""
+    """Makes values along time and along their elements."""
 
     dims: Dims
     cutter: Cutter

@@ -25,7 +25,7 @@ _VALUE = "value of "
 
 @dataclass(frozen=True, slots=True)
 class Covariance:
-    """How uncertain the numbers are that a training has learned, in the units of the parameters."""
+    """The covariance of the numbers that a training has learned, in the units of the parameters."""
 
     values: Mapping[str, FloatArray]
     """The parameters that it is of, as they were estimated: it belongs to these values alone."""
@@ -56,7 +56,7 @@ class Covariance:
 
     @property
     def free(self) -> int:
-        """How many numbers were free to move."""
+        """The count of numbers that were free to move."""
         # a number that is held has a row of zeros
         return int(np.count_nonzero(np.diagonal(self.matrix)))
 
@@ -69,7 +69,7 @@ class Covariance:
 
 
 def _places(names: Sequence[str], weights: Mapping[str, FloatArray]) -> dict[str, IntArray]:
-    """Where the numbers of each parameter stand, one parameter after the other."""
+    """The places of the numbers of each parameter, one parameter after the other."""
     ends = np.cumsum([weights[name].size for name in names])
     return {
         name: np.arange(end - weights[name].size, end)

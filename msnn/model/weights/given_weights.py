@@ -20,7 +20,7 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 @runtime_checkable
 class TensorLike(Protocol):
-    """What a tensor of torch is here, which need not be installed."""
+    """A tensor of torch, which need not be installed."""
 
     def detach(self) -> Any: ...
 

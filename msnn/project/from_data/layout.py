@@ -121,7 +121,7 @@ def _comment(path: Path) -> str | None:
 
 
 def _fits(texts: Sequence[str], delimiter: str, decimal: str) -> tuple[float, int]:
-    """How well lines fit: the share of numbers among cells, in lines of one width; the width."""
+    """The fit of lines: the share of numbers among cells, in lines of one width; the width."""
     rows = [split_cells(text, delimiter) for text in texts]
     late = rows[len(rows) // 2 :]
     width, count = Counter(map(len, late)).most_common(1)[0]

@@ -23,7 +23,7 @@ _COMPUTED = 0.5
 
 @dataclass(frozen=True, slots=True)
 class ColumnRole:
-    """How much of what is new in a column the past of others explains."""
+    """The share of a column's news that the past of the others explains."""
 
     column: FoundColumn
     explained: float

@@ -34,7 +34,7 @@ _EPOCHS = (("ns", 1e17), ("us", 1e14), ("ms", 1e11))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundTime:
-    """How the rows of a file follow each other."""
+    """The times of a file's rows."""
 
     column: FoundColumn | None
     """None: no column says; rows are one sample apart."""

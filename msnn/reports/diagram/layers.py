@@ -45,7 +45,7 @@ class BoxPlace:
 
 @dataclass(frozen=True, slots=True)
 class DiagramLayout:
-    """Where boxes are, through which points wires go, and how large all of it is."""
+    """The places of boxes, the points of wires, and the size of all of it."""
 
     places: Mapping[str, BoxPlace]
     paths: Mapping[Wire, tuple[tuple[float, float], ...]]

@@ -83,7 +83,7 @@ def _about(spec: Spec, kind: Kind, name: str) -> str:
 
 
 def formulas_of(spec: Spec, kind: Kind, name: str) -> Any:
-    """What of an entry is computed; nothing of a signal."""
+    """The computed parts of an entry; none of a signal."""
     entry: Entry = getattr(spec, kind)[name]
     if kind in ("inputs", "targets"):
         return ()

@@ -57,7 +57,7 @@ def _summary(flow: Flow) -> str:
 
 
 def _texts(box: Box) -> tuple[str, str, str]:
-    """What stands in a box: its name, what it is, the parameters it uses."""
+    """The texts of a box: its name, its kind, the parameters it uses."""
     uses = ", ".join(box.uses)
     return _short(box.name), _short(box.about), _short(uses)
 

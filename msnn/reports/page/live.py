@@ -34,7 +34,7 @@ _LARGEST = 600_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveModel:
-    """What the page needs to run the model."""
+    """The texts with which the page runs the model."""
 
     values: Plain
     ports: Ports

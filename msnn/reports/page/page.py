@@ -128,7 +128,7 @@ def _records(contents: Contents, live: LiveModel | None) -> Records:
 
 
 def _undrawn(contents: Contents, measurements: int) -> Iterator[str]:
-    """What the page has no room for, besides records."""
+    """The parts that the page has no room for, besides records."""
     for found, most, what in (
         (len(contents.functions), MOST_FUNCTIONS, "learned functions"),
         (measurements, MOST_MEASUREMENTS, "measurements, whose metrics are all in the table,"),
@@ -224,7 +224,7 @@ def _json(values: Plain) -> str:
 
 
 def _hash(text: str) -> str:
-    """What the page's policy admits, and nothing else."""
+    """The hash by which the page's policy admits a text and no other."""
     return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
 
 

@@ -30,7 +30,7 @@ _SHARE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """What the page draws of the data, and what it leaves out."""
+    """The data that the page draws, and those that it leaves out."""
 
     shown: list[Plain]
     left_out: list[str]
@@ -38,7 +38,7 @@ class Records:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ports:
-    """What the running model reads of a record: samples before a run and after it, signals."""
+    """The signals of a record that the running model reads, and samples before and after a run."""
 
     back: int
     ahead: int

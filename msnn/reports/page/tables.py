@@ -49,7 +49,7 @@ def short(value: float | None, digits: int = 5) -> str:
 
 
 def limits_table(rows: Sequence[MetricRow]) -> PageTable:
-    """What the spec asks to be measured, with its limits."""
+    """The metrics that the spec asks for, with their limits."""
     verdicts = {True: "kept", False: "broken", None: ""}
     return PageTable(
         "What the spec asks",

@@ -60,5 +60,5 @@ Engine: TypeAlias = str | EngineToOpen
 
 
 def first_places(runs: Runs) -> IntArray:
-    """Where the first step of each rollout stands in what `outputs` returns."""
+    """The place of each rollout's first step in the results of `outputs`."""
     return np.cumsum(runs.steps) - runs.steps

@@ -202,5 +202,5 @@ def compare(
 
 
 def said(built: Built, what: str) -> str:
-    """What is wrong with which kernel."""
+    """The sentence about a kernel that is wrong."""
     return f"kernel {built.name} computes {what}"

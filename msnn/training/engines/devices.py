@@ -17,7 +17,7 @@ _NAME = re.compile(r"cpu|auto|cuda(?::(?P<card>0|[1-9]\d{0,3}))?")
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """Where stages on torch compute, as torch names it: `cpu`, `cuda`, `cuda:1`."""
+    """A device for stages on torch, by torch's name: `cpu`, `cuda`, `cuda:1`."""
 
     torch: str
     for_all: bool
@@ -25,7 +25,7 @@ class Device:
 
     @property
     def name(self) -> str:
-        """What `find_device` finds it by on this machine."""
+        """The name by which `find_device` finds it on this machine."""
         return self.torch if self.for_all or self.torch == "cpu" else "auto"
 
 

@@ -33,7 +33,7 @@ class Needed:
 
 
 def memory_warnings(plan: StagePlan, runs: Runs, installed: int | None) -> tuple[Diagnostic, ...]:
-    """What a stage on torch will need, where that is more than half of what is installed.
+    """Warns of a stage on torch that needs more than half of the installed memory.
 
     Kernels cut long rollouts into pieces that fit (`KEPT_BYTES`), least squares take the starts in
     portions; torch keeps the values of every step until the gradient is known.

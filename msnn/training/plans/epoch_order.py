@@ -11,7 +11,7 @@ _FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 
 def order_key(seed: int, stage: int, epoch: int, attempt: int = 0) -> int:
-    """What decides the order of one epoch: 64 bits."""
+    """The 64 bits that decide the order of one epoch."""
     source = np.random.SeedSequence([seed, stage, epoch, attempt])
     return int(source.generate_state(1, np.uint64)[0])
 

@@ -23,7 +23,7 @@ from msnn.training.plans.stage_plan import StagePlan
 
 @dataclass(frozen=True, slots=True)
 class ResidualsOfStage:
-    """How large the residuals of a stage are, and how many."""
+    """The size of a stage's residuals, and their number."""
 
     square: float
     """Weighted mean square: of magnitudes and roots half of their weighted total."""
@@ -36,7 +36,7 @@ class ResidualsOfStage:
 
 
 def known_of(plan: StagePlan, parameters: Sequence[Parameter]) -> KnownTerms:
-    """What the stage knows of these parameters; nothing of those that it does not train."""
+    """The known terms of these parameters; none of those that the stage does not train."""
     return known_terms(parameters, plan.program.losses, plan.loss_weights, plan.trained)
 
 
@@ -78,7 +78,7 @@ def _scored(plan: StagePlan, sums: Mapping[str, LossSum]) -> tuple[float, float]
 
 
 def _part(loss: Loss, found: LossSum) -> float:
-    """What of a loss is to its likelihood as the mean square is to that of Gauss."""
+    """The part of a loss in its likelihood, as the mean square is in that of Gauss."""
     match loss.measure:
         case Measure.MSE | Measure.HUBER:
             return found.value(loss.measure)

@@ -19,7 +19,7 @@ Rule = Cosine | Exponential | Step | Plateau | None
 
 @dataclass(frozen=True, slots=True)
 class Reductions:
-    """How often a plateau has lowered the rate, and the epoch after which it did so last."""
+    """The number of a plateau's reductions, and the epoch after which the last one came."""
 
     count: int = 0
     epoch: int = 0
@@ -29,7 +29,7 @@ NO_REDUCTIONS = Reductions()
 
 
 def rate_factor(rule: Rule, epoch: int, epochs: int, reductions: Reductions) -> float:
-    """What the rate is multiplied by in the epoch after `epoch` complete ones of `epochs`.
+    """The factor of the rate in the epoch after `epoch` complete ones of `epochs`.
 
     cosine to e: e + (1 − e)(1 + cos(π · epoch / epochs)) / 2; the others are powers.
     """

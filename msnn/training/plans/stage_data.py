@@ -45,12 +45,12 @@ class StageData:
         return self.watched_set == TRAIN
 
     def in_epoch(self, epoch: int) -> Runs:
-        """What is trained on after `epoch` complete epochs."""
+        """The runs to train on after `epoch` complete epochs."""
         return next((each.runs for each in self.lessons if epoch < each.until), self.train)
 
 
 def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData | None:
-    """What a stage runs over; None after a report that there is nothing."""
+    """The runs of a stage; None after a report that there are none."""
     if data.is_on_disk:
         check_on_disk(plan, findings)
         if findings.failed:

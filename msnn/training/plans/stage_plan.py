@@ -256,7 +256,7 @@ def _rate(
 
 
 def _check_reproducible(name: str, stage: Stage, findings: Findings) -> None:
-    """What steps outside of a kernel has the bits of other libraries."""
+    """Reports an optimiser whose steps have the bits of other libraries."""
     place = stage.optimizer.choice.place.key
     match stage.optimizer.choice.steps_by:
         case "torch":

@@ -23,12 +23,12 @@ class TrainingRanks(Protocol):
 
     @property
     def rank(self) -> int:
-        """Which one this is, from 0."""
+        """The number of this rank, from 0."""
         ...
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """The number of ranks."""
         ...
 
     def receive(self, sums: NDArray[np.uint8]) -> None:

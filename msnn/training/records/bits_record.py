@@ -14,7 +14,7 @@ _LAPACK = "LAPACK of numpy and the processor"
 
 
 def bits_record(program: Program, plans: Sequence[StagePlan]) -> dict[str, Any]:
-    """How kernels are made here, and whether the weights have these bits on other machines too.
+    """The build of kernels here, and whether the weights have these bits on other machines too.
 
     Bits are `reproducible` where another compiler and another processor with a fused multiply-add
     find the same. Else `depends_on` says of stages, and of layers that are fitted, what decides.
@@ -31,7 +31,7 @@ def bits_record(program: Program, plans: Sequence[StagePlan]) -> dict[str, Any]:
 
 
 def _depends_on(plan: StagePlan, kernels: KernelDescription | None) -> str:
-    """What else than spec and data decides the bits of a stage; empty if nothing does."""
+    """The things besides spec and data that decide the bits of a stage; empty if none does."""
     if plan.engine == "torch" or kernels is None:
         return "torch and the processor"
     match plan.optimizer.steps_by:

@@ -56,7 +56,7 @@ class TrainingPosition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checkpoint:
-    """Where a run stands: the stages that are over, and how far the present one is."""
+    """The position of a run: the stages that are over, and the state of the present one."""
 
     ended: tuple[StageResult, ...]
     """The present stage is the one after these; after the last there is none."""
@@ -108,7 +108,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
-    """What was written; SpecError for a file that is not a checkpoint of this version."""
+    """Reads a checkpoint; SpecError for a file that is not one of this version."""
     try:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}

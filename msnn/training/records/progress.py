@@ -166,7 +166,7 @@ def epoch_text(event: EpochEnd) -> str:
 
 
 def end_text(event: StageEnd) -> str:
-    """How a stage went, in a line."""
+    """The end of a stage in a line."""
     return (
         f"{_run(event.attempt, event.attempts)}{event.reason} after {event.epochs} epochs, "
         f"best {event.best:.6g} (epoch {event.best_epoch}), {event.seconds:.1f} s"

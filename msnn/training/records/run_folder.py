@@ -82,7 +82,7 @@ class RunFolder:
         return self.path / METRICS
 
     def metrics_log(self) -> MetricsLog:
-        """What adds lines to `metrics.jsonl`."""
+        """The writer of `metrics.jsonl`."""
         return MetricsLog(self.metrics)
 
     def sync_metrics(self) -> int:
@@ -129,11 +129,11 @@ class RunFolder:
                 write_bytes(place, part.file.read_bytes())
 
     def description(self) -> dict[str, Any]:
-        """What `write_description` has written; empty where it cannot be read."""
+        """The record of `write_description`; empty where it cannot be read."""
         return read_json(self.path / DESCRIPTION)
 
     def end(self) -> dict[str, Any]:
-        """What `write_end` has written last; empty before."""
+        """The last record of `write_end`; empty before."""
         found = self.description().get("end", {})
         return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
 

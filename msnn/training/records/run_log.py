@@ -29,7 +29,7 @@ State = Literal["finished", "diverged", "refused"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """What was measured of one output, or loss, simulated one way over one set."""
+    """The metrics of one output, or loss, simulated one way over one set."""
 
     of: str
     unit: str
@@ -44,13 +44,13 @@ class Measured:
 
     @property
     def way(self) -> tuple[str, str, str]:
-        """What two models must share for their metrics to be compared."""
+        """The properties that two models must share for their metrics to be compared."""
         return self.of, self.rollout, self.unit
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one step of the exported C takes on one core."""
+    """The cost of one step of the exported C on one core."""
 
     core: str
     """With the level of optimisation: `Cortex-M4F -O2`."""

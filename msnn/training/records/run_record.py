@@ -58,7 +58,7 @@ def _versions() -> dict[str, str]:
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What would make a resumed run another one, a line each: `train.0.epochs: 6, now 8`."""
+    """The differences that make a resumed run another, a line each: `train.0.epochs: 6, now 8`."""
     found: list[str] = []
     now = json.loads(json.dumps(now))  # lists, not tuples: as it is read back
     if before.get("spec_sha256") != now["spec_sha256"]:
@@ -75,7 +75,7 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
 
 
 def _changed_parts(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Which sub-models are others, in their texts or weights."""
+    """The sub-models that are others, in their texts or weights."""
     old, new = (dict(_leaves(each.get("parts", {}), "")) for each in (before, now))
     changed = [path for path in dict.fromkeys((*old, *new)) if old.get(path) != new.get(path)]
     what = {"spec_sha256": "the spec", "weights_sha256": "the weights"}

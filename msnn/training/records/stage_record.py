@@ -50,7 +50,7 @@ def stage_record(plan: StagePlan) -> dict[str, object]:
 
 
 def stage_end(plan: StagePlan, result: StageResult) -> StageEnd:
-    """What is told of a stage that is over."""
+    """The message of a stage that is over."""
     return StageEnd(
         stage=plan.name,
         attempt=result.attempt + 1,
@@ -74,7 +74,7 @@ def _priors(plan: StagePlan) -> dict[str, object]:
 
 
 def _starts(plan: StagePlan) -> dict[str, object] | None:
-    """Which states start where the data say, and how that is found."""
+    """The states that start from data, and the way that is found."""
     starts = plan.rollout.starts
     if starts is None:
         return None

@@ -20,7 +20,7 @@ from msnn.training.records.run_lock import held
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingOptions:
-    """How a run is kept: `runs` None writes no files; `resume` goes on with the newest one."""
+    """The options of a run's folder: `runs` None writes no files; `resume` continues the newest."""
 
     runs: Path | None = Path("runs")
     resume: bool = False

@@ -50,7 +50,7 @@ class LateJumps:
                 self._largest, self._at, self._rate = ratio, event.epoch, event.lr
 
     def hint(self, plan: StagePlan) -> Diagnostic | None:
-        """What would settle it; None where nothing jumps."""
+        """A hint that would settle it; None where nothing jumps."""
         key = _key(plan)
         if key is None or self._jumps <= OFTEN * self._late:
             return None
@@ -66,7 +66,7 @@ class LateJumps:
 
 
 def _key(plan: StagePlan) -> str | None:
-    """Where the rate stands; None where steps have their own lengths."""
+    """The key of the rate; None where steps have their own lengths."""
     match plan.optimizer:
         case Adam():
             return "adam.lr"

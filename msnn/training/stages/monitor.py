@@ -76,5 +76,5 @@ def loss_values(plan: StagePlan, sums: LossSums) -> dict[str, float]:
 
 
 def weighted_total(plan: StagePlan, values: Mapping[str, float]) -> float:
-    """What the stage minimises."""
+    """The total that the stage minimises."""
     return sum(weight * values[name] for name, weight in plan.loss_weights.items() if weight)

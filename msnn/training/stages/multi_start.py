@@ -47,7 +47,7 @@ class StageAttempts:
             self.current.resume(checkpoint.place)
 
     def checkpoint(self, before: Checkpoint) -> Checkpoint:
-        """Where a run stands now that began this stage at `before`."""
+        """The position now of a run that began this stage at `before`."""
         now = self.current
         return Checkpoint(
             ended=before.ended,

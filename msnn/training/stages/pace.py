@@ -10,7 +10,7 @@ CALL = 0.25
 
 @dataclass(slots=True)
 class Pace:
-    """How long batches take here, and so how many make a call; begins with one and doubles.
+    """Measures batches to choose how many make a call; begins with one and doubles.
 
     Whole epochs of small models are one call: eight calls after its begin a stage is at 200
     batches. A batch that takes longer than `CALL` is a call of its own.

@@ -116,7 +116,7 @@ class StageRun:
         )
 
     def place(self) -> TrainingPosition | None:
-        """Where the attempt stands now; None before it has begun."""
+        """The position of the attempt now; None before it has begun."""
         if self.best is None:
             return None
         return TrainingPosition(
@@ -156,7 +156,7 @@ class StageRun:
         return "done" if self.epoch >= self.plan.epochs else None
 
     def _rate(self) -> float:
-        """What learning rates are multiplied by in the next epoch."""
+        """The factor of learning rates in the next epoch."""
         plan = self.plan
         factor = rate_factor(plan.schedule, self.epoch, plan.epochs, self.reductions)
         return self.found_rate * factor

@@ -17,7 +17,7 @@ Weights = Mapping[str, FloatArray]
 
 
 class StageStarts:
-    """Where the runs of one stage start whose plan leaves that to be found."""
+    """Finds the starts of a stage's runs, where its plan leaves them to be found."""
 
     def __init__(
         self,

@@ -19,7 +19,7 @@ Draws = Callable[[int], Weights]
 def drawn_weights(
     program: Program, plan: StagePlan, weights: Weights, redrawn: Draws | None, attempt: int
 ) -> Weights:
-    """Where an attempt begins: trained parameters at their initial values are drawn again."""
+    """The first weights of an attempt: trained parameters at initial values are drawn again."""
     if attempt == 0 or redrawn is None:
         return weights
     initial, drawn = initial_weights(program), redrawn(attempt)

@@ -32,7 +32,7 @@ class UnbrokenRows:
 
 @dataclass(frozen=True, slots=True)
 class FilterStructure:
-    """Which filters there are: taps `first` … `num`, `den` poles within `radius`."""
+    """The filters of a structure: taps `first` … `num`, `den` poles within `radius`."""
 
     first: int
     num: int
@@ -43,7 +43,7 @@ class FilterStructure:
 
     @property
     def depth(self) -> int:
-        """How many rows the unknown past of a piece reaches into."""
+        """The number of rows that the unknown past of a piece reaches into."""
         return max(self.num, self.den)
 
     @property
@@ -57,7 +57,7 @@ class FilterStructure:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """What a filter makes of the input and of the past of each piece."""
+    """The response of a filter to the input and to the past of each piece."""
 
     gains: FloatArray
     """Of b₀ … of the input."""

@@ -129,6 +129,6 @@ def _series(
 
 
 def _reach(argument: Graph) -> tuple[int, int]:
-    """How many samples before and after t the argument reads."""
+    """The number of samples before and after t that the argument reads."""
     reads = [node.op for _, node in argument if isinstance(node.op, ReadSignal)]
     return max([0, *(-read.first for read in reads)]), max([0, *(read.last for read in reads)])

@@ -53,7 +53,7 @@ def _sizes(parts: Sequence[FloatArray]) -> FloatArray:
 
 
 def _depth(series: Sequence[RowsWithoutGap], order: int, signals: int, outputs: int) -> int | None:
-    """How many rows before and after each are looked at; None where there are too few rows."""
+    """The rows looked at before and after each; None where there are too few."""
     # all rows of responses but the last have to hold the order, as A follows from these
     least = -(-order // outputs) + 1
     # half as many again where there are enough rows

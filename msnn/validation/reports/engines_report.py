@@ -17,7 +17,7 @@ JUDGE = "interpreter"
 
 @dataclass(frozen=True, slots=True)
 class EnginesReport:
-    """What every engine measured that can be had here."""
+    """The measurements of every engine that can be had here."""
 
     reports: Mapping[str, ValidationReport]
     left_out: Mapping[str, str]
@@ -25,7 +25,7 @@ class EnginesReport:
 
     @property
     def judged(self) -> ValidationReport:
-        """What the interpreter measured, by which limits are judged."""
+        """The measurements of the interpreter, by which limits are judged."""
         return self.reports[JUDGE]
 
 

@@ -19,7 +19,7 @@ _METRICS_HEADER = ("of", "metric", "value", "unit", "limit", "", "rollout", "dat
 
 
 def metrics_table(report: ValidationReport) -> str:
-    """What `metrics_cells` has, as text."""
+    """The text of `metrics_cells`."""
     return metrics_cells(report).text
 
 
@@ -35,7 +35,7 @@ def metrics_markdown(name: str, report: ValidationReport) -> str:
 
 
 def broken_limits(report: ValidationReport) -> tuple[Diagnostic, ...]:
-    """What is said of each metric that does not keep its limits."""
+    """A message for each metric that does not keep its limits."""
     return tuple(
         broken_limit(
             of=row.of,
@@ -69,7 +69,7 @@ def _metric_rows(report: ValidationReport) -> list[tuple[str, ...]]:
 
 
 def measurements_table(report: ValidationReport) -> str:
-    """What `measurements_cells` has, as text."""
+    """The text of `measurements_cells`."""
     return measurements_cells(report).text
 
 

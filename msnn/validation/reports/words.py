@@ -8,7 +8,7 @@ from spec_schema.units.unit import Unit
 
 
 class Simulated(Protocol):
-    """What says how it was simulated."""
+    """A row that says in which way it was simulated."""
 
     @property
     def horizon(self) -> str: ...
@@ -21,7 +21,7 @@ class Simulated(Protocol):
 
 
 def rollout_text(row: Simulated) -> str:
-    """How it was simulated: `one step`, `50 steps, closing x`, `record, skip 20`.
+    """The words for a simulation: `one step`, `50 steps, closing x`, `record, skip 20`.
 
     Two entries that are simulated or scored in two ways have two texts.
     """

@@ -38,7 +38,7 @@ class Correlation:
 
     @property
     def allowed(self) -> int:
-        """How many lags noise may have there: one in a hundred that are begun."""
+        """The number of lags that noise may have there: one in a hundred that are begun."""
         return math.ceil(len(self.lags) / 100)
 
     @property

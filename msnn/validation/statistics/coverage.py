@@ -28,7 +28,7 @@ _MATTERS = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """How often the targets of one output lay inside its intervals."""
+    """The shares of one output's targets inside its intervals."""
 
     observed: tuple[float, ...]
     """The share inside, for each of LEVELS."""
@@ -44,7 +44,7 @@ class Coverage:
 
     @property
     def verdict(self) -> str:
-        """What the shares say of the width of the intervals."""
+        """The words for the width of the intervals by these shares."""
         off = [
             (found - level) / (math.sqrt(level * (1 - level)) * self._allowed)
             for found, level in zip(self.observed, LEVELS, strict=True)
@@ -92,7 +92,7 @@ class Counts:
         self._number += there.sum(axis=0)
 
     def coverage(self, autocorrelations: Iterable[FloatArray]) -> Coverage:
-        """What was found; of each element's errors the autocorrelation at lags from 1."""
+        """The shares so far; of each element's errors the autocorrelation at lags from 1."""
         number = float(self._number.sum())
         memories = [1.0 + 2.0 * float(each @ each) for each in autocorrelations]
         # elements that could not be judged have the memory of those that could

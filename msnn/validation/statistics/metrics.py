@@ -65,7 +65,7 @@ class Spread:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """What every metric needs of errors e = prediction − target, of each element; they add up."""
+    """The sums for every metric of errors e = prediction − target, of each element; they add up."""
 
     shape: tuple[int, ...]
     absolute: FloatArray

@@ -65,7 +65,7 @@ def regions(squares: FloatArray, values: FloatArray) -> tuple[Region, ...]:
 
 
 def extrapolation(signal: str, values: FloatArray, trained: FloatArray) -> Extrapolation | None:
-    """How many values lie outside the range of those that were trained on; None where none does."""
+    """The values that lie outside the range of those that were trained on; None where none does."""
     values, trained = values[np.isfinite(values)], trained[np.isfinite(trained)]
     if not len(values) or not len(trained):
         return None

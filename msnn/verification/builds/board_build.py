@@ -66,14 +66,14 @@ class BoardBuild:
 
     @cached_property
     def _start(self) -> list[Path]:
-        """What starts the board, for every program of this folder."""
+        """The sources that start the board, for every program of this folder."""
         start = "startup_riscv.c" if self.board.riscv else "startup_arm.c"
         # the loops that are memset and memcpy would be turned into calls of themselves
         flags = ["-O1", "-fno-tree-loop-distribute-patterns"]
         return [self.object(path, flags) for path in (TEMPLATES / start, *self._library)]
 
     def answer(self, program: Path, seconds: float) -> str:
-        """What the board wrote; the plugin leaves the counts of instructions in a file."""
+        """The output of the board; the plugin leaves the counts of instructions in a file."""
         symbols = run_tool([f"{self.board.binutils}nm", program], self.folder)
         addresses = {line.split()[-1]: line.split()[0] for line in symbols.splitlines()}
         begin, end = (addresses[f"measure_{place}"] for place in ("begin", "end"))

@@ -32,7 +32,7 @@ class Board:
 
     @property
     def binutils(self) -> str:
-        """What names of binutils begin with."""
+        """The prefix of the names of binutils."""
         return self.compiler.command.removesuffix("gcc")
 
 

@@ -10,7 +10,7 @@ _SUMMARY = re.compile(r"differing ([0-9a-f]{8}) selftest ([0-9a-f]{8})")
 
 
 def differences(model: ExportedC, answer: str) -> list[str]:
-    """What is wrong with the output of the harness, in sentences; empty if nothing is."""
+    """The faults of the harness's output, in sentences; empty if there is none."""
     lines = [line.strip() for line in answer.splitlines() if line.strip()]
     # printed last: a board that trapped or hung has answered steps and no summary
     summary = next((m for line in lines if (m := _SUMMARY.search(line))), None)

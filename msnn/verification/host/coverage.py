@@ -52,7 +52,7 @@ class SourceCoverage:
 
 
 def coverage_check(model: ExportedC) -> ProofStep:
-    """What is not reached is a note, no finding: a clamp may hide a branch for good."""
+    """Notes unreached code, which is no finding: a clamp may hide a branch for good."""
 
     def run(folder: Path) -> Result:
         found = coverage(model, folder)

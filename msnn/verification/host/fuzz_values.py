@@ -15,7 +15,7 @@ _UNBOUNDED = 1e3
 
 
 def fuzz_facts(model: ExportedC) -> dict[str, Any]:
-    """What `fuzz_main.c` is filled with."""
+    """The values for the template `fuzz_main.c`."""
     reals = [member for member in model.inputs if not member.unsigned]
     # after one of these bits a step has said that its answer may be anything
     told = ("STATE_OUT_OF_RANGE", "UNINITIALISED", "EQUATION_OUT_OF_RANGE")
@@ -84,7 +84,7 @@ def _place(member: RangedField, struct: str) -> str:
 
 
 def _limits(member: RangedField, model: ExportedC) -> Range:
-    """What is valid: the finite numbers within the range, as the policies of the spec say."""
+    """The valid range: the finite numbers within the range, as the policies of the spec say."""
     single = model.dtype == "float32"
     # in C every comparison is of this type: a larger literal would be infinite
     largest = float(np.finfo(np.float32).max) if single else sys.float_info.max

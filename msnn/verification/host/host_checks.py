@@ -31,7 +31,7 @@ def host_checks(model: ExportedC) -> Iterator[ProofStep]:
 
 
 def source_checks(model: Sources, accepted: Sequence[str] = ()) -> Iterator[ProofStep]:
-    """What compilers say of the sources but for `accepted` warnings, and what memory they have."""
+    """Checks of the sources by compilers, but for `accepted` warnings, and of their memory."""
     gcc, clang = [*GCC_WARNINGS, *accepted], [*CLANG_WARNINGS, *accepted]
     yield _compiling("warnings", "gcc", (GCC,), model, [*STANDARD, "-O2", *gcc])
     yield _compiling("warnings", "clang", (CLANG,), model, [*STANDARD, "-O2", *clang])
@@ -95,7 +95,7 @@ _WRITABLE = re.compile(r"^(\S+?):.* [bBcCdDgGsS] (\S+)$", re.MULTILINE)
 
 
 def writable_objects(sources: Sequence[Path], options: Sequence[str], folder: Path) -> list[str]:
-    """What memory the sources have besides the structs they are given, as `file: name`."""
+    """The memory of the sources besides the structs they are given, as `file: name`."""
     # -O0: an object that an optimiser would drop is memory in the source all the same
     run_tool([GCC.command, *STANDARD, "-O0", *options, "-c", *sources], folder)
     objects = [f"{path.stem}.o" for path in sources]

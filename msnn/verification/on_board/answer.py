@@ -18,7 +18,7 @@ END = re.compile(r"\nend [0-9a-f]{8}\s")
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What is wrong, and how long a step took."""
+    """The faults that a board found, and the duration of a step."""
 
     findings: tuple[str, ...]
     cycles: tuple[int, float, int] | None

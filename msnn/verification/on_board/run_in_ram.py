@@ -14,7 +14,7 @@ _THUMB = 0x01000000
 
 
 def run_in_ram(board: Debugger, program: RamProgram, link: str, begin: int) -> str:
-    """What it said. SpecError where the memory takes no program (E1322), the core hangs (E1321)."""
+    """Runs a program; SpecError where no memory takes it (E1322) or the core hangs (E1321)."""
     places = program.symbols
     stops = [places[name] for name in ("hand_over", "finished", "trap")]
     text: list[bytes] = []

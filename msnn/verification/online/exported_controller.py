@@ -13,7 +13,7 @@ from msnn.verification.sources import CFolder, plain_name
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownLimits:
-    """What a control never leaves; None where nothing is known of it."""
+    """The limits that a control never leaves; None where nothing is known of it."""
 
     low: float | None
     high: float | None

@@ -82,12 +82,12 @@ def no_proof(model: ExportedController) -> ProofStep:
 
 
 def prefixes(model: ExportedController) -> list[str]:
-    """What the names of its parts begin with."""
+    """The prefixes of the names of its parts."""
     return [part.prefix for part in (model.controller, model.filter) if part is not None]
 
 
 def selftest_faults(model: ExportedController, said: str) -> list[str]:
-    """What self-tests returned other than 0, in sentences."""
+    """The self-tests that returned other than 0, in sentences."""
     # the program prints a line for each self-test as it returns: one that crashed left none, which
     # is another fault than one that returned bits
     answers = dict(_SAID.findall(said))
@@ -101,7 +101,7 @@ def selftest_faults(model: ExportedController, said: str) -> list[str]:
 
 
 def promise(model: ExportedController) -> str:
-    """What self-tests that return 0 say."""
+    """The meaning of self-tests that return 0."""
     return "0 bits differ" if model.has_bits else "no bits were recorded: refusals and limits"
 
 

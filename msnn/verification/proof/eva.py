@@ -50,7 +50,7 @@ class PossibleValues:
 
 @dataclass(frozen=True, slots=True)
 class Analysis:
-    """What Eva found; `values` by the name under which main showed them."""
+    """The findings of Eva; `values` by the name under which main showed them."""
 
     alarms: tuple[Alarm, ...]
     values: dict[str, PossibleValues]

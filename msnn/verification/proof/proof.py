@@ -121,7 +121,7 @@ def _analysed(function: str, model: ExportedC, folder: Path, *, infinite: bool) 
 
 
 def _inductive(model: ExportedC, runs: list[Analysis]) -> tuple[int, list[str]]:
-    """How many states a step leaves where it assumed them, and a sentence about each."""
+    """The number of states that a step leaves where it assumed them, and a sentence about each."""
     said: list[str] = []
     kept = 0
     for member in model.state:

@@ -46,7 +46,7 @@ def traced(sources: tuple[Path, ...]) -> tuple[TracedBlock, ...]:
 
 
 def place_of(blocks: tuple[TracedBlock, ...], file: str, line: int) -> str | None:
-    """Where the spec says what a line of C computes: the last note before it."""
+    """The place in the spec of what a line of C computes: the last note before it."""
     before = [block.place for block in blocks if block.file == file and block.first <= line]
     return before[-1] if before else None
 

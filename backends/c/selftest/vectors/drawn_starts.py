@@ -63,7 +63,7 @@ def _common(limits: list[Limits]) -> Limits:
 
 
 def _invalid(limits: list[Limits], dtype: Dtype) -> list[float]:
-    """Values that checks must see: next to a limit, no number, and infinite where nothing bounds."""
+    """Values that checks must see: next to a limit, NaN, and infinite where nothing bounds."""
     found = [value for known in limits for value in beside(known, dtype)]
     bounded = all(any(math.isfinite(known[end]) for known in limits) for end in (0, 1))
     return [*found, math.nan, *(() if bounded else (math.inf, -math.inf))]

@@ -38,7 +38,7 @@ class GoldenStart:
 def golden_start(
     interface: Interface, interpreter: Interpreter, record: DrawnRecord
 ) -> GoldenStart:
-    """The samples that `reset` takes of a record, and the interpreter's answer in its arithmetic."""
+    """The samples of a record for `reset`, and the interpreter's answer in its arithmetic."""
     windows: dict[str, Array] = {}
     log, bits = dict(record.log), StatusBit(0)
     for field, port in interface.windows:

@@ -107,7 +107,7 @@ class NamedArrays:
 
 
 def length_faults(file: str, columns: Mapping[ColumnKey, FloatArray]) -> list[Diagnostic]:
-    """What is wrong with the lengths of columns that should be rows of one table."""
+    """Reports columns whose lengths differ although they should be rows of one table."""
     # arrays of a file are rows of one table only if they are alike long
     lengths = {str(key): len(column) for key, column in columns.items()}
     if len(set(lengths.values())) > 1:

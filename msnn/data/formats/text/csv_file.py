@@ -132,7 +132,7 @@ def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatAr
 
 
 def _delimiters(path: Path, header: Header) -> int:
-    """How many there are after the header: loadtxt does not look at columns it does not read."""
+    """The count of delimiters after the header: loadtxt skips columns it does not read."""
     sign, total = header.dialect.delimiter.encode(), 0
     with path.open("rb") as file:
         for _ in range(header.skipped):

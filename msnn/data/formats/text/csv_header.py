@@ -32,7 +32,7 @@ Lines: TypeAlias = Callable[[], Iterator[tuple[int, str]]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
-    """How the text of a file is laid out: `skip` lines, a header line if there is one, rows."""
+    """The layout of a file's text: `skip` lines, a header line if there is one, rows."""
 
     delimiter: str = ","
     is_usual: bool = False
@@ -83,7 +83,7 @@ class Header:
         return all(is_number(name.replace(self.dialect.decimal, ".")) for name in self.names)
 
     def label(self, index: int) -> str:
-        """What messages call a column: its name, or its index."""
+        """The name of a column in messages: its own, or its index."""
         return self.names[index] if self.lines else str(index)
 
     def places(self, wanted: WantedColumns) -> dict[ColumnKey, int]:

@@ -20,7 +20,7 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True, slots=True)
 class Attempt(Generic[Made]):
-    """What was made of kernels; None where torch must do, with the reasons."""
+    """A stage's kernels; None where torch must do, with the reasons."""
 
     made: Made | None
     plan: StagePlan

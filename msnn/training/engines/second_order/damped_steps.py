@@ -50,7 +50,7 @@ class DampedModel:
         return step, self.lost_corners(step) - bent
 
     def lost_corners(self, step: FloatArray) -> float:
-        """How much the penalties fall by a step in raw variables."""
+        """The fall of the penalties by a step in raw variables."""
         if not self.known.has_corners:
             return 0.0
         return corners(self.known, self.raw) - corners(self.known, self.raw + step)

@@ -46,7 +46,7 @@ class JointStarts:
 
     @property
     def numbers(self) -> int:
-        """How many numbers the start of one run is."""
+        """The count of numbers in the start of one run."""
         return sum(self._sizes)
 
     def moved(self, weights: Weights) -> dict[str, FloatArray]:
@@ -102,7 +102,7 @@ def _joined(runs: Sequence[Products]) -> Products:
 
 
 def joined_blocks(runs: Sequence[Products]) -> StartBlocks:
-    """What the starts of runs have, one run after the other."""
+    """The blocks of all runs' starts, one run after the other."""
     blocks = [one.starts for one in runs if one.starts is not None]
     return StartBlocks(
         np.concatenate([one.cross for one in blocks]),

@@ -37,7 +37,7 @@ class KnownSteps:
         self._takes_steps = plan.optimizer.reaches_corners and not self._terms.is_empty
 
     def terms(self, raws: Mapping[str, Tensor], spread: float) -> Tensor | float:
-        """What is minimised beside the losses, differentiable; 0 where steps follow instead."""
+        """The terms minimised beside the losses, differentiable; 0 where steps follow instead."""
         total: Tensor | float = 0.0
         if self._terms.has_priors and not self._takes_steps:
             total = prior_total(self._plan, raws, spread)
@@ -63,7 +63,7 @@ class KnownSteps:
                 tensor.copy_(torch.from_numpy(part.reshape(tensor.shape)))
 
     def _lengths(self, optimizer: torch.optim.Optimizer) -> dict[Tensor, FloatArray]:
-        """How far each number moves along a slope that lasts, by this step."""
+        """The distance that each number moves along a slope that lasts, by this step."""
         found: dict[Tensor, FloatArray] = {}
         for group in optimizer.param_groups:
             rate = float(group["lr"])

@@ -109,7 +109,7 @@ class ScoredValues:
 def scored_values(
     model: TorchModel, frame: Frame, data: TorchScoring, runs: Runs
 ) -> dict[str, ScoredValues | None]:
-    """What every loss compares over the rollouts; None where nothing is scored."""
+    """The pairs that every loss compares over the rollouts; None where nothing is scored."""
     program = model.program
     # so that those which still run are always the first of their batch: a slice, no index
     order = longest_first(runs)
@@ -214,7 +214,7 @@ def _summed(measure: Measure, scored: ScoredValues | None, model: TorchModel) ->
 
 
 def cost(measure: Measure, prediction: Tensor, target: Tensor | None) -> Tensor:
-    """What each element adds to the mean of a loss."""
+    """The term of each element in the mean of a loss."""
     error = prediction if target is None else prediction - target
     match measure:
         case Measure.MSE | Measure.RMSE:

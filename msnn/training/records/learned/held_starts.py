@@ -125,7 +125,7 @@ class HeldStarts:
         return {n: float(v) if d else np.nan for n, v, d in zip(names, found, decided, strict=True)}
 
     def _factor(self, name: str, noise: str, inverse: FloatArray) -> float:
-        """How much variance 1 of the noise of one loss adds to the squares of another."""
+        """The squares of one loss from variance 1 of the noise of another."""
         starts, spread = _blocks(self.products[name]), self.spread[noise]
         moved = inverse @ self.spreads()[noise] @ inverse.T
         forecast = self.inverse @ spread @ self.inverse

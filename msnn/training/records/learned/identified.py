@@ -34,7 +34,7 @@ def inverted(
 
 
 def is_part_of(nothing: FloatArray) -> BoolArray:
-    """Which numbers have a part in a direction that changes nothing."""
+    """The mask of numbers that have a part in a direction that changes nothing."""
     return np.asarray((nothing * nothing).sum(axis=1) > _SHARE * _SHARE)
 
 

@@ -16,7 +16,7 @@ from msnn.training.plans.stage_plan import StagePlan
 
 
 class Information(Protocol):
-    """What decides the learned numbers, near the minimum.
+    """The information that decides the learned numbers, near the minimum.
 
     A change dθ of them solves M dθ = −s, of which the noise of loss l makes the slope s vary.
     """
@@ -99,7 +99,7 @@ class SymmetricInformation:
 
 
 def _share(plan: StagePlan, name: str, found: Products) -> float:
-    """How much a squared residual adds to the total; near the minimum for a root."""
+    """The share of a squared residual in the total; near the minimum for a root."""
     loss = next(loss for loss in plan.rollout.program.losses if loss.name == name)
     share = plan.loss_weights[loss.name] / found.count
     if loss.measure is Measure.RMSE and found.cost > 0:

@@ -32,7 +32,7 @@ def information_of(
     runs: Runs,
     weights: Mapping[str, FloatArray],
 ) -> tuple[Information, Mapping[str, Products], tuple[Diagnostic, ...]]:
-    """What residuals say of the numbers, and their products.
+    """The information of residuals about the numbers, and their products.
 
     Starts that were estimated with the numbers are found again at the end, from all that is scored,
     where the total is lowest in them too; those found apart, from the first evaluations alone.

@@ -36,7 +36,7 @@ Rows = Mapping[str, BoolArray]
 def of_overlapping_runs(
     plan: StagePlan, data: Dataset, rows: Rows | None, runs: Runs, weights: Mapping[str, FloatArray]
 ) -> HeldStarts:
-    """What residuals say of the numbers, in runs as they are trained on."""
+    """The information of residuals about the numbers, in runs as they are trained on."""
     each = _Runs.found(plan, data, rows, runs, weights)
     scored = {name: _Sums.of_zeros(len(runs), each.learned, each.starts) for name in each.losses}
     first = {name: _Sums.of_zeros(len(runs), each.learned, each.starts) for name in each.losses}

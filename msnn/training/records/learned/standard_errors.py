@@ -107,7 +107,7 @@ def standard_errors(
 
 
 def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
-    """Which elements of a value are at a bound of the parameter."""
+    """The mask of elements of a value that are at a bound of the parameter."""
     low, high = parameter.minimum, parameter.maximum
     # with one bound there is no range: the parameter's scale is what a change is measured by
     span = high - low if low is not None and high is not None else abs(parameter.scale)
@@ -188,7 +188,7 @@ def _kept(
 def _prior_curvature(
     plan: StagePlan, known: KnownTerms, products: Mapping[str, Products]
 ) -> FloatArray:
-    """What the prior of each number adds to H, and to the variance of the slope."""
+    """The prior's part of each number in H, and in the variance of the slope."""
     residuals = [one for one in products.values() if one.count]
     sums = {name: LossSum(one.cost, one.count) for name, one in products.items()}
     weight = square_by_count(plan, sums) if residuals else 0.0
