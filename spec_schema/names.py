@@ -40,7 +40,7 @@ def is_dotted_name(name: str) -> bool:
 
 
 def why_reserved(name: str) -> str | None:
-    """Why nothing may be declared under this name; None when it is free."""
+    """The reason why nothing may be declared under this name; None when it is free."""
     # expressions are parsed by Python, which reads `lambda` otherwise
     return _TAKEN.get(name) or ("it is a reserved word of Python" if is_python_word(name) else None)
 

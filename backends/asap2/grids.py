@@ -39,7 +39,7 @@ def grids(program: Program) -> dict[str, Knots]:
 
 
 def knots_of(parameter: Parameter, grids: dict[str, Knots]) -> tuple[Knots, ...]:
-    """Those of a curve or a map: every axis has them, and there are one or two."""
+    """The knots of a curve or a map: every axis has them, and there are one or two."""
     # an axis of one element, as that of a layer's only argument, moves nothing in memory
     axes = [axis for axis in parameter.axes if axis.size > 1]
     if not 1 <= len(axes) <= 2 or any(axis.name not in grids for axis in axes):

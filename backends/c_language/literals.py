@@ -29,7 +29,7 @@ def hex_literal(value: float, dtype: Dtype) -> str:
 
 
 def hex_literals(values: Sequence[float], dtype: Dtype) -> list[str]:
-    """Those of many numbers, rounded in one go: golden vectors have thousands."""
+    """The literals of many numbers, rounded in one go: golden vectors have thousands."""
     with np.errstate(over="ignore"):
         rounded = np.array(values, dtype=np.float64).astype(dtype).astype(np.float64).tolist()
     end = suffix(dtype)

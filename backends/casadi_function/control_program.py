@@ -142,7 +142,7 @@ class ControlProgram:
         return found
 
     def variable_bounds(self, low: Array, high: Array) -> tuple[Array, Array]:
-        """Of the column x, with the limits of controls, (N, nu) each."""
+        """The bounds of the column x, with the limits of controls, (N, nu) each."""
         size = self._stages[-1].excesses.stop
         lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
         for k, stage in enumerate(self._stages):

@@ -88,7 +88,7 @@ class OptimalControlNlp:
         )
 
     def _bounds(self, given: Given) -> dict[str, Array]:
-        """Of variables and constraints, at the references given."""
+        """The bounds of variables and constraints, at the references given."""
         along = limits_along(self.problem, self._interpreter, given)
         lower, upper = self._program.variable_bounds(along.control_min, along.control_max)
         ends = [self._ends(row, along) for row in self._program.rows]

@@ -74,7 +74,7 @@ class _Comparison:
     reals: CStep
 
     def errors(self) -> tuple[OutputError, ...]:
-        """Of every output, over all runs."""
+        """The errors of every output, over all runs."""
         spreads = {output.name: ErrorSpread(name=output.name) for output in self.program.outputs}
         ports = {port.name: port for port, _ in self.integers.outputs}
         inputs = {entry.port.name: entry.port for entry in self.integers.inputs}

@@ -52,7 +52,7 @@ PLATFORMS = {platform.fmi3: platform for platform in _KNOWN}
 
 
 def this_platform() -> Platform | None:
-    """That of this machine; None where FMI has no name for it.
+    """The platform of this machine; None where FMI has no name for it.
 
     On a machine of an architecture that FMI 2.0 has no name for, its binary takes that of the
     operating system: importers there look for it under no other.

@@ -34,7 +34,7 @@ class SeriesField:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the field in C; () for a number."""
+        """The shape of the field in C; () for a number."""
         return () if self.size == 1 else (self.size,)
 
 

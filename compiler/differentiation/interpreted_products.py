@@ -23,7 +23,7 @@ _DTYPE: np.dtype[Any] = np.dtype(np.float64)
 
 @dataclass(frozen=True, slots=True)
 class InterpretedProducts:
-    """Of one loss: [J r]ᵀ[J r], one more row and column than learned numbers, and Σ of its cost."""
+    """The products [J r]ᵀ[J r] of one loss, a row more than learned numbers, and Σ of its cost."""
 
     products: Total
     cost: Total

@@ -123,7 +123,7 @@ class _Compilation:
         return [signal for signal in self.program.signals if signal.name in names]
 
     def _range(self, signal: Signal) -> tuple[float, float] | None:
-        """Of a signal; the record of a state has the state's."""
+        """The range of a signal; the record of a state has the state's."""
         states = {state.name: state.range for state in self.program.states}
         return signal.range or states.get(signal.name)
 

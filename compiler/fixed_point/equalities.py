@@ -123,7 +123,7 @@ def _with_other(nodes: tuple[IntegerNode, ...], index: int, op: Choose) -> tuple
 def _comparison(
     graph: tuple[IntegerNode, ...], sides: tuple[int, ...], end: int, broken: IntegerProgram
 ) -> _Comparison:
-    """Of two nodes, or of one with a number."""
+    """Compares two nodes, or one with a number."""
     nodes, places = reached(graph, sides)
     left = places[sides[0]]
     if len(sides) == 1:

@@ -17,7 +17,7 @@ def step_errors(
     outputs: Sequence[tuple[WordPort, tuple[int, ...]]],
     memories: Sequence[IntegerMemory],
 ) -> Iterator[StepError]:
-    """Of each output and state the error of its worst element, from those of the nodes."""
+    """The error of the worst element of each output and state, from those of the nodes."""
     for port, nodes in outputs:
         worst = max(builder.errors[node] for node in nodes)
         yield StepError(port.name, is_state=False, largest=worst)
@@ -34,7 +34,7 @@ def step_errors(
 
 
 def start_errors(builder: IntegerBuilder, memories: Sequence[IntegerMemory]) -> Iterator[StepError]:
-    """Of each first state, likewise; both are kept within the range of the words."""
+    """The same error of each first state; both are kept within the range of the words."""
     for memory in memories:
         worst = max(builder.errors[node] for node in memory.start)
         yield StepError(memory.name, is_state=True, largest=worst)

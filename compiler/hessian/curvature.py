@@ -48,7 +48,7 @@ def curvatures(
 
 
 def bending_nodes(builder: GraphBuilder, count: int, groups: Sequence[Tangents]) -> list[NodeId]:
-    """Those of the first `count` nodes that can have second slopes."""
+    """The nodes among the first `count` that can have second slopes."""
     # a node between inputs and results: what no direction moves has no slope, let alone a second
     # one
     moving = [any(node in tangents for tangents in groups) for node in range(count)]

@@ -50,7 +50,7 @@ class DerivativeInterpreter:
     def values(
         self, log: Mapping[str, Array], t: ArrayLike, states: Mapping[str, Array]
     ) -> DerivativeValues:
-        """Of the steps at rows t from these states, among which are the multipliers."""
+        """The derivatives of the steps at rows t from these states, multipliers among them."""
         values = self._interpreter.step(log, t, states, losses=False).outputs
         members = len(np.atleast_1d(np.asarray(t)))
         found = self._derivatives

@@ -22,7 +22,7 @@ RangePolicy = Literal["flag", "saturate", "reset"]
 
 
 class Role(Enum):
-    """Why a signal is in the log."""
+    """The reason why a signal is in the log."""
 
     INPUT = "input"
     """Read by the step: part of the deployed interface."""

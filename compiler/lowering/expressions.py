@@ -66,7 +66,7 @@ def lower_all(
 def lower_operands(
     context: Context, expressions: Iterable[tree.Expression], environment: Environment
 ) -> list[NodeId]:
-    """Of an elementwise operation.
+    """Lowers the operands of an elementwise operation.
 
     Where it is evaluated at each sample of a window, what has dims and no window is the same at all
     of them: none of its dims may be taken for the window because it happens to be as long (R3).

@@ -41,7 +41,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Multipliers:
-    """Of the limits, each ≥ 0 and 0 where there is no limit; in the unit of what is limited.
+    """The multipliers of limits, each ≥ 0 and 0 where there is no limit, in the unit of the limit.
 
     Those of rates belong to u_k − u_{k−1}. Those of path limits are (stages, size), in the order of
     `ControlProblem.path_limits`, at the stages of `stages_of`.

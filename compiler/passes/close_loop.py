@@ -28,7 +28,7 @@ from spec_schema.late_dataclass import dataclass
 
 
 class LoopFault(Enum):
-    """Why a loop cannot be closed."""
+    """The reason why a loop cannot be closed."""
 
     UNKNOWN = "the program has no input of this name"
     UNPREDICTED = "no output predicts it"
@@ -57,7 +57,7 @@ class LoopError(Exception):
 
     @property
     def reason(self) -> str:
-        """Why, with what the cycle runs through, as messages say it."""
+        """The reason in messages, with what the cycle runs through."""
         through = f" ({' → '.join(self.cycle)})" if self.cycle else ""
         return f"{self.kind.value}{through}"
 

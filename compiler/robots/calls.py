@@ -116,7 +116,7 @@ class _RobotCall:
         return [given[name] for name in wanted]
 
     def _own_axes(self, member: RobotMember | FrameMember) -> tuple[Axis, ...]:
-        """Those that a result has whatever the arguments are."""
+        """The axes that a result has whatever the arguments are."""
         if isinstance(member, FrameMember):
             return (self._axis("xyz"),)
         if member.along == "pairs of joints":

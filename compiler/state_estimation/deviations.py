@@ -14,7 +14,7 @@ from compiler.state_estimation.problem import EstimationProblem
 def deviations(
     problem: EstimationProblem, numbers: Vector, *, initial: bool
 ) -> NDArray[np.float64]:
-    """Of ξ: at first, or in a second. A register that is fed back is known but its newest."""
+    """The deviations of ξ, at first or in a second; 0 but for the newest of a register fed back."""
     found = np.zeros(numbers.size)
     table = {**problem.deviations, **problem.parameters}
     for member in numbers.members:

@@ -118,7 +118,7 @@ def _finite(range: _Range, seen: NDArray[Any]) -> _Range:
 
 
 def _ranges(program: Program) -> dict[str, _Range]:
-    """Of inputs and states; what is remembered of a signal has its range."""
+    """The ranges of inputs and states; a remembered signal keeps its range."""
     known = {signal.name: signal.range for signal in program.signals}
     anything = (-math.inf, math.inf)
     found = {name: range or anything for name, range in known.items()}

@@ -80,7 +80,7 @@ class _Judge:
         values: Mapping[str, Arrays],
         sums: Mapping[str, _Sums],
     ) -> _Judge:
-        """Of the judge's entries; `values` are of columns, `sums` of rows, by their vectors."""
+        """Makes a judge of its entries; `values` are of columns, `sums` of rows, by vectors."""
         rows, count = sums[matrix.rows.letter], len(judged)
         finite = np.isfinite(_flat(matrix.rows, rows.values, count))
         # where the value itself is not finite its slope means nothing
@@ -125,7 +125,7 @@ def _flat(vector: Vector, values: Arrays, count: int) -> NDArray[np.float64]:
 
 
 def _values(subject: Subject, drawn: Points) -> dict[str, Arrays]:
-    """Those of columns by their vectors, (points or 1, *shape) each."""
+    """The values of columns by their vectors, (points or 1, *shape) each."""
     weights = physical_weights(subject.program, subject.weights)
     parameters = {name: values[np.newaxis] for name, values in weights.items()}
     return {"x": drawn.states, "u": drawn.inputs, "p": parameters}

@@ -34,7 +34,7 @@ class Property:
 
 
 def properties(part: Part, item: Mapping[str, Any]) -> tuple[Property, ...]:
-    """Those of one part, always the same ones in the same order."""
+    """The properties of one part, always the same ones in the same order."""
     common = (
         Property("unit", item["unit"] or "", "numbers mean something else"),
         Property("shape", _shape(item["axes"]), "arrays have another size"),

@@ -94,7 +94,7 @@ class Ranked:
 
     @property
     def instructions(self) -> float:
-        """Of one step of the C; NaN where that was not counted."""
+        """The instructions of one step of the C; NaN where they were not counted."""
         found = [line.cost.instructions for line in self.lines if line.cost is not None]
         return float(np.mean(found)) if found else math.nan
 

@@ -155,7 +155,7 @@ class Controller:
         )
 
     def _held(self, allowed: ControlRange) -> Solution:
-        """Of an input that is refused; limits may have moved since a control was applied."""
+        """The solution for a refused input; limits may have moved since a control was applied."""
         found = self._kept(Status.INPUT_NOT_FINITE, allowed)
         if self._applied is not None:
             self._applied = _joined(self.problem.controls, found.control, "control")

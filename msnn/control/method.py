@@ -33,7 +33,7 @@ class Method(Protocol):
 
     @property
     def name(self) -> Solver:
-        """Who solves."""
+        """The solver's name."""
         ...
 
     def forget(self, applied: Array | None) -> None:

@@ -104,7 +104,7 @@ class ReferenceMethod:
         )
 
     def _violation(self, given: Given, allowed: ControlRange, controls: Array) -> float:
-        """Of hard limits where the controls lead: a plan with gaps may keep them by its gaps."""
+        """The violation of hard limits where the controls lead: a plan's gaps may hide one."""
         if not any(path.hard for path in self._problem.path_limits):
             return 0.0
         with np.errstate(all="ignore"):

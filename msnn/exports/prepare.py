@@ -98,7 +98,7 @@ def _late(request: Request, program: Program, delay: Sequence[Located[str]]) -> 
 
 
 def loop_fault(error: LoopError, place: Span | None) -> Diagnostic:
-    """Why a signal cannot be fed back, at the place that asks for it or else where it fails."""
+    """Reports a signal that cannot be fed back, at the place that asks for it or where it fails."""
     return not_closable(error.signal, place or error.span, error.reason)
 
 

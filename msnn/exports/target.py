@@ -58,25 +58,25 @@ def interpreted(
 
 
 def no_faults(plan: AnyPlan) -> tuple[Diagnostic, ...]:
-    """Of targets whose plan says all."""
+    """The faults of targets whose plan says all: none."""
     del plan
     return ()
 
 
 def nothing_to_tell(plan: AnyPlan, folder: Path) -> str:
-    """Of targets whose files speak for themselves."""
+    """The remark of targets whose files speak for themselves: none."""
     del plan, folder
     return ""
 
 
 def within_rounding(dtype: NumberType) -> Promise:
-    """Of targets whose libraries round as they like."""
+    """The promise of targets whose libraries round as they like."""
     del dtype
     return Promise.ROUNDING
 
 
 def bits_in_single(dtype: NumberType) -> Promise:
-    """Of targets whose C computes in single precision as the interpreter does."""
+    """The promise of targets whose C computes in single precision as the interpreter does."""
     return Promise.BITS if dtype == "float32" else Promise.ROUNDING
 
 

@@ -29,7 +29,7 @@ class KernelCache:
 
     @property
     def warnings(self) -> tuple[Diagnostic, ...]:
-        """That another folder was wanted, where it was."""
+        """Warns that another folder was wanted, where it was."""
         return kernel_folder_warnings(self.taken)
 
     def values(self) -> dict[str, Any]:

@@ -43,7 +43,7 @@ class TrainedStage:
 
     @property
     def losses(self) -> Mapping[str, float]:
-        """Those of the last epoch, on the training data."""
+        """The losses of the last epoch, on the training data."""
         return self.epochs[-1].losses
 
 

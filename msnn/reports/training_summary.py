@@ -48,7 +48,7 @@ class Recorded:
 
     @property
     def epochs(self) -> tuple[tuple[EpochEnd, ...], ...]:
-        """Of every stage that has begun, those of the attempt that leads."""
+        """The epochs of every stage that has begun, by the attempt that leads."""
         return tuple(tuple(leading_epochs(attempts.values())) for attempts in self._epochs.values())
 
 

@@ -34,7 +34,7 @@ _ROUNDING = 1e-24
 
 @dataclass(frozen=True, slots=True)
 class RunProducts:
-    """Of every problem: F = rᵀr, Jᵀr, JᵀJ, and the squares of the targets."""
+    """The products of every problem: F = rᵀr, Jᵀr, JᵀJ, and the squares of the targets."""
 
     squares: FloatArray
     slope: FloatArray

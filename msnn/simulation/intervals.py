@@ -33,7 +33,7 @@ class Intervals:
     """σ² of each output that has an interval, of each of its elements."""
 
     def half_width(self, output: str, variance: FloatArray) -> FloatArray:
-        """Of intervals at samples where the learned numbers make this variance."""
+        """The half width of intervals at samples where the learned numbers make this variance."""
         # errors of numbers and of measurements taken as independent: variances add
         return quantile(self.level) * np.sqrt(variance + self.noise[output])
 
@@ -46,7 +46,7 @@ class UncertainProgram:
     weights: Mapping[str, FloatArray]
 
     def variance(self, output: str, outputs: Mapping[str, FloatArray]) -> FloatArray:
-        """Of an output, in what the program has put out; 0 where no learned number reaches it."""
+        """The variance of an output of the program; 0 where no learned number reaches it."""
         found = outputs.get(f"{VARIANCE}{output}")
         return np.zeros_like(outputs[output]) if found is None else found
 

@@ -80,7 +80,7 @@ class StartFit:
         return tuple(start_signal(state.name) for state in self._states)
 
     def blank(self, rows: int) -> dict[str, FloatArray]:
-        """These series before anything is found."""
+        """The starts before anything is found, as series."""
         return {
             start_signal(state.name): np.zeros((rows, *Type(state.axes).shape))
             for state in self._states
@@ -156,7 +156,7 @@ class StartFit:
 
 @dataclass(slots=True)
 class _Sums:
-    """Of one loss, for every run: sums over its evaluations."""
+    """The sums of one loss over its evaluations, for every run."""
 
     squares: FloatArray
     slope: FloatArray

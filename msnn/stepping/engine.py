@@ -21,7 +21,7 @@ class StepEngine(Protocol):
 
     @property
     def name(self) -> StepsBy:
-        """Who computes."""
+        """The name of what computes."""
         ...
 
     @property

@@ -63,7 +63,7 @@ def shaped(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 def not_finite(name: str, value: float) -> str:
-    """Why a value is refused, and what would take it."""
+    """The reason why a value is refused, and what would take it."""
     return (
         f"`{name}` is {value}: `on_invalid: clamp` or `hold` of the input replaces such values, "
         "`trust` lets them pass"
@@ -71,7 +71,7 @@ def not_finite(name: str, value: float) -> str:
 
 
 def not_a_start(name: str, value: float) -> str:
-    """Why no model begins there."""
+    """The reason why no model begins there."""
     return f"`{name}` is {value}: no step brings a state back that is not finite; give a number"
 
 

@@ -64,7 +64,7 @@ class FoldsResult:
 
     @property
     def weights(self) -> Mapping[str, FloatArray]:
-        """Those of the best fold."""
+        """The weights of the best fold."""
         return self.best.training.weights
 
 

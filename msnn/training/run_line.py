@@ -65,7 +65,7 @@ def diverged(line: RunLine, error: TrainingDivergedError) -> RunLine:
 
 
 def _initial_hash(program: Program) -> str:
-    """Of the values that training begins with: the text does not tell those of a file."""
+    """The hash of the values that training begins with: the text does not tell those of a file."""
     digest = hashlib.sha256()
     for name, values in initial_weights(program).items():
         digest.update(name.encode() + values.tobytes())

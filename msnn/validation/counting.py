@@ -39,7 +39,7 @@ class Counted:
         self._rows = rows_that_count(check.data, name, around, plan.rollout.skip_rows)
 
     def among(self, runs: Runs) -> Counting:
-        """Those of some of the rollouts."""
+        """The counts of some of the rollouts."""
         # the place within all rollouts, less where its own begins: 0, 1, 2, … again and again
         number = np.arange(int(runs.steps.sum()))
         number -= np.repeat(first_places(runs), runs.steps)

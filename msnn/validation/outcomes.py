@@ -174,7 +174,7 @@ def _loss_value(program: Program, name: str, sums: Mapping[str, LossSum]) -> Los
 
 
 def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs]) -> list[Measuring]:
-    """Who measures each entry; those measured alike have one."""
+    """The measuring of each entry; entries measured alike share one."""
     found: list[Measuring] = []
     for index, check in enumerate(checks):
         alike = next((i for i in range(index) if check.is_measured_as(checks[i])), None)

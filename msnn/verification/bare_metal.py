@@ -67,7 +67,7 @@ def _on_board(board: Board, level: str, model: ExportedC) -> ProofStep:
 
 
 def _instructions(counts: list[int], model: ExportedC) -> list[int]:
-    """Of each step."""
+    """The instructions of each step."""
     # the first count is of an empty step: call, loop and reading of the counter
     idle, *rest = counts
     return [count - idle + _RETURN for count in rest[: len(model.expected)]]

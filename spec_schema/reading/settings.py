@@ -25,7 +25,7 @@ def settings_source(settings: Sequence[str]) -> SourceText:
 
 
 def model_settings(settings: Sequence[str]) -> tuple[str, ...]:
-    """Those that replace values of the model, not of what is done with it."""
+    """The settings that replace values of the model, not of what is done with it."""
     return tuple(s for s in settings if s.partition("=")[0].strip().split(".")[0] not in WORKFLOW)
 
 

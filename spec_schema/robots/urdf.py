@@ -250,7 +250,7 @@ def _given(
     *,
     largest: float = LARGEST,
 ) -> dict[str, float]:
-    """Those of these attributes that are numbers; of those that are none it is reported."""
+    """The numbers of these attributes; one that is no number is reported."""
     found: dict[str, float] = {}
     for name in names:
         if name in element.attributes:

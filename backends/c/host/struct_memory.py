@@ -23,7 +23,7 @@ class StructMemory:
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Of the fields that the spec names."""
+        """The shapes of the fields that the spec names."""
         return {name: tuple(field["shape"]) for name, field in self._fields.items()}
 
     def new(self, count: int) -> Array:

@@ -27,7 +27,7 @@ def input_comment(port: Port) -> str:
 
 
 def window_comment(port: Port) -> str:
-    """Of raw samples around t0."""
+    """The comment of raw samples around t0."""
     signal = port.signal
     when = _samples("t0", port.first, port.last)
     return _comment(signal.unit, port.type.axes, (when, signal.doc), signal.span)
@@ -40,7 +40,7 @@ def supplied_comment(state: State) -> str:
 def output_comment(
     output: Output, type: Type, limits: tuple[float, float] | None, late: int
 ) -> str:
-    """Of an output that is so many samples older than the inputs of its step."""
+    """The comment of an output that is so many samples older than the inputs of its step."""
     means = ""
     if output.predicts is not None:
         # counted from the newest input of the step, t: a step that is late predicts less far ahead

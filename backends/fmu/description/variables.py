@@ -160,7 +160,7 @@ def _samples(interface: Interface, names: VariableNames) -> Iterable[Variable]:
 def _first_values(
     program: Program, interface: Interface, weights: Weights, names: VariableNames
 ) -> Iterable[Variable]:
-    """Of states whose `init` reads no record."""
+    """The first values of states whose `init` reads no record."""
     dtype = interface.options.dtype
     free = [m for m in _declared(interface) if m.state.name not in interface.from_record]
     values = _values_at_start(program, [m.state for m in free], weights, dtype)

@@ -91,7 +91,7 @@ def filter_unit(
 def _inputs(
     problem: EstimationProblem, fields: list[dict[str, Any]], names: VariableNames, dtype: Dtype
 ) -> Iterator[Variable]:
-    """Those that the step from the sample before reads."""
+    """The inputs that the step from the sample before reads."""
     for field in fields:
         yield _signal(
             problem,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def why_folder_is_not_trusted(folder: Path, *, is_above: bool = False) -> str | None:
-    """Who but this user and root may change what lies in a folder; None where nobody may.
+    """The reason: who but this user and root may change files of a folder; None where nobody may.
 
     `folder` has no symbolic link in it (`os.path.realpath`) and exists. It and every folder above
     it belong to the user or to root and are closed to others, but for those with the sticky bit

@@ -38,7 +38,7 @@ class FilterFunctions:
 def filter_functions(
     problem: EstimationProblem, program: Program, numbers: Vector, table: FunctionTable, real: str
 ) -> FilterFunctions:
-    """Of a program without parameters whose states are ξ, laid out as `numbers`."""
+    """Writes the functions of a program without parameters; its states ξ lie as in `numbers`."""
     # the transition needs no outputs: they would keep nodes that it does not compute
     columns = _slopes(replace(program, outputs=()))
     found = [

@@ -180,7 +180,7 @@ def _steady(problem: ControlProblem, stages: Stages, classes: Classes) -> Placed
 
 
 def _steady_numbers(problem: ControlProblem, classes: Classes) -> dict[str, tuple[bool, ...]]:
-    """Of each state, which of its numbers have slopes that are the same along the horizon."""
+    """The numbers of each state whose slopes are the same along the horizon, as marks."""
     steady = set(classes.order[classes.moving :])
     return {
         m.name: tuple(m.first + i in steady for i in range(m.size)) for m in problem.states.members

@@ -105,7 +105,7 @@ def _signal(program: Program, output: str) -> str:
 
 
 def _unit(program: Program, step: Program, output: str) -> Unit | None:
-    """That of the output, else that of the signal it is compared with."""
+    """The unit of the output, else that of the signal it is compared with."""
     unit = step.step[step.output(f"{_KEPT}{output}").node].type.unit
     return unit or program.signal(_signal(program, output)).unit
 

@@ -21,7 +21,7 @@ FARTHEST_SAMPLE = 1 << 24
 
 
 def broken_axes(axes: tuple[Axis, ...]) -> str | None:
-    """Why these are not the axes of a value, None if they are."""
+    """The reason why these are not the axes of a value, None if they are."""
     if not axes:
         return None
     names = [axis.name for axis in axes]
@@ -41,7 +41,7 @@ def broken_axes(axes: tuple[Axis, ...]) -> str | None:
 
 
 def broken_rule(node: Node, operands: tuple[Type, ...], sources: AxesOfSources) -> str | None:
-    """Why the node is not legal after its operands, None if it is.
+    """The reason why the node is not legal after its operands, None if it is.
 
     Units are not looked at: they label values, and the front end has checked them.
     """

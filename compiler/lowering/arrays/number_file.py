@@ -20,7 +20,7 @@ _SEPARATOR = re.compile(r"\s*[,;]\s*|\s+")
 
 
 class UnusableFileError(Exception):
-    """Why a file gives no numbers, as the end of a sentence."""
+    """The reason why a file gives no numbers, as the end of a sentence."""
 
 
 def read_numbers(path: str, beside: str, texts: Mapping[str, str]) -> Array:

@@ -147,7 +147,7 @@ def _support(graph: Graph, node: Node, known: list[dict[str, NodeId]]) -> dict[s
 
 
 def _both(first: dict[str, NodeId], second: dict[str, NodeId]) -> dict[str, NodeId]:
-    """Of a product; nothing is said of an axis along which two different sets meet."""
+    """The sets of a product; none of an axis along which two different sets meet."""
     either = second | first
     return {
         axis: sets

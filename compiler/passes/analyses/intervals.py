@@ -121,7 +121,7 @@ def of_function(function: str, x: Sequence[Interval]) -> Interval:
 
 
 def _wave(function: str, x: Interval) -> Interval:
-    """Of sine and cosine: their ends, and the extrema between them."""
+    """The interval of sine and cosine: their ends, and the extrema between them."""
     # an interval without end has all phases
     if not math.isfinite(x.high - x.low):
         return Interval(-1.0, 1.0)

@@ -143,7 +143,7 @@ _OTHERWISE = {
 
 
 def _add(graph: Graph, found: dict[NodeId, Interval], node: NodeId, known: Interval) -> None:
-    """Of what is repeated the same holds; what has a magnitude above 0 is not 0."""
+    """Adds what is known of a node, and what follows from it for its operands."""
     found[node] = known.within(found.get(node, ANYTHING))
     made = graph[node]
     if isinstance(made.op, ops.Broadcast):

@@ -87,7 +87,7 @@ class _Evaluation:
         self.decisions = self._bounds.decisions
 
     def doubtful(self, steps: Sequence[int], judge: _Evaluation) -> list[int]:
-        """Those of the steps at which other programs, or the judge, may decide otherwise."""
+        """The steps at which other programs, or the judge, may decide otherwise."""
         values = self._run(steps, [{} for _ in steps])
         judged = values if judge is self else judge._run(steps, [{} for _ in steps])
         found = np.zeros(len(steps), bool)

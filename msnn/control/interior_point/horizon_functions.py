@@ -150,7 +150,7 @@ class HorizonFunctions:
         return found
 
     def multipliers(self, scaled: Array) -> Multipliers:
-        """Those of the rows, (N+1, 2m), low ends first, in the units of the spec."""
+        """The multipliers of the rows, (N+1, 2m), low ends first, in the units of the spec."""
         n, nu, size = self.horizon, self.controls, len(self._row_scale)
         # a multiplier is cost by unit of the limit: scaled limits have scaled ones
         low, high = scaled[:, :size] / self._row_scale, scaled[:, size:] / self._row_scale

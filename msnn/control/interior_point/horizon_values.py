@@ -14,7 +14,7 @@ from compiler.optimal_control.horizon import Array
 
 @dataclass(frozen=True, slots=True)
 class Values:
-    """Of one plan."""
+    """The values of one plan."""
 
     cost: float
     """J without penalties."""
@@ -38,7 +38,7 @@ class Slopes:
 
 @dataclass(frozen=True, slots=True)
 class RowLimits:
-    """Of the rows h: where they begin and end, ∓∞ where nothing limits them, and what excess costs.
+    """The limits of the rows h: low and high end, ∓∞ where there is none, and the cost of excess.
 
     All (N+1, m) but for the costs, (m): ∞ for a row that is hard.
     """

@@ -97,7 +97,7 @@ def _disorder(time: FloatArray) -> tuple[int, int]:
 def continuity(
     time: FloatArray, picked: RowRange, sample_time: float
 ) -> tuple[BoolArray, list[TimeFault]]:
-    """Whether each picked row is one sample after the one before, and what is wrong otherwise.
+    """The mask of picked rows one sample after the one before, and the faults elsewhere.
 
     The first row continues nothing. `time` holds the picked rows only.
     """

@@ -75,7 +75,7 @@ def _delays(
 def _window(
     model: Model, system: CheckedSystem, target: CheckedTarget, output: Output
 ) -> Iterator[Diagnostic]:
-    """Of an output without memory: what it reads of an input must hold the response."""
+    """Advises on the window of an output without memory: it must hold the response."""
     found = target.found.responses
     read = reads(model.program.step, [output.node])
     # what remembers, or reads its own past, needs no window that long
@@ -110,7 +110,7 @@ def _windows(model: Model) -> list[str]:
 
 
 def _horizon(model: Model, targets: Sequence[CheckedTarget]) -> Iterator[Diagnostic]:
-    """Of models that feed back what they predict: a rollout must last as long as a motion."""
+    """Advises on rollouts of models that feed back: they must last as long as a motion."""
     inputs = {s.name for s in model.program.signals if s.role is Role.INPUT}
     moving = [
         (target.found.constants.slowest, target.channel.name)

@@ -26,7 +26,7 @@ _LITTLE = 0.1
 def sampling_findings(
     model: Model, checked: DatasetCheck, *, resampled: bool
 ) -> Iterator[Diagnostic]:
-    """Of every file how its rows are spaced, where that is not as the spec says."""
+    """Reports the spacing of rows of every file, where it is not as the spec says."""
     expected = model.program.sample_time
     for found in checked.sampling:
         if found.repeated or found.backward:
@@ -58,7 +58,7 @@ def sampling_findings(
 
 
 def signal_findings(checked: DatasetCheck) -> Iterator[Diagnostic]:
-    """Of every column what its values show."""
+    """Reports what the values of every column show."""
     for one in checked.channels:
         # a column without any value is told once, not by each check
         if one.found.missing == one.found.rows:

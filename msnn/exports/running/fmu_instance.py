@@ -154,6 +154,6 @@ class FmuInstance:
         return getattr(self._fmu, f"{verb}{self._number}")(*arguments)
 
     def _hear(self, *told: Any) -> None:
-        """Of both loggers the message comes last."""
+        """Keeps a message, which is the last argument of both loggers."""
         message = told[-1]
         self.messages.append(message.decode() if isinstance(message, bytes) else str(message))

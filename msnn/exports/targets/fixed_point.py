@@ -137,7 +137,7 @@ def _judge(
 
 
 def _faults(plan: ExportPlan[None]) -> tuple[Diagnostic, ...]:
-    """Why the model cannot be exported in fixed point with its initial weights."""
+    """Reports why the model cannot be exported in fixed point with its initial weights."""
     from backends.fixed_point.write_fixed_c import WIDTHS
     from compiler.fixed_point.compile_integers import integer_program
     from compiler.interpreter.interpreter import physical_weights

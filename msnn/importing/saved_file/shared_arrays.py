@@ -25,7 +25,7 @@ def shared_arrays(file: File) -> frozenset[str]:
 
 
 def shared_across(file: File) -> frozenset[str]:
-    """Those that layers have with their rows and columns exchanged: matrices of `Linear`."""
+    """The arrays that layers have with rows and columns exchanged: matrices of `Linear`."""
     layers = (rest for kind, _, *rest in file.Relations.values() if kind == "Linear")
     weights = {str(rest[0]) for rest in layers if rest}
     return shared_arrays(file) & weights

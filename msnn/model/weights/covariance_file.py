@@ -37,7 +37,7 @@ class Covariance:
     def sorted_by_name(
         cls, names: Sequence[str], weights: Mapping[str, FloatArray], matrix: FloatArray
     ) -> Covariance:
-        """Of a matrix over the numbers of `names`; in the order that a file keeps."""
+        """Sorts the rows and columns of a matrix over the numbers of `names` by name."""
         places = _places(names, weights)
         # as safetensors sorts its arrays: rows are found again by the order of the file
         order = sorted(names)

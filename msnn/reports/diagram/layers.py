@@ -31,7 +31,7 @@ class Size:
 
 @dataclass(frozen=True, slots=True)
 class BoxPlace:
-    """Of a box: its left upper corner, and its size."""
+    """The left upper corner of a box, and its size."""
 
     x: float
     y: float

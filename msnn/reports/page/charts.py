@@ -22,7 +22,7 @@ MOST_MEASUREMENTS = 8
 
 
 def color_of(number: int) -> str:
-    """Of the curve with that number."""
+    """The colour of the curve with that number."""
     return f"c{number % _COLORS + 1}"
 
 

@@ -44,7 +44,7 @@ class LiveModel:
 
 @dataclass(frozen=True, slots=True)
 class NotLive:
-    """Why the page has no running model, and what gives it one."""
+    """The reason why the page has no running model, and what gives it one."""
 
     reason: str
     repair: str | None = None
@@ -150,7 +150,7 @@ def _unit(port: Plain | None) -> str:
 
 
 def _indices(shape: Sequence[int], count: int, has_window: bool) -> list[tuple[int, ...]]:
-    """Of the elements, without the window, which is the last axis."""
+    """The indices of the elements, without the window, which is the last axis."""
     axes = shape[:-1] if has_window else shape
     found = list(np.ndindex(*axes))
     # an axis of 1 may be missing in the shape of C: elements are then numbered flat

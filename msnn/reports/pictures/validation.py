@@ -66,7 +66,7 @@ def _limit_text(row: MetricRow) -> str:
 
 
 def _draw_correlations(axis: Any, found: Measurement) -> None:
-    """Of the errors with themselves and with each input, each in the band of noise."""
+    """Draws the errors' correlations with themselves and with each input, in their bands."""
     first = found.judged.residuals[0]
     if first.itself is None:
         axis.set_axis_off()

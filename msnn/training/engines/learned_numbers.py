@@ -33,7 +33,7 @@ class LearnedNumbers:
         return weights
 
     def slopes(self, raw: FloatArray) -> FloatArray:
-        """Of physical values in their raw variables."""
+        """The slopes of physical values in their raw variables."""
         return np.concatenate([physical_slope(p, part).ravel() for p, part in self.parts(raw)])
 
     def parts(self, raw: FloatArray) -> list[tuple[Parameter, FloatArray]]:

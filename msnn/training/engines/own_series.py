@@ -25,6 +25,6 @@ def own_series(plan: StagePlan, series: Mapping[str, FloatArray]) -> dict[str, F
 
 
 def without_masks(plan: StagePlan, series: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Those that are no factors of dropout: what is measured leaves nothing out."""
+    """The series that are no factors of dropout: what is measured leaves nothing out."""
     masks = {mask.signal for mask in plan.masks}
     return {name: values for name, values in series.items() if name not in masks}

@@ -23,7 +23,7 @@ def own_runs(runs: Runs, ranks: Ranks) -> Runs:
 
 
 def no_products(numbers: int) -> Products:
-    """Those of no rollout."""
+    """The products of no rollout."""
     return Products(
         curvature=np.zeros((numbers, numbers)),
         slope=np.zeros(numbers),

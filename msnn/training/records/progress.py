@@ -70,7 +70,7 @@ class StageEnd:
 
 
 def leading_epochs(attempts: Iterable[Sequence[EpochEnd]]) -> Sequence[EpochEnd]:
-    """Those of the attempt at a stage that leads; each has the epochs of one, at least one."""
+    """The epochs of the attempt that leads; every attempt has one at least."""
     return min(attempts, key=lambda epochs: monitor_order(epochs[-1].best))
 
 

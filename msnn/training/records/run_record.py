@@ -102,7 +102,7 @@ def _said(leaves: Mapping[str, Any], path: str) -> str:
 
 
 def data_hash(data: Dataset) -> str:
-    """Of all series, their sets and their gaps, whatever they were read from."""
+    """The hash of all series, their sets and their gaps, whatever they were read from."""
     digest = hashlib.sha256()
     for name, series in sorted(data.series.items()):
         digest.update(f"{name}{series.shape}".encode())

@@ -146,7 +146,7 @@ class StageRun:
         return max(self.best_epoch, self.plan.whole_from)
 
     def _reason_to_end(self) -> str | None:
-        """Why no epoch follows; it depends on the place alone, so that a resumed run ends too."""
+        """The reason to end, by the place alone, so that a resumed run ends too; else None."""
         # converged on the short rollouts of a curriculum is not converged
         if self.engine.finished is not None and self.epoch > self.plan.whole_from:
             return self.engine.finished
@@ -213,7 +213,7 @@ class StageRun:
         return longest, bool(any_stops)
 
     def _find_starts(self, starts: StageStarts, runs: Runs) -> None:
-        """Those of an epoch; where they are unknowns of training, those with which it begins."""
+        """Finds the starts of an epoch; where they are unknowns of training, the first ones."""
         if self.batch and self._kept_starts:
             found = starts.kept(runs, self._kept_starts)
         elif self.plan.estimates_starts and runs is self._started:
@@ -224,7 +224,7 @@ class StageRun:
         self.engine.write(found, watched=False)
 
     def _find_watched_starts(self, starts: StageStarts) -> None:
-        """Those of the rollouts that are watched, unless training itself estimates them."""
+        """Finds the starts of watched rollouts, unless training itself estimates them."""
         if self.plan.estimates_starts and self.data.watches_training:
             self._find_starts(starts, self.data.in_epoch(self.epoch))
         else:

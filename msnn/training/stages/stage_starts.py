@@ -50,7 +50,7 @@ class StageStarts:
         return self.series()
 
     def values(self) -> Weights:
-        """Of each state where the runs to train on start."""
+        """The values of each state where the runs to train on start."""
         return {} if self.found is None else self.found.values
 
     def report(self) -> None:

@@ -107,7 +107,7 @@ def _ends(names: Sequence[str], weights: Mapping[str, FloatArray]) -> list[int]:
 
 
 def _deviation(program: Program, loss: Loss, data: Dataset) -> float | None:
-    """Of the signal that a loss compares with; None where it is an expression or constant."""
+    """The deviation of the signal that a loss compares with; None where that is no signal."""
     node = None if loss.target is None else program.step[loss.target]
     # these show samples of the signal in another shape
     while node is not None and isinstance(node.op, ops.Broadcast | ops.Reshape | ops.Slice):

@@ -32,7 +32,7 @@ class Spread:
 
     @staticmethod
     def of(values: FloatArray, there: BoolArray) -> Spread:
-        """Of the values (samples, elements) that are there; equal ones spread by exactly 0."""
+        """The spread of the values (samples, elements) that are there; exactly 0 of equal ones."""
         count = np.asarray(there.sum(axis=0), np.int64)
         if not len(values):
             return Spread(count, np.zeros(len(count)), np.zeros(len(count)))
@@ -55,7 +55,7 @@ class Spread:
         return Spread(count, mean, squares)
 
     def joined(self) -> Spread:
-        """Of all elements together."""
+        """The spread of all elements together."""
         found = Spread(self.count[:1], self.mean[:1], self.squares[:1])
         for i in range(1, len(self.count)):
             part = slice(i, i + 1)
@@ -79,7 +79,7 @@ class Errors:
 
     @staticmethod
     def of(prediction: FloatArray, target: FloatArray) -> Errors:
-        """Of (samples, *shape) arrays; elements whose target is NaN are left out."""
+        """The errors of (samples, *shape) arrays; elements whose target is NaN are left out."""
         wanted = target.reshape(len(target), prod(target.shape[1:]))
         there = ~np.isnan(wanted)
         with np.errstate(all="ignore"):  # a prediction that has left the numbers shows as such
@@ -106,7 +106,7 @@ class Errors:
             )
 
     def joined(self) -> Errors:
-        """Of all elements together; each element's targets spread about their own mean."""
+        """The errors of all elements together; targets spread about the mean of their element."""
         # elements may have units of their own sizes: a common mean of targets would make `fit` look
         # better than it is
         about_own = self.target.joined()

@@ -93,7 +93,7 @@ def _limits(member: RangedField, model: ExportedC) -> Range:
 
 
 def _stand_in(limits: Range) -> float:
-    """Of NaN, and of a last valid value before there is one."""
+    """The value in place of NaN, and of a last valid value before there is one."""
     return min(max(0.0, limits[0]), limits[1])
 
 

@@ -16,7 +16,7 @@ from msnn.verification.tools import Tool
 
 @dataclass(slots=True)
 class _Build:
-    """Of one compiler with one set of flags."""
+    """The objects of one compiler with one set of flags."""
 
     lock: Lock = field(default_factory=Lock)
     objects: tuple[Path, ...] = ()

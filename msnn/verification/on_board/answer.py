@@ -44,7 +44,7 @@ def read_answer(model: ExportedC, text: str) -> Answer:
 
 
 def _cycles(text: str) -> tuple[int, float, int] | None:
-    """Of a step: least, sum, most and how many steps, in hexadecimal digits."""
+    """The cycles of a step: least, sum, most and how many steps, in hexadecimal digits."""
     if text.strip() == "none":
         return None
     least, high, low, most, count = (int(word, 16) for word in text.split())

@@ -17,7 +17,7 @@ REPLACED = ("clamp", "hold")
 
 
 def assumed_range(member: RangedField, model: ExportedC) -> Range:
-    """Of a state or an input, rounded as the generated code rounds it."""
+    """The range of a state or an input, rounded as the generated code rounds it."""
     low, high = member.range or (-ASSUMED, ASSUMED)
     number = np.float32 if model.dtype == "float32" else np.float64
     # a limit in float32 may lie outside the spec's: the code compares with this one

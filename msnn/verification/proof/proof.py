@@ -34,7 +34,7 @@ from msnn.verification.tools import FRAMA_C
 
 
 def proof_checks(model: ExportedC) -> Iterator[ProofStep]:
-    """Of the step, and of the Jacobian where there is one."""
+    """Proves the step, and the Jacobian where there is one."""
     yield _check("step", model)
     if model.linearizes:
         yield _check("linearize", model)

@@ -183,7 +183,7 @@ class Split(Entry):
         return self
 
     def _misfit(self, share: OneShare, before: Sequence[OneShare]) -> tuple[str, str] | None:
-        """Why a share does not fit those before it, and its repair."""
+        """The reason why a share does not fit those before it, and its repair."""
         wanted = f"write for example `{_EXAMPLES[self.by]}`"
         # a share of another kind than `by:` wants fits nothing, whatever its numbers are
         match share:

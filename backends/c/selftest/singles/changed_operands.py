@@ -71,7 +71,7 @@ class ChangeableGraph:
         )
 
     def changes(self) -> list[Change]:
-        """Of every operand: a number a little larger, its opposite; a truth the other way."""
+        """The changes of all operands: a number a little larger, its opposite; a truth negated."""
         found: list[Change] = []
         for index in self._evaluators:
             node = self._graph[index]

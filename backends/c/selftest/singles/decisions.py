@@ -80,12 +80,12 @@ class Decisions:
         return np.arange(sum(pair.size for pair in self._pairs))
 
     def signs(self, values: TrialValues, count: int) -> NDArray[np.int8]:
-        """Of each difference in each trial: -1, 0, 1 or `UNORDERED`, (B, D)."""
+        """The sign of each difference in each trial: -1, 0, 1 or `UNORDERED`, (B, D)."""
         found = [_signs(*pair.sides(values), count) for pair in self._pairs]
         return np.concatenate([np.zeros((count, 0), np.int8), *found], axis=1)
 
     def gaps(self, values: TrialValues, count: int, which: NDArray[np.int64]) -> Array:
-        """Of these differences in each trial their sizes, infinite where one is NaN, (B, which)."""
+        """The sizes of these differences in each trial, infinite where one is NaN, (B, which)."""
         found = np.empty((count, len(which)))
         owners = np.searchsorted(self._ends, which, side="right")
         for number in map(int, np.unique(owners)):

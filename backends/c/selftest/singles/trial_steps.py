@@ -265,7 +265,7 @@ class TrialSteps:
         return LeafValues(log, t, self.begun(trials) | self.written(trials))
 
     def _parameters(self, trials: Trials) -> dict[str, Array]:
-        """Those that are not the trained ones in all steps, (B, *shape)."""
+        """The parameters that are not the trained ones in all steps, (B, *shape)."""
         found = {field.name: self._part(trials, field.name) for field in self._tuned}
         # parameters that no trial changes stay one array for the whole batch
         other = np.any(trials.numbers[:, self.tuned] != self.trained, axis=0)

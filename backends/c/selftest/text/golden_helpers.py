@@ -66,7 +66,7 @@ def _valid(name: str, golden: GoldenVectors, step: int) -> bool:
 
 
 def _numbers(vector: Vector, values: Mapping[str, Array], interface: Interface) -> Array:
-    """Those of the first row, in the order of the vector."""
+    """The numbers of the first row, in the order of the vector."""
     parts = [values[member.name][0].ravel() for member in vector.members]
     return np.concatenate(parts).astype(interface.options.dtype)
 

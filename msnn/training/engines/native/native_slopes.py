@@ -46,7 +46,7 @@ class NativeSlopes:
             self._train.write(series)
 
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
-        """Of every loss: products of its residuals and slopes."""
+        """The products of residuals and slopes of every loss."""
         physical = flat(self._program, weights)
         if self._ranks is None:
             return self._kernel.products(self._train, runs.t0, runs.steps, physical)

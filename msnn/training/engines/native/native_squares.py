@@ -53,7 +53,7 @@ class NativeSquares:
         (self._evaluation if watched else self._train).write(series)
 
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
-        """Of every loss: products of its residuals and slopes."""
+        """The products of residuals and slopes of every loss."""
         return self._slopes.products(runs, weights)
 
     def train_costs(self, runs: Runs, weights: Weights) -> LossSums:

@@ -56,7 +56,7 @@ class CountedProducts:
 
 
 def counted_products(plan: StagePlan, products: Mapping[str, Products]) -> CountedProducts:
-    """Those of the losses that count."""
+    """The products of the losses that count."""
     return CountedProducts(
         {
             loss.name: products[loss.name]

@@ -39,7 +39,7 @@ class NormalEquations:
 
     @property
     def diagonal(self) -> FloatArray:
-        """Of A: the parameters, then the starts of all runs."""
+        """The diagonal of A: the parameters, then the starts of all runs."""
         of_parameters = np.diagonal(self.curvature)
         if self.starts is None:
             return of_parameters

@@ -27,7 +27,7 @@ class SlopedSquares(Protocol):
         ...
 
     def products(self, runs: Runs, weights: Mapping[str, FloatArray]) -> dict[str, Products]:
-        """Of every loss: products of its residuals and slopes in the numbers of `plan.trained`."""
+        """The products of residuals and slopes of every loss, in the numbers of `plan.trained`."""
         ...
 
 

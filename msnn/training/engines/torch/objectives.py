@@ -191,7 +191,7 @@ class KernelObjective:
         return value, found.gradient
 
     def _groups(self, runs: Runs) -> Groups:
-        """Those of the last rollouts are kept: a line search asks for the same again and again."""
+        """The groups of rollouts, kept as a line search asks for the last ones again."""
         if self._grouped is None or self._grouped[0] is not runs:
             self._grouped = runs, self._kernel.groups(runs.t0, runs.steps)
         return self._grouped[1]

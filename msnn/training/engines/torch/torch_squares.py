@@ -68,7 +68,7 @@ class TorchSquares:
             into.series[name].copy_(torch.from_numpy(values))
 
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
-        """Of every loss: products of its residuals and slopes."""
+        """The products of residuals and slopes of every loss."""
         values = self._tensors(weights)
         learned = torch.cat([values[name].reshape(-1) for name in self._trained])
         sums: dict[str, Products] = {}

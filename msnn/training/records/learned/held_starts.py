@@ -31,7 +31,7 @@ _ROUNDS = 50
 
 @dataclass(frozen=True, kw_only=True)
 class HeldStarts:
-    """That of residuals whose starts were found apart from the numbers."""
+    """The information of residuals whose starts were found apart from the numbers."""
 
     products: Mapping[str, Products]
     """Of what is scored, the slopes in starts apart."""

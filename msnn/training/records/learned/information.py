@@ -26,7 +26,7 @@ class Information(Protocol):
         ...
 
     def curvature(self) -> FloatArray:
-        """Of the total, starts following: flat where a change of the numbers changes nothing."""
+        """The curvature of the total, starts following: flat where numbers change nothing."""
         ...
 
     def equations(self) -> FloatArray | None:
@@ -34,7 +34,7 @@ class Information(Protocol):
         ...
 
     def spreads(self) -> Mapping[str, FloatArray]:
-        """Of every loss the covariance of s, for residuals of variance 1."""
+        """The covariance of s of every loss, for residuals of variance 1."""
         ...
 
     def variances(self, inverse: FloatArray, measured: frozenset[str]) -> dict[str, float]:
@@ -58,7 +58,7 @@ def shares_of(plan: StagePlan, products: Mapping[str, Products]) -> dict[str, fl
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SymmetricInformation:
-    """That of residuals whose starts are known, or were estimated with the numbers."""
+    """The information of residuals whose starts are known, or were estimated with the numbers."""
 
     products: Mapping[str, Products]
     curvatures: Mapping[str, FloatArray]

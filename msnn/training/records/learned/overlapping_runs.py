@@ -68,7 +68,7 @@ def of_overlapping_runs(
 
 @dataclass(slots=True)
 class _Sums:
-    """Of one loss, over the evaluations of every run."""
+    """The sums of one loss over the evaluations of every run."""
 
     curvature: FloatArray
     cross: FloatArray
@@ -98,11 +98,11 @@ class _Sums:
         self.squares += float(np.sum(one.error**2))
 
     def blocks(self) -> StartBlocks:
-        """Those of the starts, whose own slope nobody asks for."""
+        """The blocks of the starts, whose own slope nobody asks for."""
         return StartBlocks(self.cross, self.own, np.zeros(self.own.shape[:2]))
 
     def products(self) -> Products:
-        """Those of the learned numbers, with the starts apart."""
+        """The products of the learned numbers, with the starts apart."""
         nothing = np.zeros(len(self.curvature))
         count = float(self.count.sum())
         found = Products(
@@ -117,7 +117,7 @@ class _Sums:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Slopes:
-    """Of the residuals of one loss at one evaluation of some runs."""
+    """The slopes of one loss's residuals at one evaluation of some runs."""
 
     loss: str
     members: IntArray
@@ -175,7 +175,7 @@ class _Runs:
         )
 
     def slopes(self) -> Iterator[_Slopes]:
-        """Of every loss and evaluation that decides or is scored, one evaluation after another."""
+        """The slopes of every loss, one evaluation that decides or is scored after the other."""
         with np.errstate(all="ignore"):  # as in training, a run that leaves the numbers is told of
             for moment in moments(self.judge, self.log, self.runs, losses=False):
                 decides = moment.number < self.over

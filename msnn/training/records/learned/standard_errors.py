@@ -176,7 +176,7 @@ def _kept(
     free: IntArray,
     covariance: FloatArray,
 ) -> Covariance | None:
-    """That of all numbers, those that are held included; None where residuals are too few."""
+    """The covariance of all numbers, held ones included; None where residuals are too few."""
     if not np.all(np.isfinite(covariance)):
         return None
     names = [parameter.name for parameter in parameters]

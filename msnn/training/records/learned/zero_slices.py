@@ -12,7 +12,7 @@ from msnn.data.dataset import FloatArray
 
 
 def zero_slices(program: Program, weights: Mapping[str, FloatArray]) -> list[dict[str, Any]]:
-    """Of every array with `group` the slices that are 0, of those with `l1` how many numbers are.
+    """The zero slices of every array with `group`, and the count of zeros of those with `l1`.
 
     Slices are named by the labels of their dim, else by their index from 0.
     """
