@@ -230,7 +230,8 @@ class _Import:
                 place = self._text.place("Minimizers", old, "loss")
                 path = f"Minimizers.{old}.loss"
                 what = f"a loss `{given.loss}` is not known"
-                raise self._relations.refused(unknown_relation(path, what, place))
+                repair = "train for `mse`, `rmse`, `mae` or `cross_entropy`"
+                raise self._relations.refused(unknown_relation(path, what, repair, place))
             yield old, (given.loss, sides[0], sides[1])
 
 

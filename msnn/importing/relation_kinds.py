@@ -37,6 +37,18 @@ OF_ONE: Mapping[str, Callable[[Term], Term]] = {
 class UnknownKindError(Exception):
     """A relation that is none of those that are read."""
 
+    def __init__(self, what: str, repair: str) -> None:
+        super().__init__(what)
+        self.repair = repair
+
+
+def unknown_form(kind: str) -> UnknownKindError:
+    """A kind of relation that is not read, or has other arguments than nnodely writes."""
+    repair = "save it anew by `saveModel` of nnodely 1.x, or write its formula in a spec"
+    if kind == "NeuralODE":
+        repair = "write `states: {x: {der: …}}` with `integrator:` in a spec"
+    return UnknownKindError(f"a relation `{kind}` of this form is not known", repair)
+
 
 def counted(values: list[Value], wanted: int) -> list[Value]:
     """The operands, if they are as many as the relation has."""
@@ -49,7 +61,8 @@ def one_name(rest: list[Any]) -> str:
     """The name that is all that a relation has beside its operands."""
     if len(rest) == 1 and isinstance(rest[0], str):
         return rest[0]
-    raise UnknownKindError("a `ParamFun` of this form is not known")
+    what, repair = "a `ParamFun` of this form is not known", "name one function after its operands"
+    raise UnknownKindError(what, repair)
 
 
 def dropout_share(rest: list[Any]) -> float:
@@ -60,4 +73,4 @@ def dropout_share(rest: list[Any]) -> float:
         case [int() | float() as share] if not isinstance(share, bool) and 0 <= share < 1:
             return float(share)
         case _:
-            raise UnknownKindError("a dropout that is no share")
+            raise UnknownKindError("a dropout that is no share", "take 0 … 1, without 1")

@@ -26,6 +26,7 @@ from msnn.importing.relation_kinds import (
     counted,
     dropout_share,
     one_name,
+    unknown_form,
 )
 from msnn.importing.saved_file.grammar import File, names_in
 from msnn.importing.saved_file.json_text import JsonText, path_text
@@ -132,7 +133,7 @@ class Relations:
             reason = "a part of a window that is not known sample by sample"
             raise self.refused(unfit_shapes(path, reason, place)) from None
         except UnknownKindError as fault:
-            raise self.refused(unknown_relation(path, str(fault), place)) from None
+            raise self.refused(unknown_relation(path, str(fault), fault.repair, place)) from None
         if name in self.held:
             whole = self.values.whole(value)
             self.held[name] = whole
@@ -211,7 +212,7 @@ class Relations:
                 place = self.text.place("Relations", name)
                 return interpolated(self.layers, name, (x, y, mode), value, (self.findings, place))
             case _:
-                raise UnknownKindError(f"a relation `{kind}` of this form is not known")
+                raise unknown_form(kind)
 
     def _weighted(self, name: str, kind: str, value: Value, layer: Weighted) -> Value:
         for array in (layer.weight, layer.bias):
@@ -231,7 +232,7 @@ class Relations:
             case [_, [int() | float() as first, int() | float() as end], int() | float() as offset]:
                 pass
             case _:
-                raise UnknownKindError(f"a relation `{kind}` of this form is not known")
+                raise unknown_form(kind)
         assert self.signals is not None
         [source] = operands if len(operands) == 1 else [""]
         bounds = [first, end, *([] if offset is None else [offset])]

@@ -266,3 +266,29 @@ def test_any_change_of_a_model_is_read_or_refused(data: st.DataObject) -> None:
 def test_a_folder_without_a_name_is_named_as_it_was_written() -> None:
     with pytest.raises(SpecError, match=r"`?\.`? is no saved model: is a directory"):
         import_nnodely(".")
+
+
+@pytest.mark.parametrize(
+    ("change", "repair"),
+    [
+        (
+            _part("Relations", "y", value=["NeuralODE", ["now"], "F"]),
+            "write `states: {x: {der: …}}`",
+        ),
+        (_part("Relations", "y", value=["Fir", ["now"], "c", None, 2]), "take 0 … 1, without 1"),
+        (_part("Relations", "y", value=["Fir", ["now"], 7]), "save it anew by `saveModel`"),
+        (_part("Relations", "y", value=["ParamFun", ["now"], "F", 1]), "name one function"),
+        (
+            _part("Minimizers", value={"l": {"A": "y", "B": "y", "loss": "eval"}}),
+            "train for `mse`, `rmse`, `mae` or `cross_entropy`",
+        ),
+    ],
+)
+def test_what_specs_do_not_express_has_a_repair_of_its_own(
+    change: Callable[[dict[str, Any]], None], repair: str
+) -> None:
+    model = saved()
+    change(model)
+    found = _first(model)
+    assert found.code == "E1312"
+    assert (found.help or "").startswith(repair)

@@ -32,9 +32,9 @@ def unfit_shapes(path: str, reason: str, place: Span) -> Diagnostic:
     return error("E1311", place, f"`{path}`: {reason}", "here")
 
 
-def unknown_relation(path: str, what: str, place: Span) -> Diagnostic:
+def unknown_relation(path: str, what: str, repair: str, place: Span) -> Diagnostic:
     """E1312: a relation that the language of specs does not express."""
-    return error("E1312", place, f"`{path}`: {what}", "this relation")
+    return error("E1312", place, f"`{path}`: {what}", "this relation", help=repair)
 
 
 def untranslated(path: str, line: str, reason: str, place: Span) -> Diagnostic:
