@@ -22,7 +22,7 @@ from backends.torch_module.lowering import (
     static_nodes,
 )
 from backends.torch_module.parameters import physical_value
-from compiler.ir.ops import Constant, ReadLog, ReadParameter, ReadSignal, ReadState, ReadTraining
+from compiler.ir import ops
 from compiler.ir.program import Graph, NodeId, Program
 
 FloatArray = NDArray[np.float64]
@@ -211,7 +211,7 @@ class _Evaluator:
         self._shared = sorted(
             index
             for index in used | set(roots)
-            if static[index] and not isinstance(graph[index].op, Constant | ReadParameter)
+            if static[index] and not isinstance(graph[index].op, ops.Constant | ops.ReadParameter)
         )
         self._before = lower_graph(graph, self._shared, dtype) if self._shared else None
         self._main = lower_graph(graph, roots, dtype, given=frozenset(self._shared))
@@ -260,15 +260,15 @@ def _argument(
     shared: Mapping[NodeId, Tensor],
 ) -> Tensor:
     match leaf.source:
-        case ReadParameter(name):
+        case ops.ReadParameter(name):
             return physical[name]
-        case ReadState(name):
+        case ops.ReadState(name):
             return states[name]
-        case ReadTraining():
+        case ops.ReadTraining():
             raise AssertionError("no program reads values of training")
         case GivenNode(node):
             return shared[node]
-        case ReadSignal(signal, first, last) | ReadLog(signal, first, last):
+        case ops.ReadSignal(signal, first, last) | ops.ReadLog(signal, first, last):
             assert windows is not None, "parameters alone decide the shared part"
             window = windows(signal, first, last)
             return window if leaf.windowed else window[..., 0]

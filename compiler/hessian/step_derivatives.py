@@ -27,10 +27,10 @@ from compiler.hessian.matrix_blocks import (
     slopes_of_result,
 )
 from compiler.hessian.picked_rows import with_picked_rows
+from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node
 from compiler.ir.liveness import needed
-from compiler.ir.ops import Concat, Named, ReadParameter, ReadSignal, ReadState, Window
 from compiler.ir.program import Graph, NodeId, Program
 from compiler.ir.types import WINDOW, Axis, Type
 from compiler.jacobian.drop_zero_terms import without_zeros
@@ -173,14 +173,14 @@ def _without_windows(
         if not live[index]:
             continue
         args = tuple(copies[arg] for arg in node.args)
-        if isinstance(node.op, Window):
+        if isinstance(node.op, ops.Window):
             # oldest sample first: the buffer, then what is new (R1)
             *axes, last = node.type.axes
             past = node.type.with_axes((*axes, Axis(WINDOW, last.size - 1)))
             with builder.at(node.span):
                 newest = builder.reshape(args[0], (*axes, Axis(WINDOW, 1)))
                 kept = builder.state(node.op.state, past)
-                joined = builder.emit(Concat(WINDOW), (kept, newest), node.type)
+                joined = builder.emit(ops.Concat(WINDOW), (kept, newest), node.type)
             copies[index] = joined
         else:
             copies[index] = copy_node(builder, node, args)
@@ -192,7 +192,7 @@ def _readers(graph: Graph) -> dict[str, list[NodeId]]:
     found: dict[str, list[NodeId]] = {}
     for index, node in graph:
         match node.op:
-            case ReadState(name) | ReadParameter(name) | ReadSignal(name):
+            case ops.ReadState(name) | ops.ReadParameter(name) | ops.ReadSignal(name):
                 found.setdefault(name, []).append(index)
             case _:
                 pass
@@ -206,7 +206,7 @@ def _inputs(
     for signal in program.signals:
         for leaf in leaves.get(signal.name, ()):
             # a target may have the name of a state
-            if isinstance(builder.node(leaf).op, ReadSignal):
+            if isinstance(builder.node(leaf).op, ops.ReadSignal):
                 yield signal.name, builder.type(leaf).axes, signal.unit
 
 
@@ -237,7 +237,7 @@ def _finished(
         if live[index]:
             args = [copies[arg] for arg in node.args]
             # names that are no model's mark operands (`second_slopes`), and have done their work
-            is_mark = index >= count and isinstance(node.op, Named)
+            is_mark = index >= count and isinstance(node.op, ops.Named)
             copies[index] = args[0] if is_mark else copy_node(draft, node, tuple(args))
             if index < count:
                 exact = max(exact, copies[index] + 1)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from compiler.ir.ops import Add, Apply, Constant, Divide, Multiply, Subtract
+from compiler.ir import ops
 from compiler.ir.program import Graph, NodeId, Program
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.errors import names as errors
 
-_ARITHMETIC = (Add, Subtract, Multiply, Divide, Apply)
+_ARITHMETIC = (ops.Add, ops.Subtract, ops.Multiply, ops.Divide, ops.Apply)
 
 
 def never_finite(program: Program) -> list[Diagnostic]:
@@ -17,8 +17,8 @@ def never_finite(program: Program) -> list[Diagnostic]:
     for _, node in graph:
         operands = [graph[arg].op for arg in node.args]
         # what is made of constants alone is folded, unless the result is infinite or NaN
-        constant = bool(operands) and all(isinstance(op, Constant) for op in operands)
-        by_zero = isinstance(node.op, Divide) and _is_zero(graph, node.args[1])
+        constant = bool(operands) and all(isinstance(op, ops.Constant) for op in operands)
+        by_zero = isinstance(node.op, ops.Divide) and _is_zero(graph, node.args[1])
         if node.span is not None and isinstance(node.op, _ARITHMETIC) and (constant or by_zero):
             found[errors.never_finite(node.span)] = None
     return list(found)
@@ -26,4 +26,4 @@ def never_finite(program: Program) -> list[Diagnostic]:
 
 def _is_zero(graph: Graph, node: NodeId) -> bool:
     op = graph[graph.unrepeated(node)].op
-    return isinstance(op, Constant) and not all(op.values)
+    return isinstance(op, ops.Constant) and not all(op.values)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal, ReadState, Window
+from compiler.ir import ops
 from compiler.ir.program import Graph, NodeId
 from spec_schema.late_dataclass import dataclass
 
@@ -25,7 +25,7 @@ def needed(graph: Graph, wanted: Iterable[NodeId]) -> list[bool]:
 def reads_simulation(graph: Graph, value: NodeId) -> bool:
     """Whether a value depends on what the step sees or keeps, not on the log alone."""
     return any(
-        live and isinstance(node.op, ReadSignal | ReadState | Window)
+        live and isinstance(node.op, ops.ReadSignal | ops.ReadState | ops.Window)
         for live, node in zip(needed(graph, [value]), graph.nodes, strict=True)
     )
 
@@ -33,7 +33,7 @@ def reads_simulation(graph: Graph, value: NodeId) -> bool:
 def reads_log(graph: Graph, value: NodeId) -> bool:
     """Whether a value depends on what was measured."""
     return any(
-        live and isinstance(node.op, ReadLog)
+        live and isinstance(node.op, ops.ReadLog)
         for live, node in zip(needed(graph, [value]), graph.nodes, strict=True)
     )
 
@@ -54,8 +54,8 @@ def needed_over_time(
         marked[index] = True
         node = step[index]
         waiting += node.args
-        if isinstance(node.op, ReadState | Window):
-            name = node.op.name if isinstance(node.op, ReadState) else node.op.state
+        if isinstance(node.op, ops.ReadState | ops.Window):
+            name = node.op.name if isinstance(node.op, ops.ReadState) else node.op.state
             names.add(name)
             # through a state the search goes on in the same graph, one step earlier
             if name in following:
@@ -72,9 +72,9 @@ def states_beside_the_log(
         reading = [False] * len(step)
         for index, node in step:
             match node.op:
-                case ReadLog():
+                case ops.ReadLog():
                     reading[index] = True
-                case ReadState(name=name) | Window(state=name):
+                case ops.ReadState(name=name) | ops.Window(state=name):
                     reading[index] = name in found or any(reading[arg] for arg in node.args)
                 case _:
                     reading[index] = any(reading[arg] for arg in node.args)
@@ -106,7 +106,7 @@ class Extent:
 
 def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
     """The samples that the graph reads of each signal, from the log or as the step sees them."""
-    wanted = ReadLog if log else ReadSignal
+    wanted = ops.ReadLog if log else ops.ReadSignal
     found: dict[str, Extent] = {}
     for _, node in graph:
         if isinstance(node.op, wanted):
@@ -118,4 +118,4 @@ def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
 
 def parameters_read(graph: Graph) -> frozenset[str]:
     """Names of the parameters that the graph uses."""
-    return frozenset(n.op.name for _, n in graph if isinstance(n.op, ReadParameter))
+    return frozenset(n.op.name for _, n in graph if isinstance(n.op, ops.ReadParameter))

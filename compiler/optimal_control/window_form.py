@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from compiler.hessian.step_derivatives import next_value
-from compiler.ir.ops import Identity, ReadSignal, Reshape, Slice, Window
+from compiler.ir import ops
 from compiler.ir.program import NodeId, Output, Program, State
 from compiler.ir.types import Type
 from compiler.optimal_control.problem import ControlProblem
@@ -110,7 +110,9 @@ def window_form(problem: ControlProblem) -> WindowForm:
 
 def _pushed(program: Program) -> dict[str, NodeId]:
     """The newest sample of each state that is a buffer."""
-    known = {node.op.state: node.args[0] for _, node in program.step if isinstance(node.op, Window)}
+    known = {
+        node.op.state: node.args[0] for _, node in program.step if isinstance(node.op, ops.Window)
+    }
     return {
         state.name: known[state.name] for state in program.states if _is_shifted(program, state)
     }
@@ -119,10 +121,10 @@ def _pushed(program: Program) -> dict[str, NodeId]:
 def _is_shifted(program: Program, state: State) -> bool:
     """Whether its next value is its window without the first sample."""
     node = program.step[state.next]
-    if not isinstance(node.op, Slice) or not state.axes:
+    if not isinstance(node.op, ops.Slice) or not state.axes:
         return False
     window = program.step[node.args[0]]
-    is_own = isinstance(window.op, Window) and window.op.state == state.name
+    is_own = isinstance(window.op, ops.Window) and window.op.state == state.name
     return is_own and (node.op.start, node.op.stop) == (1, state.axes[-1].size + 1)
 
 
@@ -130,8 +132,8 @@ def _signal(program: Program, node: NodeId) -> str | None:
     """The signal whose sample of this step a node is."""
     found = program.step[node]
     # reshapes change no number
-    while isinstance(found.op, Reshape | Identity):
+    while isinstance(found.op, ops.Reshape | ops.Identity):
         found = program.step[found.args[0]]
     op = found.op
-    is_sample = isinstance(op, ReadSignal) and (op.first, op.last) == (0, 0)
-    return op.signal if isinstance(op, ReadSignal) and is_sample else None
+    is_sample = isinstance(op, ops.ReadSignal) and (op.first, op.last) == (0, 0)
+    return op.signal if isinstance(op, ops.ReadSignal) and is_sample else None

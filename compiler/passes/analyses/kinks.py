@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from compiler.ir.ops import Apply, Clamp, Compare, Maximum, Minimum, Select
+from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId, Program
 from compiler.passes.analyses.intervals import Interval, negative, total
 from compiler.passes.analyses.value_ranges import ValueRanges
@@ -42,7 +42,7 @@ def compared(graph: Graph, condition: NodeId) -> tuple[NodeId, NodeId] | None:
     """The two values of which a condition says which is larger."""
     node = graph[graph.unrepeated(condition)]
     # a value compared with itself decides nothing by its size
-    if not isinstance(node.op, Compare) or node.args[0] == node.args[1]:
+    if not isinstance(node.op, ops.Compare) or node.args[0] == node.args[1]:
         return None
     left, right = node.args
     return left, right
@@ -52,15 +52,15 @@ def _distances(graph: Graph, node: Node, ranges: ValueRanges) -> Iterator[tuple[
     """The quantities at whose 0 the operation has a kink."""
     args = node.args
     match node.op:
-        case Apply("abs" | "sign" | "sqrt" as function):
+        case ops.Apply("abs" | "sign" | "sqrt" as function):
             yield function, ranges.of(args[0])
-        case Minimum() | Maximum():
-            word = "min" if isinstance(node.op, Minimum) else "max"
+        case ops.Minimum() | ops.Maximum():
+            word = "min" if isinstance(node.op, ops.Minimum) else "max"
             yield word, _difference(ranges, args[0], args[1])
-        case Clamp():
+        case ops.Clamp():
             for bound in args[1:]:
                 yield "clip", _difference(ranges, args[0], bound)
-        case Select():
+        case ops.Select():
             sides = compared(graph, args[0])
             # two equal branches make no jump, whichever is taken
             if sides is not None and args[1] != args[2]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.graph_copy import copy_node, with_start, with_step
-from compiler.ir.ops import Apply, Concat, Divide, Op, Reshape, Select, Slice
 from compiler.ir.program import Graph, Node, NodeId, Program
 from compiler.ir.types import Axis
 
@@ -77,7 +77,7 @@ def _harmless(
     conditions: list[tuple[NodeId, bool]],
 ) -> tuple[NodeId, ...]:
     # the numerator is harmless; dividing by 0 is not
-    kept = args[:1] if isinstance(node.op, Divide) else ()
+    kept = args[:1] if isinstance(node.op, ops.Divide) else ()
     guarded: list[NodeId] = []
     for arg in args[len(kept) :]:
         type = builder.type(arg)
@@ -86,7 +86,7 @@ def _harmless(
         for condition, holds in reversed(conditions):
             wide = builder.broadcast(condition, type.axes)
             branches = (arg, safe) if holds else (safe, arg)
-            arg = builder.emit(Select(), (wide, *branches), type)
+            arg = builder.emit(ops.Select(), (wide, *branches), type)
         guarded.append(arg)
     return (*kept, *guarded)
 
@@ -104,7 +104,7 @@ def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
             continue
         for place, arg in enumerate(node.args):
             under = guard
-            if isinstance(node.op, Select) and place > 0:
+            if isinstance(node.op, ops.Select) and place > 0:
                 # an operand of a `where` is used where the condition holds, or where it does not
                 condition = BranchCondition(graph.unrepeated(node.args[0]), place == 1)
                 # the same condition again, further in, decides: the outer one is contradicted or
@@ -119,20 +119,20 @@ def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
     return guards
 
 
-def _reaches(condition: tuple[Axis, ...], op: Op, operand: tuple[Axis, ...]) -> bool:
+def _reaches(condition: tuple[Axis, ...], op: ops.Op, operand: tuple[Axis, ...]) -> bool:
     """Whether a condition on the elements of a value is one on those of its operand too."""
     match op:
         # after a reshape the elements of a condition with axes stand elsewhere
-        case Reshape():
+        case ops.Reshape():
             return not condition
-        case Slice(axis) | Concat(axis):
+        case ops.Slice(axis) | ops.Concat(axis):
             return set(condition) <= {a for a in operand if a.name != axis}
         case _:
             return set(condition) <= set(operand)
 
 
-def _is_singular(op: Op) -> bool:
-    return isinstance(op, Divide) or (isinstance(op, Apply) and op.function in SINGULAR)
+def _is_singular(op: ops.Op) -> bool:
+    return isinstance(op, ops.Divide) or (isinstance(op, ops.Apply) and op.function in SINGULAR)
 
 
 def _order(graph: Graph, guards: list[Guard | None], roots: list[NodeId]) -> list[NodeId]:
