@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import assert_never
+from typing import TypeVar, assert_never
 
 from compiler.ir import ops
 from compiler.ir.builder import GraphBuilder
@@ -24,6 +24,8 @@ from compiler.ir.program import NodeId
 from compiler.ir.scalars.slope_products import divisor_slope, slope_product, slope_quotient
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import WINDOW, Axis, in_order
+
+Key = TypeVar("Key")
 
 
 def gradients(
@@ -86,26 +88,25 @@ def step_gradients(
             continue
         match builder.node(node).op:
             case ops.ReadState(name=name):
-                _accumulate(builder, states, name, gradient)
+                accumulate(builder, states, name, gradient)
             case ops.Window(state=name):
                 # the newest sample is an operand of the Window; the state is only what stands
                 # before it
                 past = builder.type(gradient).axes[-1].size - 1
-                _accumulate(builder, states, name, builder.slice(gradient, WINDOW, 0, past))
+                accumulate(builder, states, name, builder.slice(gradient, WINDOW, 0, past))
             case ops.ReadParameter(name=name):
-                _accumulate(builder, parameters, name, gradient)
+                accumulate(builder, parameters, name, gradient)
             case ops.ReadSignal(signal=name):
-                _accumulate(builder, inputs, name, gradient)
+                accumulate(builder, inputs, name, gradient)
             case _:
                 raise AssertionError("the readers are filtered above")
     return StepGradients(states, parameters, inputs)
 
 
-def _accumulate(
-    builder: GraphBuilder, gradients: dict[str, NodeId], name: str, gradient: NodeId
-) -> None:
-    before = gradients.get(name)
-    gradients[name] = gradient if before is None else builder.add(before, gradient)
+def accumulate(builder: GraphBuilder, sums: dict[Key, NodeId], key: Key, addend: NodeId) -> None:
+    """Adds to one of the sums; the first addend is the sum."""
+    before = sums.get(key)
+    sums[key] = addend if before is None else builder.add(before, addend)
 
 
 def _depending_on(builder: GraphBuilder, wanted: Iterable[NodeId], last: NodeId) -> set[NodeId]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
-from compiler.differentiation.reverse_mode import StepGradients, step_gradients
+from compiler.differentiation.reverse_mode import StepGradients, accumulate, step_gradients
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import ReadTraining, Relation, Slice, Window
 from compiler.ir.program import Graph, Loss, Measure, Node, NodeId, Program, State
@@ -217,11 +217,11 @@ def _reverse_step(
             if term.loss.penalty is not None:  # its slope has no part in steps
                 continue
             scale = builder.emit(ReadTraining(LossScale(term.loss.name)), (), Type(unit=None))
-            _add(builder, adjoints, term.total, scale)
+            accumulate(builder, adjoints, term.total, scale)
         for state in program.states:
             # seeds: the adjoint of what the step gave the state, known from the step after it
             result = newest.get(state.name, state.next)
-            _add(builder, adjoints, result, _seed(builder, state, result, infinite))
+            accumulate(builder, adjoints, result, _seed(builder, state, result, infinite))
         gradients = step_gradients(builder, adjoints, signals=False)
         found = infinite.union(
             name
@@ -265,13 +265,6 @@ def _reverse_start(program: Program, infinite: Collection[str]) -> tuple[Reverse
     builder = GraphBuilder(program.start)
     adjoints: dict[NodeId, NodeId] = {}
     for state in program.states:
-        _add(builder, adjoints, state.start, _seed(builder, state, state.start, infinite))
+        accumulate(builder, adjoints, state.start, _seed(builder, state, state.start, infinite))
     gradients = step_gradients(builder, adjoints, signals=False)
     return Reverse(builder.graph(), gradients), _any_infinite(builder, gradients)
-
-
-def _add(
-    builder: GraphBuilder, adjoints: dict[NodeId, NodeId], node: NodeId, share: NodeId
-) -> None:
-    before = adjoints.get(node)
-    adjoints[node] = share if before is None else builder.add(before, share)

@@ -1,18 +1,36 @@
-"""Shows what a comparison or a sweep has found, and ends the command as it ended."""
+"""Runs a comparison or a sweep, shows what it has found, and ends the command as it ended."""
 
 from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 import typer
 
-from msnn.cli.arguments import ResultFormat
-from msnn.cli.console import json_result, note, result
+from msnn.cli.arguments import ResultFormat, refuse_undrawable
+from msnn.cli.console import json_result, note, progress_stream, result
 from msnn.cli.exit_codes import ExitCode
+from msnn.cli.ranks import speak_once
 from msnn.comparison.compare import Comparison
+from msnn.comparison.progress_lines import TrialLines
 from msnn.comparison.table import comparison_notes, comparison_record, comparison_table
+from msnn.training.training_result import TrainingInterruptedError
+
+
+@contextmanager
+def trials_shown(plot: Path | None, pause: float = 0.0) -> Generator[TrialLines]:
+    """Shows trials as they end, `pause` seconds between two lines; says how to go on after one."""
+    speak_once()
+    refuse_undrawable(plot)
+    try:
+        yield TrialLines(progress_stream(), pause)
+    except (KeyboardInterrupt, TrainingInterruptedError):
+        # what `runs.jsonl` has is not trained again: the same command line is how it goes on
+        note(f"interrupted; this goes on: {shlex.join(['msnn', *sys.argv[1:]])}")
+        raise typer.Exit(ExitCode.INTERRUPTED) from None
 
 
 def show_comparison(
@@ -41,10 +59,3 @@ def show_comparison(
         raise typer.Exit(ExitCode.DIAGNOSTICS)
     if found.best is None:
         raise typer.Exit(ExitCode.DIVERGED)
-
-
-def end_interrupted() -> typer.Exit:
-    """Says how an interrupted comparison goes on."""
-    # what `runs.jsonl` has is not trained again: the same command line is how it goes on
-    note(f"interrupted; this goes on: {shlex.join(['msnn', *sys.argv[1:]])}")
-    return typer.Exit(ExitCode.INTERRUPTED)

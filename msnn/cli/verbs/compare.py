@@ -23,7 +23,6 @@ from msnn.cli.arguments import (
     ResultFormat,
     Seeds,
     Settings,
-    refuse_undrawable,
 )
 
 
@@ -53,15 +52,9 @@ def compare(
     training: one that is there is not repeated, and an interrupted comparison goes on.
     """
     from msnn.api import comparisons
-    from msnn.cli.comparison_results import end_interrupted, show_comparison
-    from msnn.cli.console import progress_stream
-    from msnn.cli.ranks import speak_once
-    from msnn.comparison.progress_lines import TrialLines
-    from msnn.training.training_result import TrainingInterruptedError
+    from msnn.cli.comparison_results import show_comparison, trials_shown
 
-    speak_once()
-    refuse_undrawable(plot)
-    try:
+    with trials_shown(plot) as listener:
         found = comparisons.compare(
             specs,
             grid=grid or (),
@@ -74,8 +67,6 @@ def compare(
             jobs=jobs or os.cpu_count() or 1,
             by=by,
             cost=cost,
-            listener=TrialLines(progress_stream()),
+            listener=listener,
         )
-    except (KeyboardInterrupt, TrainingInterruptedError):
-        raise end_interrupted() from None
     show_comparison(found, "compare", format, plot)

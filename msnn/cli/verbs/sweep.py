@@ -23,7 +23,6 @@ from msnn.cli.arguments import (
     Seeds,
     Settings,
     SpecFile,
-    refuse_undrawable,
 )
 
 _ROWS = 20
@@ -84,15 +83,9 @@ def sweep(
     trained again, so an interrupted sweep goes on and a larger one trains what is new.
     """
     from msnn.api import comparisons
-    from msnn.cli.comparison_results import end_interrupted, show_comparison
-    from msnn.cli.console import progress_stream
-    from msnn.cli.ranks import speak_once
-    from msnn.comparison.progress_lines import TrialLines
-    from msnn.training.training_result import TrainingInterruptedError
+    from msnn.cli.comparison_results import show_comparison, trials_shown
 
-    speak_once()
-    refuse_undrawable(plot)
-    try:
+    with trials_shown(plot, _PAUSE) as listener:
         found = comparisons.sweep(
             spec,
             grid=grid or (),
@@ -110,9 +103,7 @@ def sweep(
             optuna=optuna,
             by=by,
             cost=cost,
-            listener=TrialLines(progress_stream(), _PAUSE),
+            listener=listener,
         )
-    except (KeyboardInterrupt, TrainingInterruptedError):
-        raise end_interrupted() from None
     # hundreds of models do not fit on a screen; `compare` has few and shows them all
     show_comparison(found, "sweep", format, plot, _ROWS)
