@@ -132,6 +132,19 @@ def test_offset_is_lost_in_products() -> None:
     assert not parse_unit("degC").same_as(parse_unit("K"))
 
 
+@pytest.mark.parametrize("unit", ["degC^2", "degC^-1", "degC^2*s/s", "1/degC"])
+def test_offset_is_lost_in_powers(unit: str) -> None:
+    """A variance of 4 degC² is one of 4 K²: nothing is added to it."""
+    other = parse_unit(unit.replace("degC", "K"))
+    assert parse_unit(unit).same_as(other)
+    assert parse_unit(unit).in_si(4.0) == parse_unit(unit).convert(4.0, other) == 4.0
+
+
+def test_offset_is_lost_in_roots() -> None:
+    assert parse_unit("degC").power(2).root(2).same_as(parse_unit("K"))
+    assert parse_unit("degF^2").convert(81.0, parse_unit("K^2")) == pytest.approx(25.0, rel=1e-14)
+
+
 def test_angle_is_tagged_and_counts_as_one() -> None:
     assert parse_unit("rad").same_as(ONE)
     assert parse_unit("rad") != ONE

@@ -72,7 +72,7 @@ def test_of_a_whole_record_training_and_monitor_score_their_own_rows(engine: str
     trained, watched, _ = losses(MODEL, stage, data, START)
     errors = free_run_errors(series["x"], series["u"], 0, 49)
     rows = np.arange(1, 50)
-    held_out = (30 <= rows) & (rows < 45)
+    held_out = (rows >= 30) & (rows < 45)
     for found, kept in ((trained, errors[~held_out]), (watched, errors[held_out])):
         assert found["x_next"].count == len(kept)
         assert found["x_next"].total == pytest.approx(float(kept @ kept), rel=1e-12)
