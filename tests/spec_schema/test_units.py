@@ -122,6 +122,14 @@ def test_short_times_are_the_nearest_number(text: str, unit: str, exponent: int)
     assert parse_unit(unit).convert(float(text), parse_unit("s"), is_distance=True) == nearest
 
 
+@pytest.mark.parametrize(("unit", "same"), [("psi", "lbf/in^2"), ("L", "dm^3"), ("J", "N*m")])
+def test_numbers_stay_as_they_are_in_the_same_unit_by_another_name(unit: str, same: str) -> None:
+    """The scales of the first two differ by a rounding, which no number may show."""
+    one, other = parse_unit(unit), parse_unit(same)
+    for value in (0.1, 3.0, 33.3, 1000.0):
+        assert one.convert(value, other) == other.convert(value, one) == value
+
+
 def test_incomparable_units_do_not_convert() -> None:
     with pytest.raises(ValueError, match="m does not convert to s"):
         parse_unit("m").convert(1.0, parse_unit("s"))
