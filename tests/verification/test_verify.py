@@ -305,5 +305,14 @@ def test_an_unknown_target_is_a_usage_error(capsys: pytest.CaptureFixture[str]) 
     assert "`avr` is none of host, m4, m7, m0, rv32 and all" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("targets", ["", " , "])
+def test_checking_nothing_is_a_usage_error(
+    targets: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A script whose variable is unset would be told that all is well."""
+    assert run(["verify", str(tmp_path), "--targets", targets]) == 2
+    assert "nothing is left to check" in capsys.readouterr().err
+
+
 def test_every_kernel_has_bounds_for_the_proof() -> None:
     assert set(KERNELS) == KNOWN
