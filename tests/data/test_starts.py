@@ -8,7 +8,11 @@ import pytest
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import IntArray
 from msnn.data.starts import Reach, reach, rollouts
+from msnn.simulation.rollout_plan import set_rollouts
+from msnn.training.plans.stage_plan import plan_stages
+from spec_schema.diagnostics.diagnostic import Findings
 from tests.programs import fir_closed_loop, late_sensor, preview_driver, spring_damper_rk4
+from tests.training.cases import compiled, dataset
 
 
 def one(length: int, first: int = 0) -> IntArray:
@@ -67,6 +71,43 @@ def test_look_back_and_look_ahead_of_programs() -> None:
     assert reach(late_sensor().program) == Reach(4, 0, 0)
     closed = close_loop(fir_closed_loop().program, ("x",))
     assert reach(closed) == Reach(4, 1, 0)
+
+
+@pytest.mark.parametrize(
+    ("init", "spoiled"),
+    [
+        ("v.meas[t]", [0]),
+        ("v.meas[t-2]", [2]),
+        ("v.meas[t-2] + v.meas[t-1] + v.meas[t]", [0, 1, 2]),
+        ("der(v.meas, method=forward)", [0, -1]),
+    ],
+)
+def test_no_rollout_starts_from_a_missing_sample(init: str, spoiled: list[int]) -> None:
+    """`spoiled` are the rows from a missing sample to the starts that read it."""
+    text = """
+msnn: 1
+name: late
+sample_time: 1 s
+inputs: {u: 1}
+targets: {v: 1}
+states: {x: {next: "0.5*x + u", init: "INIT"}}
+outputs: {y: {expr: x, predicts: "v[t]"}}
+train: [{rollout: 3}]
+"""
+    program, spec = compiled(text.replace("INIT", init))
+    series = {name: np.linspace(0.0, 1.0, 30) for name in ("u", "v")}
+    missing = [9, 20]
+    series["v"][missing] = np.nan
+    findings = Findings()
+    (plan,) = plan_stages(program, spec.train, findings)
+    runs = set_rollouts(
+        plan.rollout, dataset(series, train=[30]), "train", 1, "a test", None, findings
+    )
+    assert runs is not None
+    back = reach(program).back
+    never = {row + later for row in missing for later in spoiled}
+    last = 30 - 3 - reach(program).ahead
+    assert runs.t0.tolist() == [t0 for t0 in range(back, last + 1) if t0 not in never]
 
 
 @pytest.mark.parametrize("horizon", [1, 3, 7])
