@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from asammdf import MDF, Signal
 
+from msnn.data.dataset import FloatArray
+from msnn.data.formats.table import ColumnKey
 from msnn.data.reading.resample import resample
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.data.specs import load
@@ -51,7 +53,10 @@ def test_rounding_of_times_loses_no_last_row(begin: float, count: int) -> None:
     time = begin + np.array([round(0.1 * k, 1) for k in range(count)])
     values = np.arange(float(count))
     for beside in ([], ["slow"]):
-        columns = {"x": (time, values), "slow": (time, values)}
+        columns: dict[ColumnKey, tuple[FloatArray, FloatArray]] = {
+            "x": (time, values),
+            "slow": (time, values),
+        }
         found = resample(columns, 0.1, "linear", beside=beside)
         assert found.covered.tolist() == [True] * count
         for column in found.columns.values():
@@ -70,7 +75,10 @@ def test_of_two_rows_alike_far_the_earlier_is_taken() -> None:
 
 def test_a_hole_leaves_the_rows_at_its_ends_and_a_slow_column_has_none() -> None:
     steady, holed, slow = np.arange(11.0), np.array([0.0, 1.0, 2.0, 6.0, 7.0, 10.0]), np.arange(3.0)
-    columns = {"steady": (steady, steady), "slow": (5.0 * slow, slow)}
+    columns: dict[ColumnKey, tuple[FloatArray, FloatArray]] = {
+        "steady": (steady, steady),
+        "slow": (5.0 * slow, slow),
+    }
     assert resample(columns, 1.0, "linear").covered.all()
     found = resample({**columns, "holed": (holed, holed)}, 1.0, "linear")
     assert np.flatnonzero(~found.covered).tolist() == [3, 4, 5, 8, 9]
