@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,9 @@ from msnn.verification.sources import CFolder, plain_name
 from spec_schema.diagnostics.diagnostic import SpecError
 
 Range = tuple[float, float]
+
+_GOLDEN_STATUS = re.compile(r"golden_status\[(\d+)\]")
+"""The table of what each golden step answers."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,8 +76,19 @@ class ExportedC(CFolder):
     def compares_states(self) -> bool:
         """Whether its golden vectors have what single steps leave in the state."""
         # exports of earlier versions have none; their vectors compare answers alone
-        vectors = self.folder / "test" / f"{self.prefix}_vectors.h"
-        return f"{self.prefix}_state_differs(" in vectors.read_text(encoding="utf-8")
+        return f"{self.prefix}_state_differs(" in self._vectors
+
+    @property
+    def golden_steps(self) -> int:
+        """How many steps its golden vectors have."""
+        begin = self._vectors.find(f"{self.prefix}_results_differ(")
+        found = _GOLDEN_STATUS.search(self._vectors, max(begin, 0))
+        return 0 if begin < 0 or found is None else int(found[1])
+
+    @property
+    def _vectors(self) -> str:
+        path = self.folder / "test" / f"{self.prefix}_vectors.h"
+        return path.read_text(encoding="utf-8")
 
     @property
     def number(self) -> str:

@@ -47,6 +47,11 @@ class WantedSteps:
     ram: Ram = DEFAULT_RAM
     """Of the board."""
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is to be checked, of which nothing could be found either."""
+        return not (self.targets or self.proof or self.misra or self.fuzz or self.board)
+
 
 @dataclass(frozen=True, slots=True)
 class Verification:

@@ -11,7 +11,7 @@ import pytest
 from compiler.interpreter.interpreter import Interpreter, physical_weights
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.liveness import extents
-from compiler.ir.ops import Constant, ReadSignal
+from compiler.ir.ops import Constant, ReadSignal, Relation, Select
 from compiler.ir.program import Graph, Output, Program, Role, Signal
 from compiler.ir.rules.verifier import verify
 from compiler.ir.text import program_text
@@ -188,6 +188,25 @@ def test_folding_keeps_what_is_not_finite_or_too_large() -> None:
     program = Program("kept", None, (), (), (), b.graph(), Graph(), outputs)
     folded = fold_constants(program)
     assert not any(isinstance(folded.step[out.node].op, Constant) for out in folded.outputs)
+
+
+def test_a_choice_that_differs_by_element_is_folded_to_neither_operand() -> None:
+    b, k = GraphBuilder(), Axis("k", 3)
+    x, y = (b.signal(name, 0, 0, Type((k,))) for name in ("x", "y"))
+    condition = b.compare(Relation.LESS, b.constant([1.0, 2.0, 3.0], (k,)), b.constant(2.5))
+    outputs = (
+        Output("mixed", b.select(condition, x, y)),
+        Output("all", b.select(b.compare(Relation.LESS, b.constant(1.0), b.constant(2.5)), x, y)),
+        Output("none", b.select(b.compare(Relation.LESS, b.constant(3.0), b.constant(2.5)), x, y)),
+    )
+    signals = tuple(Signal(name, Role.INPUT, axes=(k,)) for name in ("x", "y"))
+    program = run_passes(Program("choices", None, signals, (), (), b.graph(), Graph(), outputs))
+    log = {"x": np.array([[1.0, 2.0, 3.0]]), "y": np.array([[-1.0, -2.0, -3.0]])}
+    found = Interpreter(program).step(log, 0, {}).outputs
+    assert found["mixed"].tolist() == [[1.0, 2.0, -3.0]]
+    assert found["all"].tolist() == [[1.0, 2.0, 3.0]]
+    assert found["none"].tolist() == [[-1.0, -2.0, -3.0]]
+    assert sum(isinstance(node.op, Select) for _, node in program.step) == 1
 
 
 def test_zeros_of_both_signs_stay_apart() -> None:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from asammdf import MDF, Signal
 
+from msnn.data.dataset import FloatArray
+from msnn.data.formats.table import ColumnKey
 from msnn.data.reading.resample import resample
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.data.specs import load
@@ -42,6 +44,45 @@ def test_a_missing_value_is_not_filled(tmp_path: Path) -> None:
     section = "source: {train: a.csv}\ntime: time\nresample: linear\nnan: split\n"
     data = load(tmp_path, section, {"a.csv": text})
     assert data.episodes("train").tolist() == [[0, 2], [3, 5]]
+
+
+@pytest.mark.parametrize("begin", [0.0, 1e3, 1.7e9])
+@pytest.mark.parametrize("count", [4, 8, 58])
+def test_rounding_of_times_loses_no_last_row(begin: float, count: int) -> None:
+    """0.3 / 0.1 is 2.9999999999999996: of four rows the last would be cut off."""
+    time = begin + np.array([round(0.1 * k, 1) for k in range(count)])
+    values = np.arange(float(count))
+    for beside in ([], ["slow"]):
+        columns: dict[ColumnKey, tuple[FloatArray, FloatArray]] = {
+            "x": (time, values),
+            "slow": (time, values),
+        }
+        found = resample(columns, 0.1, "linear", beside=beside)
+        assert found.covered.tolist() == [True] * count
+        for column in found.columns.values():
+            # times of 1.7e9 s have steps of 2.4e-7
+            np.testing.assert_allclose(column, values, atol=1e-5)
+
+
+def test_of_two_rows_alike_far_the_earlier_is_taken() -> None:
+    """The later one was not known then; a hole begins behind its first and ends before its last."""
+    time = np.array([0.0, 0.5, 1.5, 2.5, 7.0, 7.5])
+    found = resample({"x": (time, np.arange(6.0))}, 1.0, "nearest")
+    assert found.time.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
+    assert found.columns["x"].tolist() == [0.0, 1.0, 2.0, 3.0, 3.0, 4.0, 4.0, 4.0]
+    assert found.covered.tolist() == [True, True, True, False, False, False, False, True]
+
+
+def test_a_hole_leaves_the_rows_at_its_ends_and_a_slow_column_has_none() -> None:
+    steady, holed, slow = np.arange(11.0), np.array([0.0, 1.0, 2.0, 6.0, 7.0, 10.0]), np.arange(3.0)
+    columns: dict[ColumnKey, tuple[FloatArray, FloatArray]] = {
+        "steady": (steady, steady),
+        "slow": (5.0 * slow, slow),
+    }
+    assert resample(columns, 1.0, "linear").covered.all()
+    found = resample({**columns, "holed": (holed, holed)}, 1.0, "linear")
+    assert np.flatnonzero(~found.covered).tolist() == [3, 4, 5, 8, 9]
+    assert found.columns["slow"].tolist() == pytest.approx((steady / 5.0).tolist())
 
 
 def test_from_and_to_choose_what_is_resampled(tmp_path: Path) -> None:

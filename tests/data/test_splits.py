@@ -35,6 +35,13 @@ def test_split_by_time_takes_dates(tmp_path: Path) -> None:
     assert data.set_of_row.tolist() == [0, 0, 1, 1, 1, 0, 0, 0, 2, 2]
 
 
+def test_blocks_that_end_between_rows_differ_by_one_row(tmp_path: Path) -> None:
+    """Blocks of 2.5 rows end at 2.5, 5, 7.5, 10: halves upwards 3, 2, 3 and 2 rows each."""
+    section = "source: {train: a.csv}\nsplit: {by: block, blocks: 4, val: [2], test: [3]}\n"
+    data = load(tmp_path, section, {"a.csv": table(10)})
+    assert data.set_of_row.tolist() == [0, 0, 0, 1, 1, 2, 2, 2, 0, 0]
+
+
 def test_rows_outside_all_ranges_belong_to_no_set(tmp_path: Path) -> None:
     section = "source: {train: a.csv}\nsplit: {by: time, train: [0 s, 0.6 s], val: [1 s, 1.4 s]}\n"
     data = load(tmp_path, section, {"a.csv": table(10)})

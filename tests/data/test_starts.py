@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from compiler.ir.liveness import Extent
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import IntArray
+from msnn.data.scored import rows_that_count
 from msnn.data.starts import Reach, reach, rollouts
+from msnn.simulation.rollout_plan import set_rollouts
+from msnn.training.plans.stage_plan import plan_stages
+from spec_schema.diagnostics.diagnostic import Findings
 from tests.programs import fir_closed_loop, late_sensor, preview_driver, spring_damper_rk4
+from tests.training.cases import compiled, dataset, in_blocks
 
 
 def one(length: int, first: int = 0) -> IntArray:
@@ -34,6 +40,16 @@ def test_the_start_counts_only_at_t0() -> None:
     runs = rollouts(one(12), Reach(0, 1, 6), 2, 1)
     assert runs.t0.tolist() == [0, 1, 2, 3, 4, 5]
     assert Reach(0, 1, 6).rows(2) == 7
+
+
+def test_the_rest_of_an_episode_has_a_start_only_where_that_can_be_read() -> None:
+    # steps fit from 8 to 11 too, but the start at 8 would read row 14
+    assert rollouts(one(12), Reach(0, 0, 6), 4, 4, rest=True).t0.tolist() == [0, 4]
+    assert rollouts(one(12), Reach(0, 0, 3), 4, 4, rest=True).t0.tolist() == [0, 4, 8]
+    runs = rollouts(one(12), Reach(0, 0, 2), 5, 5, rest=True)
+    assert (runs.t0.tolist(), runs.steps.tolist()) == ([0, 5], [5, 5])
+    runs = rollouts(one(12), Reach(0, 0, 1), 5, 5, rest=True)
+    assert (runs.t0.tolist(), runs.steps.tolist()) == ([0, 5, 10], [5, 5, 2])
 
 
 def test_an_episode_that_is_too_short_is_counted() -> None:
@@ -67,6 +83,61 @@ def test_look_back_and_look_ahead_of_programs() -> None:
     assert reach(late_sensor().program) == Reach(4, 0, 0)
     closed = close_loop(fir_closed_loop().program, ("x",))
     assert reach(closed) == Reach(4, 1, 0)
+
+
+@pytest.mark.parametrize(
+    ("extent", "expected"),
+    [
+        (Extent(0, 0), range(4, 9)),
+        (Extent(1, 1), range(3, 8)),
+        (Extent(-1, 1), range(5, 8)),
+        (Extent(0, 3), range(4, 6)),
+        (Extent(-4, 0), range(8, 9)),
+        (Extent(-3, 2), range(0)),
+    ],
+)
+def test_an_evaluation_counts_where_its_whole_target_does(extent: Extent, expected: range) -> None:
+    """A window of targets that ends in another set would score rows of that."""
+    data = in_blocks(dataset({"u": np.zeros(12)}, train=[12]), "val", slice(4, 9))
+    found = rows_that_count(data, "val", extent)
+    assert np.flatnonzero(found).tolist() == list(expected)
+
+
+@pytest.mark.parametrize(
+    ("init", "spoiled"),
+    [
+        ("v.meas[t]", [0]),
+        ("v.meas[t-2]", [2]),
+        ("v.meas[t-2] + v.meas[t-1] + v.meas[t]", [0, 1, 2]),
+        ("der(v.meas, method=forward)", [0, -1]),
+    ],
+)
+def test_no_rollout_starts_from_a_missing_sample(init: str, spoiled: list[int]) -> None:
+    """`spoiled` are the rows from a missing sample to the starts that read it."""
+    text = """
+msnn: 1
+name: late
+sample_time: 1 s
+inputs: {u: 1}
+targets: {v: 1}
+states: {x: {next: "0.5*x + u", init: "INIT"}}
+outputs: {y: {expr: x, predicts: "v[t]"}}
+train: [{rollout: 3}]
+"""
+    program, spec = compiled(text.replace("INIT", init))
+    series = {name: np.linspace(0.0, 1.0, 30) for name in ("u", "v")}
+    missing = [9, 20]
+    series["v"][missing] = np.nan
+    findings = Findings()
+    (plan,) = plan_stages(program, spec.train, findings)
+    runs = set_rollouts(
+        plan.rollout, dataset(series, train=[30]), "train", 1, "a test", None, findings
+    )
+    assert runs is not None
+    back = reach(program).back
+    never = {row + later for row in missing for later in spoiled}
+    last = 30 - 3 - reach(program).ahead
+    assert runs.t0.tolist() == [t0 for t0 in range(back, last + 1) if t0 not in never]
 
 
 @pytest.mark.parametrize("horizon", [1, 3, 7])

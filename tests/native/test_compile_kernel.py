@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from backends.files.c_compiler import CompilerMissingError
+from backends.native import compile_kernel
 from backends.native.compile_kernel import KernelBuildError, compiled_kernel, kernel_flags
 from tests.conditions import require_tool
 
@@ -64,6 +65,48 @@ def test_a_compiler_that_is_not_gcc_gets_no_flags_of_gcc(
     assert "-O3" in kernel_flags((str(compiler),), on_lanes=True)
     built = compiled_kernel("int f(void) { return 1; }", on_lanes=True)
     assert built.library.f() == 1
+
+
+def test_all_that_a_kernel_is_made_of_decides_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a kernel of other flags, of the compiler before an update or of another processor, from
+    which a shared disk has it, would be loaded."""
+    require_tool("gcc", install="apt install gcc")
+    compiler, source = tmp_path / "cc", "int f(void) { return 1; }"
+
+    def installed(version: str, path: Path = compiler) -> None:
+        path.write_text(OTHER.replace("a compiler 1.0", f"a compiler {version}"))
+        path.chmod(0o755)
+        monkeypatch.setenv("CC", str(path))
+
+    installed("1.0")
+    first = compiled_kernel(source).name
+    assert compiled_kernel(source).name == first
+    names = {first, compiled_kernel(source + "\n").name}
+    monkeypatch.setenv("CC", f"{compiler} -DOTHER")
+    names.add(compiled_kernel(source).name)
+    # another length: what is asked of a file is kept by its size and time
+    installed("1.0.1")
+    names.add(compiled_kernel(source).name)
+    installed("1.0.1", tmp_path / "another-cc")
+    names.add(compiled_kernel(source).name)
+    monkeypatch.setattr(compile_kernel, "FLAGS", (*compile_kernel.FLAGS, "-DMORE"))
+    names.add(compiled_kernel(source).name)
+    monkeypatch.setattr(compile_kernel, "_processor", lambda: "another one")
+    names.add(compiled_kernel(source).name)
+    assert len(names) == 7
+
+
+def test_instructions_are_part_of_what_a_processor_is() -> None:
+    """`-march=native` goes by them: virtual machines of one model name differ in their flags."""
+    given = Path("/proc/cpuinfo")
+    if not given.is_file():
+        pytest.skip("there is no /proc/cpuinfo here")
+    lines = given.read_text(encoding="utf-8").splitlines()
+    told = {line for line in lines if line.startswith(("flags", "Features"))}
+    assert told
+    assert told <= set(compile_kernel._processor().splitlines())
 
 
 def test_exported_c_is_compiled_at_the_highest_level() -> None:

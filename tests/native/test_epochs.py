@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -44,3 +46,8 @@ def test_groups_of_rollouts_of_one_length(kernel: Kernel, count: int, size: int)
     assert bounds.tolist() == expected_bounds.tolist()
     for field in ("steps", "start", "used"):
         assert (groups[field] == expected[field]).all()
+
+
+def test_every_seed_stage_epoch_and_attempt_has_an_order_of_its_own() -> None:
+    places = list(product(range(3), repeat=4))
+    assert len({order_key(*place) for place in places}) == len(places)

@@ -122,6 +122,14 @@ def test_short_times_are_the_nearest_number(text: str, unit: str, exponent: int)
     assert parse_unit(unit).convert(float(text), parse_unit("s"), is_distance=True) == nearest
 
 
+@pytest.mark.parametrize(("unit", "same"), [("psi", "lbf/in^2"), ("L", "dm^3"), ("J", "N*m")])
+def test_numbers_stay_as_they_are_in_the_same_unit_by_another_name(unit: str, same: str) -> None:
+    """The scales of the first two differ by a rounding, which no number may show."""
+    one, other = parse_unit(unit), parse_unit(same)
+    for value in (0.1, 3.0, 33.3, 1000.0):
+        assert one.convert(value, other) == other.convert(value, one) == value
+
+
 def test_incomparable_units_do_not_convert() -> None:
     with pytest.raises(ValueError, match="m does not convert to s"):
         parse_unit("m").convert(1.0, parse_unit("s"))
@@ -130,6 +138,19 @@ def test_incomparable_units_do_not_convert() -> None:
 def test_offset_is_lost_in_products() -> None:
     assert parse_unit("J/degC").same_as(parse_unit("J/K"))
     assert not parse_unit("degC").same_as(parse_unit("K"))
+
+
+@pytest.mark.parametrize("unit", ["degC^2", "degC^-1", "degC^2*s/s", "1/degC"])
+def test_offset_is_lost_in_powers(unit: str) -> None:
+    """A variance of 4 degC² is one of 4 K²: nothing is added to it."""
+    other = parse_unit(unit.replace("degC", "K"))
+    assert parse_unit(unit).same_as(other)
+    assert parse_unit(unit).in_si(4.0) == parse_unit(unit).convert(4.0, other) == 4.0
+
+
+def test_offset_is_lost_in_roots() -> None:
+    assert parse_unit("degC").power(2).root(2).same_as(parse_unit("K"))
+    assert parse_unit("degF^2").convert(81.0, parse_unit("K^2")) == pytest.approx(25.0, rel=1e-14)
 
 
 def test_angle_is_tagged_and_counts_as_one() -> None:

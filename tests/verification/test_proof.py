@@ -29,6 +29,18 @@ outputs:
   y: kept + grown
 """
 
+HOT = """
+msnn: 1
+name: leaks
+sample_time: 1 s
+inputs:
+  u: {range: [-REACH, REACH]}
+outputs:
+  y: cosh(u) * cosh(u)
+export:
+  c: {dtype: DTYPE}
+"""
+
 CODE = """\
 void step(void)
 {
@@ -81,6 +93,21 @@ def test_inputs_that_are_clamped_are_drawn_from_all_numbers(
     source.write_text(text.replace("result = high;", "result = x;"), encoding="utf-8")
     assert run(["verify", str(tmp_path / "c"), "--targets", "", "--proof"]) == 1
     assert "kept may be NaN or infinite after a step" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("dtype", "inside", "outside"), [("float32", 45, 46), ("float64", 355, 356)]
+)
+def test_a_product_that_overflows_is_found_just_where_it_does(
+    dtype: str, inside: int, outside: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """cosh(x)² is e²ˣ/4 but for 1: it passes 3.4e38 at x = 45.05, and 1.8e308 at 355.58."""
+    for reach, code in ((inside, 0), (outside, 1)):
+        folder = tmp_path / str(reach)
+        folder.mkdir()
+        spec = HOT.replace("REACH", str(reach)).replace("DTYPE", dtype)
+        found, said = verified(spec, folder, capsys)
+        assert found == code, said
 
 
 def test_constant_time_is_named_as_not_proved(

@@ -206,6 +206,19 @@ def test_a_warning_and_a_breach_of_misra_are_findings(
     assert any("misra-c2012-8.4" in line for line in lines)
 
 
+def test_a_source_that_the_misra_check_cannot_read_is_a_finding(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """cppcheck ends well all the same, and says nothing else of that source."""
+    require(CPPCHECK)
+    folder = exported(spec_of(GALLERY, "two_tanks"), tmp_path)
+    stray = folder / "src" / "stray.c"
+    stray.write_text("int stray(void) { return 1 +; }\n", encoding="utf-8")
+    code, said = verified(capsys, folder, "--targets", "", "--misra")
+    assert code == 1
+    assert said["results"][0]["findings"] == ["src/stray.c:1 syntaxError"]
+
+
 def test_a_division_by_zero_is_an_alarm_with_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -290,6 +303,15 @@ def test_names_that_are_no_c_names_are_refused(
 def test_an_unknown_target_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["verify", ".", "--targets", "m4,avr"]) == 2
     assert "`avr` is none of host, m4, m7, m0, rv32 and all" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("targets", ["", " , "])
+def test_checking_nothing_is_a_usage_error(
+    targets: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A script whose variable is unset would be told that all is well."""
+    assert run(["verify", str(tmp_path), "--targets", targets]) == 2
+    assert "nothing is left to check" in capsys.readouterr().err
 
 
 def test_every_kernel_has_bounds_for_the_proof() -> None:

@@ -88,6 +88,9 @@ def verify(
         for path in write_serve_files(folder, serve):
             result(str(path))
         return
+    if wanted.is_empty:
+        message = "nothing is left to check: name a target, or ask for --proof, --misra or --fuzz"
+        raise typer.BadParameter(message, param_hint="'--targets'")
     found = verify_export(folder, wanted)
     written = write_text(report or folder / "REPORT.md", verification_markdown(found))
     if format is ResultFormat.JSON:

@@ -17,6 +17,9 @@ def differences(model: ExportedC, answer: str) -> list[str]:
     if summary is None:
         return ["the program ended before its last golden step"]
     found: list[str] = []
+    # the program replays as many steps as there are answers: with none of them it compares nothing
+    if (wanted := len(model.expected)) != (steps := model.golden_steps):
+        found.append(f"answers of {wanted} golden steps are kept, the vectors have {steps}")
     if int(summary[2], 16) != 0:
         found.append(f"the self-test returned 0x{summary[2]}")
     if (count := int(summary[1], 16)) != 0:

@@ -52,17 +52,18 @@ def misra_check(model: Sources) -> ProofStep:
             [
                 CPPCHECK.command,
                 *options,
-                "--template={file}:{line} {id}",
+                "--template={file}:{line} {severity} {id}",
                 f"-I{model.include}",
                 *model.sources,
             ],
             folder,
         )
         found = [
-            line.removeprefix(f"{model.folder}/")
-            for line in said.splitlines()
-            # cppcheck itself says other things of style, which are not the question
-            if "misra-c2012" in line
+            f"{place.removeprefix(f'{model.folder}/')} {what}"
+            for place, severity, what in _TOLD_BY_CPPCHECK.findall(said)
+            # cppcheck itself says other things of style, which are not the question; after an error
+            # it leaves the rest of a file unread
+            if "misra-c2012" in what or severity == "error"
         ]
         version = run_tool([CPPCHECK.command, "--version"], folder).strip()
         return check.of(found, f"{len(found)} findings by the MISRA addon of {version}")
@@ -89,6 +90,9 @@ def _compiling(
     check = ProofStep(name, target, needs, run)
     return check
 
+
+_TOLD_BY_CPPCHECK = re.compile(r"^(.*:\d+) (\w+) (\S+)$", re.MULTILINE)
+"""Place, severity and name of what it says."""
 
 _WRITABLE = re.compile(r"^(\S+?):.* [bBcCdDgGsS] (\S+)$", re.MULTILINE)
 """Of what nm says: the object file and the name of what lies in .bss, .data or common."""

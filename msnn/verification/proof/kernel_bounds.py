@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+
 from msnn.verification.exported_c import ExportedC
 
 # {f} ends the name of a function of <math.h>; `near` allows for rounding
@@ -24,7 +26,7 @@ _BODIES = {
     "atan": "return any(-1.5707964, 1.5707964);",
     "atan2": "return any(-3.1415928, 3.1415928);",
     "sinh": "return near((exp{f}(x) - exp{f}(-x)) / 2);",
-    "cosh": "return between(1.0, 3.4e38, near((exp{f}(x) + exp{f}(-x)) / 2));",
+    "cosh": "return least(1.0, near((exp{f}(x) + exp{f}(-x)) / 2));",
     "tanh": "return any(-1.0, 1.0);",
     "sigmoid": "return any(0.0, 1.0);",
     "softplus": "return near(((x > 0) ? x : 0) + any(0.0, 0.6931472));",
@@ -39,12 +41,14 @@ def kernel_bounds(model: ExportedC) -> list[str]:
     header = model.folder / "src" / f"{model.prefix}_math.h"
     if not header.is_file():
         return []
-    suffix = "f" if model.dtype == "float32" else ""
+    single = model.dtype == "float32"
+    suffix = "f" if single else ""
+    largest = float(np.finfo(np.float32 if single else np.float64).max)
     found: list[str] = []
     for name, arguments in _PROTOTYPE.findall(header.read_text(encoding="utf-8")):
         body = _BODIES.get(name.removeprefix(f"{model.prefix}_"))
         if body is None:
-            body = "return any(-3.4e38, 3.4e38);"
+            body = f"return any({-largest!r}, {largest!r});"
         # what a bound does not depend on
         unused = [f"(void){argument.split()[-1]};" for argument in arguments.split(",")]
         real = f"{model.prefix}_real"

@@ -60,6 +60,16 @@ def filtered(policy: InvalidPolicy, limits: tuple[float, float] | None, cells: b
     return program(b, {"mean": mean, "now": now}, [signal])
 
 
+def remembering(policy: InvalidPolicy, limits: tuple[float, float], cells: bool) -> Program:
+    """The five samples before the present one of an input with a policy."""
+    axes = (CELL,) if cells else ()
+    b = GraphBuilder()
+    window = b.signal("u", -5, 0, Type((*axes, Axis(WINDOW, 6))))
+    past = b.rename(b.slice(window, WINDOW, 0, 5), WINDOW, "sample")
+    signal = Signal("u", Role.INPUT, axes, range=limits, on_invalid=policy)
+    return program(b, {"past": past}, [signal])
+
+
 def starting_states() -> Program:
     """A state that starts from a number, one from the present, one from the future."""
     b, starts = GraphBuilder(), GraphBuilder()

@@ -10,7 +10,7 @@ import pytest
 from backends.c import COptions
 from compiler.ir.program import InvalidPolicy
 from tests.backends.c.c_programs import assert_same_bits, built, golden, replay
-from tests.backends.c.small_programs import filtered
+from tests.backends.c.small_programs import filtered, remembering
 
 LIMITS = (-2.0, 3.0)
 NAN, INF = float("nan"), float("inf")
@@ -66,6 +66,30 @@ def test_one_value(
     outputs, status = step.step({"u": value})
     np.testing.assert_array_equal(outputs["now"], np.float32(seen))
     assert status == sum(step.status_bits[f"SMALL_STATUS_{bit}"] for bit in bits)
+
+
+@pytest.mark.parametrize("constant_time", [False, True])
+@pytest.mark.parametrize("cells", [False, True], ids=["scalar", "array"])
+@pytest.mark.parametrize(
+    ("policy", "seen"),
+    [
+        # in place of NaN the valid value nearest to 0
+        ("clamp", [2.0, 0.5, 2.0, 0.5, 1.5]),
+        # the one before, as it was corrected: of two invalid ones in a row the second too
+        ("hold", [0.5, 0.5, 0.5, 0.5, 1.5]),
+        ("flag", [9.0, NAN, 8.0, -1.0, 1.5]),
+    ],
+)
+def test_the_window_that_reset_takes(
+    policy: InvalidPolicy, seen: list[float], cells: bool, constant_time: bool, tmp_path: Path
+) -> None:
+    options = COptions(constant_time=constant_time)
+    step = built(remembering(policy, (0.5, 2.0), cells), tmp_path, options)
+    given, valid = [9.0, NAN, 8.0, -1.0, 1.5], [1.0] * 5
+    step.reset({"u": np.array([valid, given, valid] if cells else given)})
+    found, _ = step.step({"u": np.ones(3) if cells else 1.0})
+    wanted = np.array([valid, seen, valid] if cells else seen, np.float32)
+    np.testing.assert_array_equal(found["past"], wanted)
 
 
 def test_hold_begins_with_the_valid_value_nearest_to_zero(tmp_path: Path) -> None:

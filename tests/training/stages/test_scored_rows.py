@@ -9,7 +9,7 @@ from msnn.data.dataset import FloatArray
 from msnn.validation.validate import validate
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
-from tests.training.cases import dataset, gain, gain_series
+from tests.training.cases import dataset, gain, gain_series, in_blocks
 from tests.training.engines.engine_losses import ENGINES, OPTIMIZERS, losses
 
 START = {"a": np.array(0.5), "b": np.array(0.1)}
@@ -60,6 +60,22 @@ def test_first_rows_of_each_record_are_not_scored(
                 total, count = total + float(np.sum(kept**2)), count + len(kept)
         assert found["x_next"].count == count
         assert found["x_next"].total == pytest.approx(total, rel=1e-12)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_of_a_whole_record_training_and_monitor_score_their_own_rows(engine: str) -> None:
+    """A free run over all rows: a monitor that scored those to train on would judge nothing."""
+    require_tool("gcc", install="apt install gcc")
+    series = gain_series(50, seed=3)
+    data = in_blocks(dataset(series, train=[50]), "val", slice(30, 45))
+    stage = f"rollout: record, dtype: float64, engine: {engine}"
+    trained, watched, _ = losses(MODEL, stage, data, START)
+    errors = free_run_errors(series["x"], series["u"], 0, 49)
+    rows = np.arange(1, 50)
+    held_out = (rows >= 30) & (rows < 45)
+    for found, kept in ((trained, errors[~held_out]), (watched, errors[held_out])):
+        assert found["x_next"].count == len(kept)
+        assert found["x_next"].total == pytest.approx(float(kept @ kept), rel=1e-12)
 
 
 def test_metrics_leave_the_first_rows_of_each_record_out() -> None:
