@@ -1,0 +1,46 @@
+"""How hard compilers and searches try in a test: as for users where that is looked at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from backends.c.selftest import golden_singles
+from backends.fmu import binary
+from backends.native import compile_kernel
+
+TESTS = Path(__file__).parent
+
+QUICK = (
+    "agreement",
+    "api",
+    "cli",
+    "comparison",
+    "control",
+    "examples",
+    "simulation",
+    "training",
+    "validation",
+)
+"""Rooms that look at what models compute, which levels of optimisation leave as it is to the bit
+(tests/native/test_reproducible_bits.py, tests/backends/c/test_bits.py), and not at the test program
+that exported C brings along: the search of its steps takes longer than the rest of an export."""
+
+AS_FOR_USERS = (
+    "training/engines/test_gallery_parity.py",
+    "control/test_gallery.py",
+)
+"""Files of these rooms that have the flags and searches of the product all the same."""
+
+_UNITS, _LANES, _FAST = binary.FLAGS, compile_kernel.LANES_BY_GCC, compile_kernel.FAST
+_LARGEST = golden_singles._LARGEST
+_LEAST = ("-O0",)
+
+
+def set_effort(test: Path) -> None:
+    """Prepares this process for a test of a file."""
+    file = test.relative_to(TESTS)
+    quick = file.parts[0] in QUICK and file.as_posix() not in AS_FOR_USERS
+    compile_kernel.LANES_BY_GCC = _LEAST if quick else _LANES
+    compile_kernel.FAST = _LEAST if quick else _FAST
+    binary.FLAGS = tuple("-O0" if quick and flag == "-O2" else flag for flag in _UNITS)
+    golden_singles._LARGEST = 0 if quick else _LARGEST
