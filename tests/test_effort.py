@@ -22,9 +22,9 @@ def _put_back() -> Generator[None]:
 
 
 def test_it_names_what_is_there() -> None:
-    assert [room for room in QUICK if not (TESTS / room).is_dir()] == []
+    assert [place for place in QUICK if not (TESTS / place).exists()] == []
     assert [file for file in AS_FOR_USERS if not (TESTS / file).is_file()] == []
-    assert [file for file in AS_FOR_USERS if not file.startswith(QUICK)] == []
+    assert [file for file in AS_FOR_USERS if file.partition("/")[0] not in QUICK] == []
 
 
 @pytest.mark.parametrize("file", ["native/test_kernel.py", *AS_FOR_USERS])
