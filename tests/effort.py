@@ -26,9 +26,10 @@ QUICK = (
     "training",
     "validation",
 )
-"""Rooms and files that look at what models compute, which levels of optimisation leave as it is to the bit
-(tests/native/test_reproducible_bits.py, tests/backends/c/test_bits.py), and not at the test program
-that exported C brings along: the search of its steps takes longer than the rest of an export."""
+"""Rooms and files that look at what models compute, which levels of optimisation leave as it is to
+the bit (tests/native/test_reproducible_bits.py, tests/backends/c/test_bits.py), and not at the test
+program that exported C brings along: to search its steps takes longer than the rest of an export.
+"""
 
 AS_FOR_USERS = (
     "training/engines/test_gallery_parity.py",
