@@ -22,6 +22,8 @@ QUICK = (
     "exports/test_judged_horizon.py",
     "exports/test_ros2.py",
     "exports/test_zero_slices.py",
+    "language",
+    "robots",
     "simulation",
     "training",
     "validation",
