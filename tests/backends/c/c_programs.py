@@ -61,7 +61,7 @@ def write_library(
         write_text(folder / name, text)
 
 
-def tested(folder: Path) -> str:
+def program_said(folder: Path) -> str:
     """What the test program says that `write_c` wrote."""
     compiler = require_tool("gcc", install="apt install gcc")
     sources = [str(path) for part in ("src", "test") for path in (folder / part).glob("*.c")]

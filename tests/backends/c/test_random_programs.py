@@ -14,7 +14,7 @@ from hypothesis.strategies import sampled_from
 from backends.c import COptions, write_c
 from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
-from tests.backends.c.c_programs import assert_same_bits, built, golden, replay, tested
+from tests.backends.c.c_programs import assert_same_bits, built, golden, program_said, replay
 from tests.backends.c.small_programs import conditions, long_chain, nothing_to_do
 from tests.every_op.random_programs import programs
 
@@ -45,7 +45,7 @@ def test_random_programs_have_no_differing_bit(program: Program, options: COptio
 def test_their_test_programs_agree(program: Program, options: COptions) -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_c(to_step_form(program), {}, Path(folder), options)
-        assert "agree" in tested(Path(folder))
+        assert "agree" in program_said(Path(folder))
 
 
 @pytest.mark.parametrize("make", [conditions, nothing_to_do], ids=["if", "still"])
@@ -53,7 +53,7 @@ def test_their_test_programs_agree(program: Program, options: COptions) -> None:
 def test_special_programs(make: Callable[[], Program], options: COptions, tmp_path: Path) -> None:
     _assert_bits(make(), tmp_path / "library", options)
     write_c(make(), {}, tmp_path / "export", options)
-    assert "agree" in tested(tmp_path / "export")
+    assert "agree" in program_said(tmp_path / "export")
 
 
 def test_a_long_chain_needs_no_deep_stack(tmp_path: Path) -> None:
