@@ -11,7 +11,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 
-from msnn.training.engines.native.kernel_or_not import NO_FALLBACK
+from msnn.simulation.engines.kernel_trials import NO_FALLBACK
+from tests.effort import set_effort
 
 
 def pytest_configure() -> None:
@@ -33,6 +34,12 @@ def pytest_collection_finish() -> None:
     """Walking through a million objects of modules and items again and again took an eighth."""
     gc.freeze()
     gc.enable()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Before fixtures of any scope are made."""
+    set_effort(item.path)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

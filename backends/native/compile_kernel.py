@@ -41,6 +41,10 @@ looks at 50 values that it might spill instead of 500, and its code is as fast
 
 FAST = ("-O3", "-funroll-loops")
 
+BRIEF = ("-O0",)
+"""For what is called some hundred times: the C of a controller takes gcc a tenth of what it takes
+at its highest level, and its golden solves are as quick (decision 393)."""
+
 LANES_BY_GCC = (
     "-O1",
     "-ftree-vectorize",
@@ -86,14 +90,14 @@ class Built:
         self._stored.mark_checked(self._digest)
 
 
-def compiled_kernel(source: str, *, on_lanes: bool = False) -> Built:
-    """The loaded kernel of a source, compiled if it was not yet.
+def compiled_kernel(source: str, *, on_lanes: bool = False, briefly: bool = False) -> Built:
+    """The loaded kernel of a source, compiled if it was not yet; to be called `briefly` or long.
 
     The first folder that is trusted and has the kernel or room for it keeps it. Raises
     CompilerMissingError and KernelBuildError.
     """
     compiler = find_compiler()
-    command = (*compiler, *kernel_flags(compiler, on_lanes=on_lanes))
+    command = (*compiler, *kernel_flags(compiler, on_lanes=on_lanes, briefly=briefly))
     # `-march=native` means another processor elsewhere, and caches lie on shared disks
     described = "\n".join((source, *command, _version(compiler), _processor()))
     key = hashlib.sha256(described.encode()).hexdigest()[:32]
@@ -117,8 +121,12 @@ def compiled_kernel(source: str, *, on_lanes: bool = False) -> Built:
         ) from None
 
 
-def kernel_flags(compiler: tuple[str, ...], *, on_lanes: bool) -> tuple[str, ...]:
+def kernel_flags(
+    compiler: tuple[str, ...], *, on_lanes: bool, briefly: bool = False
+) -> tuple[str, ...]:
     """The flags that this compiler makes kernels with. Raises CompilerMissingError."""
+    if briefly:
+        return (*BRIEF, *FLAGS)
     # gcc goes by many names, and others go by its name, but its copyright is its own
     is_gcc = "Free Software Foundation" in _told(compiler, installed_as(compiler))
     return (*(LANES_BY_GCC if on_lanes and is_gcc else FAST), *FLAGS)

@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backends.c import COptions, write_c
+from backends.c import COptions
 from backends.c.host.build import build_library
 from backends.c.host.library import CStep
 from backends.c_lowering.options import Ring
 from backends.ports.step_interface import step_interface
 from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.to_step_form import to_step_form
+from tests.backends.c.c_programs import write_library
 from tests.conditions import require_tool
 from tests.programs import SAMPLES
 
@@ -24,7 +25,7 @@ def test_states_that_are_set_are_there_and_act(sample: str, ring: Ring, tmp_path
     require_tool("gcc", install="apt install gcc")
     program = SAMPLES[sample]().program
     program = to_step_form(prune_outputs(program, [output.name for output in program.outputs]))
-    write_c(program, {}, tmp_path, COptions(dtype="float64", ring=ring))
+    write_library(program, tmp_path, COptions(dtype="float64", ring=ring))
     library = build_library(tmp_path, tmp_path / "model.so")
     one, other = CStep.of_folder(tmp_path, library), CStep.of_folder(tmp_path, library)
     random = np.random.default_rng(0)

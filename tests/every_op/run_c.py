@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.c import COptions, write_c
+from backends.c import COptions
 from backends.c.host.build import build_library
 from backends.c.host.library import CStep
 from backends.c.interface.interface import c_interface
@@ -19,6 +19,7 @@ from backends.ports.step_interface import Port, step_interface
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
+from tests.backends.c.c_programs import write_library
 from tests.conditions import require_tool
 from tests.every_op.runners import Log, Result, Runner, together
 
@@ -54,7 +55,7 @@ def _built(program: Program, options: COptions) -> CStep:
     compiler = require_tool("gcc", install="apt install gcc")
     with tempfile.TemporaryDirectory(prefix="every_op_") as name:
         folder = Path(name)
-        write_c(program, {}, folder, options)
+        write_library(program, folder, options)
         library = build_library(folder, folder / "op.so", [compiler], ["-O1"])
         return CStep.of_folder(
             folder, library

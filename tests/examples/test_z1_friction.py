@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from backends.native import compile_kernel
 from backends.native.rollouts import sensitivity_kernel
 from backends.native.rollouts.sensitivity_kernel import SensitivityKernel, StackTooSmallError
 from compiler.differentiation.sensitivities import Sensitivities, sensitivities
@@ -121,12 +120,9 @@ def _sensitivities() -> Sensitivities:
     return sensitivities(with_compared_squares(plan.rollout.program), plan.trained)
 
 
-def test_slopes_that_overflow_a_usual_stack_get_one_of_their_own(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_slopes_that_overflow_a_usual_stack_get_one_of_their_own() -> None:
     """Those of a step of the arm in all 73 numbers took 8.1 MiB, and the process ended."""
     require_tool("gcc", install="apt-get install gcc")
-    monkeypatch.setattr(compile_kernel, "LANES_BY_GCC", ("-O0",))  # the arrays are as large
     found = _sensitivities()
     kernel = SensitivityKernel(found)
     rng = np.random.default_rng(1)

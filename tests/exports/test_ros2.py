@@ -63,7 +63,7 @@ def built(files: Written, prefix: str, level: str = "-O0") -> Path:
     """The node as a program that reads messages."""
     require_tool("g++", install="apt install g++")
     folder = files.folder
-    library = build_library(folder, folder / "libmodel.so")
+    library = build_library(folder, folder / "libmodel.so", flags=("-O0",))
     program = folder / "node"
     node = folder / "ros2" / "src" / f"{prefix}_node.cpp"
     include = [f"-I{STUB}", f"-I{folder / 'include'}"]

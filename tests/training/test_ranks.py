@@ -125,7 +125,7 @@ def two(tmp_path: Path) -> Iterator[Started]:
     found.end()
 
 
-LONG = 600
+LONG = 200
 """Epochs of a training that is there to be killed: some seconds of two ranks."""
 
 

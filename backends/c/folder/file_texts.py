@@ -33,9 +33,8 @@ from compiler.ir.program import Program
 
 def file_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
     """Texts by path in the folder, the same bytes for the same program, weights and options."""
-    files, kernels = _model_texts(program, interface, weights)
+    files = library_texts(program, interface, weights)
     files |= {
-        f"src/{interface.prefix}_selftest.c": selftest_text(program, interface, weights, kernels),
         **test_texts(program, interface, weights),
         f"{interface.prefix}.a2l": a2l_text(calibrated_model(program, interface)),
     }
@@ -45,6 +44,15 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
     files |= package_texts(interface, files)
     files["README.md"] = _readme(interface, files)
     return dict(sorted(files.items()))
+
+
+def library_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
+    """The files of `model_texts`, and the self-test: all that a target compiles."""
+    files, kernels = _model_texts(program, interface, weights)
+    files[f"src/{interface.prefix}_selftest.c"] = selftest_text(
+        program, interface, weights, kernels
+    )
+    return files
 
 
 def model_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from backends.c.host.build import CompilerFailedError, build_library
 from backends.files.c_compiler import CompilerMissingError
+from backends.native.compile_kernel import BRIEF
 from backends.predictive_control.estimation.golden_filter import GoldenSteps
 from backends.predictive_control.estimation.library import FilterLibrary
 
@@ -35,7 +36,7 @@ def recorded_windows(
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_text(text, encoding="utf-8")
         try:
-            built = build_library(folder, folder / "estimator.so")
+            built = build_library(folder, folder / "estimator.so", flags=BRIEF)
         except (CompilerMissingError, CompilerFailedError):
             return None
         library = FilterLibrary.of_folder(folder, built)

@@ -16,6 +16,6 @@ from backends.native.exported.one_text import one_text
 def compiled_texts(texts: Mapping[str, str]) -> ctypes.CDLL | None:
     """The library of these files; None where nothing compiles them."""
     try:
-        return compiled_kernel(one_text(texts)).library
+        return compiled_kernel(one_text(texts), briefly=True).library
     except (CompilerMissingError, KernelBuildError):
         return None

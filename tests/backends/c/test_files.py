@@ -59,6 +59,7 @@ def test_hostile_names_and_documents_stay_text(tmp_path: Path) -> None:
         options = COptions(params=params, prefix="*/ evil")
         folder = tmp_path / params
         vectors = golden(program, options, 50, seed=1)
+        write_c(program, {}, folder, options)
         step = built(program, folder, options, flags=("-O1", "-Wall", "-Wextra", "-Werror"))
         outputs, _ = replay(step, vectors)
         assert set(outputs) == set(HOSTILE)

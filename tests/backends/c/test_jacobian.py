@@ -16,7 +16,13 @@ from compiler.ir.program import Declared
 from compiler.jacobian.interpret import JacobianInterpreter
 from compiler.jacobian.jacobian import jacobian
 from compiler.passes.to_step_form import to_step_form
-from tests.backends.c.c_programs import assert_same_bits, built, closed_sample, golden
+from tests.backends.c.c_programs import (
+    assert_same_bits,
+    built,
+    closed_sample,
+    golden,
+    write_library,
+)
 from tests.backends.c.small_programs import conditions, filtered, starting_states, swapped_states
 from tests.conditions import require_tool
 from tests.golden import assert_golden
@@ -142,8 +148,9 @@ def test_the_step_is_the_same_with_and_without(name: str, tmp_path: Path) -> Non
     program = PROGRAMS[name]()
     plain, extended = COptions(prefix="m"), COptions(prefix="m", extras=("jacobian",))
     functions: list[str] = []
-    for options, folder in ((plain, tmp_path / "plain"), (extended, tmp_path / "extended")):
-        write_c(program, {}, folder, options)
+    write_c(program, {}, tmp_path / "plain", plain)
+    write_library(program, tmp_path / "extended", extended)
+    for folder in (tmp_path / "plain", tmp_path / "extended"):
         source = (folder / "src" / "m.c").read_text(encoding="utf-8")
         functions.append(
             source[source.index("/* Initialises the state without") :].split(
@@ -182,7 +189,7 @@ def test_the_same_bytes_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["spring_damper_rk4", "fir_closed_loop"])
 def test_the_code_is_as_accepted(name: str, tmp_path: Path, accept: bool) -> None:
     options = COptions(prefix=name, extras=("jacobian",))
-    write_c(closed_sample(name), {}, tmp_path, options)
+    write_library(closed_sample(name), tmp_path, options)
     source = (tmp_path / "src" / f"{name}.c").read_text(encoding="utf-8")
     expected = Path(__file__).parents[2] / "golden" / f"c_jacobian_{name}"
     assert_golden(

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from backends.c import COptions, write_c
+from backends.c import COptions
 from compiler.ir.program import Program
 from msnn.exports.export import plan_exports
 from msnn.model.load import load_model
 from spec_schema.diagnostics.diagnostic import Findings
-from tests.backends.c.c_programs import built
+from tests.backends.c.c_programs import built, write_library
 from tests.conditions import require_tool
 
 TAKEN = """\
@@ -54,7 +54,7 @@ def _program(text: str, folder: Path) -> Program:
 
 
 def _step(program: Program, folder: Path) -> list[str]:
-    write_c(program, {}, folder, COptions())
+    write_library(program, folder, COptions())
     code = (folder / "src" / "m.c").read_text()
     return code[code.index("m_status_t m_step(") :].splitlines()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ from backends.c_lowering.options import ParameterAccess
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
 from compiler.passes.to_step_form import to_step_form
-from tests.conditions import require_tool
+from tests.backends.c.c_programs import program_said
 from tests.language.compiled import compiled
 
 _LIMITED = """
@@ -200,9 +199,9 @@ def test_what_a_single_step_leaves_in_the_states_is_compared(tmp_path: Path) -> 
     right = source.read_text(encoding="ascii")
     wrong = right.replace("> 0.0f) ? ", "> 0.001f) ? ")
     assert wrong != right
-    assert "agree" in _tested(tmp_path)
+    assert "agree" in program_said(tmp_path)
     source.write_text(wrong, encoding="ascii")
-    assert "leaves another state" in _tested(tmp_path)
+    assert "leaves another state" in program_said(tmp_path)
 
 
 def test_parameters_of_their_own_are_in_the_vectors_of_the_test_program(tmp_path: Path) -> None:
@@ -272,14 +271,4 @@ def test_other_parameters_keep_their_bounds(params: ParameterAccess, tmp_path: P
     """Learned knots rise in every golden step: C finds its piece by their order."""
     program = compiled(_LEARNED_KNOTS)
     write_c(program, {}, tmp_path, COptions(params=params))
-    assert "agree" in _tested(tmp_path)
-
-
-def _tested(folder: Path) -> str:
-    """What the test program of an export prints."""
-    compiler = require_tool("gcc", install="apt install gcc")
-    sources = [str(path) for part in ("src", "test") for path in (folder / part).glob("*.c")]
-    binary = str(folder / "binary")
-    flags = ["-std=c99", "-O1", "-ffp-contract=off", f"-I{folder / 'include'}"]
-    subprocess.run([compiler, *flags, *sources, "-o", binary, "-lm"], check=True)
-    return subprocess.run([binary], check=False, capture_output=True, text=True).stdout
+    assert "agree" in program_said(tmp_path)

@@ -1,0 +1,59 @@
+"""How hard compilers and searches try in a test: as for users where that is looked at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from backends.c.selftest import golden_singles
+from backends.fmu import binary
+from backends.native import compile_kernel
+
+TESTS = Path(__file__).parent
+
+QUICK = (
+    "agreement",
+    "api",
+    "cli",
+    "comparison",
+    "control",
+    "examples",
+    "exports/test_casadi_kinks.py",
+    "exports/test_check.py",
+    "exports/test_judged_horizon.py",
+    "exports/test_ros2.py",
+    "exports/test_zero_slices.py",
+    "language",
+    "robots",
+    "simulation",
+    "training",
+    "validation",
+)
+"""Rooms and files that look at what models compute, which levels of optimisation leave as it is to
+the bit (tests/native/test_reproducible_bits.py, tests/backends/c/test_bits.py), and not at the test
+program that exported C brings along: to search its steps takes longer than the rest of an export.
+"""
+
+AS_FOR_USERS = (
+    "training/engines/test_gallery_parity.py",
+    "control/test_gallery.py",
+)
+"""Files in these rooms that have the flags and searches of the product all the same."""
+
+_UNITS, _LANES, _FAST = binary.FLAGS, compile_kernel.LANES_BY_GCC, compile_kernel.FAST
+_LARGEST = golden_singles._LARGEST
+_LEAST = ("-O0",)
+
+
+def is_quick(file: str) -> bool:
+    """Whether tests of a file, by its path below `tests`, look at no more than what is computed."""
+    listed = any(file == place or file.startswith(f"{place}/") for place in QUICK)
+    return listed and file not in AS_FOR_USERS
+
+
+def set_effort(test: Path) -> None:
+    """Prepares this process for a test of a file."""
+    quick = is_quick(test.relative_to(TESTS).as_posix())
+    compile_kernel.LANES_BY_GCC = _LEAST if quick else _LANES
+    compile_kernel.FAST = _LEAST if quick else _FAST
+    binary.FLAGS = tuple("-O0" if quick and flag == "-O2" else flag for flag in _UNITS)
+    golden_singles._LARGEST = 0 if quick else _LARGEST
