@@ -75,6 +75,7 @@ def solver_constants(
         ("LEAST_SHARE", 1e-4, "Floor of the curvature of a control by its own stage's."),
         ("ROTATED", 1e-24 if exact else 1e-12, "Part off the diagonal that counts as none."),
         ("STEEP", 1e7 if exact else 1e3, "Ratio whose hypotenuse is itself."),
+        ("FAINT", 1e3 * precision, "Excess, by the distance of its limit, that rounding hides."),
         ("ENOUGH", 1e-4, "Part of the promised decrease that a step must give."),
         ("LEAST_GAIN", 1e-5, "Part by which gaps must shrink."),
         ("NOISE", 1e-3 * tolerance if exact else 0.1 * tolerance, "Increase that is rounding."),

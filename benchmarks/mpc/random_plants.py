@@ -1,7 +1,10 @@
 """Draws plants with controllers, as specs: states, what bends, what is bounded, what is remembered.
 
 Half of the plants read older samples of their controls, single ones or all of a window; in a third
-controls are one vector of two. Weights and limits are references, so that each problem has its own.
+controls are one vector of two; in a third some controls have rates. Weights and limits are
+references, so that each problem has its own; in half of the plants limits are formulas of these,
+one of them a root, which is NaN where `s` is negative, and in half of the others too they differ
+from sample to sample.
 """
 
 from __future__ import annotations
@@ -9,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 WEIGHTS = ("q", "w", "e")
 _BENDS = ("0.3 * sin({})", "0.2 * {}**2", "0.5 * tanh({})", "0.1 * abs({})", "0")
@@ -22,6 +26,18 @@ class Plant:
     known: tuple[str, ...]
     """Limits are `lo0`, `hi0`, `lo1`, `hi1`: of a vector the elements of `lo` and `hi`."""
     is_vector: bool
+    is_computed: bool
+    """Whether limits are `computed_limits` of these."""
+
+
+def computed_limits(
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    r: NDArray[np.float64],
+    s: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What the limits of a control are where they are formulas."""
+    return low - 0.3 * np.abs(r), high + np.sqrt(s)
 
 
 def drawn_plant(random: np.random.Generator, has_blocks: bool) -> Plant:
@@ -53,7 +69,15 @@ def drawn_plant(random: np.random.Generator, has_blocks: bool) -> Plant:
             terms.append(f"sum(h{i}(u))" if is_vector else f"h{i}(u0)")
         states.append(f'  x{i}: {{next: "{" + ".join(terms)}", init: 0}}')
     controls = ["u"] if is_vector else [f"u{j}" for j in range(nu)]
-    bounds = [f"    {u}: {{min: lo{u[1:]}, max: hi{u[1:]}}}" for u in controls]
+    is_computed = bool(random.uniform() < 0.5)
+    low, high = ("lo{} - 0.3 * abs(r)", "hi{} + sqrt(s)") if is_computed else ("lo{}", "hi{}")
+    has_rates = bool(random.uniform() < 1 / 3)
+    bounds: list[str] = []
+    for u in controls:
+        keys = [f"min: {low.format(u[1:])}", f"max: {high.format(u[1:])}"]
+        if has_rates and random.uniform() < 0.7:
+            keys.append(f"rate: {10 ** random.uniform(-1, 1.5):.3f}")
+        bounds.append(f"    {u}: {{{', '.join(keys)}}}")
     kind = random.integers(4)
     if kind:
         extra = ", hard: true" if kind == 1 else ""
@@ -65,7 +89,7 @@ def drawn_plant(random: np.random.Generator, has_blocks: bool) -> Plant:
     stage = f"q * ((x0 - r)**2 + {far}) + w * ({moves})"
     curve = random.choice(["exact", "gauss_newton"])
     limits = [f"{end}{j}" for j in range(nu) for end in ("lo", "hi")]
-    known = (*WEIGHTS, "r", "top", *limits)
+    known = (*WEIGHTS, "r", "top", *(["s"] if is_computed else []), *limits)
     horizon = int(random.choice([1, 2, 5, 10, 20]))
     held: list[str] = []
     if has_blocks:
@@ -73,8 +97,10 @@ def drawn_plant(random: np.random.Generator, has_blocks: bool) -> Plant:
         while sum(blocks) < horizon:
             blocks.append(int(random.integers(1, 1 + min(7, horizon - sum(blocks)))))
         held = [f"  blocks: {blocks}"]
-    keys = "preview: true, " if has_blocks else ""
+    has_preview = has_blocks or bool(random.uniform() < 0.5)
+    keys = "preview: true, " if has_preview else ""
     references = [f"{name}: {{}}" for name in (*WEIGHTS, "r", "top")]
+    references += [f"s: {{{keys.rstrip(', ')}}}"] if is_computed else []
     references += [
         f"{end}{u[1:]}: {{{keys}{'dims: j' if is_vector else ''}}}"
         for u in controls
@@ -102,4 +128,4 @@ def drawn_plant(random: np.random.Generator, has_blocks: bool) -> Plant:
             *bounds,
         )
     )
-    return Plant(text, known, is_vector)
+    return Plant(text, known, is_vector, is_computed)

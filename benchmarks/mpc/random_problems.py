@@ -10,7 +10,8 @@ promises are looked at in each:
 
 - what is called solved is optimal to twice the tolerance and the rounding of the largest
   multiplier of a control, by the interpreter, which knows nothing of the solver; NaN is not;
-- controls are finite and inside their limits wherever these leave room, whatever the status;
+- controls are finite and inside their limits wherever these leave room, whatever the status, and
+  where there is a plan they moved no faster than their rates;
 - no byte outside of the structs is written: 64 before and behind each.
 
 With `blocks` controls stay the same over blocks of samples, whose limits differ from sample to
@@ -36,7 +37,7 @@ from backends.c.host.build import build_library
 from backends.predictive_control.inputs import input_fields
 from backends.predictive_control.library import ControllerLibrary
 from backends.predictive_control.solution import multipliers_of, plan_of
-from backends.predictive_control.structure.rows import rows_of
+from backends.predictive_control.structure.rows import Rows, rows_of
 from backends.predictive_control.write_controller import controller_texts
 from compiler.optimal_control.horizon import Given
 from compiler.optimal_control.kkt import Judge
@@ -45,7 +46,7 @@ from compiler.optimal_control.structure import Chosen
 from compiler.optimal_control.trained import trained
 
 sys.path.insert(0, str(Path(__file__).parent))
-from random_plants import WEIGHTS, Plant, drawn_plant
+from random_plants import WEIGHTS, Plant, computed_limits, drawn_plant
 
 RESULTS = Path(__file__).parent / "random_problems.json"
 EACH = 100
@@ -65,6 +66,8 @@ def problem_values(
     known = {name: float(random.normal()) for name in names}
     for name in WEIGHTS:
         known[name] = 0.0 if random.uniform() < 0.25 else 10.0 ** random.uniform(-3, 2)
+    if "s" in known:
+        known["s"] = -0.5 if random.uniform() < 0.05 else float(random.normal()) ** 2
     if "top" in known:
         known["top"] = float(random.choice([-0.5, 0.2, 1.0, 5.0]))
     for name in names:
@@ -131,7 +134,9 @@ def solve_plant(
         moves = 0.2 * random.integers(2) if problem.previewed else 0.0
         for name in (n for n in plant.known if problem.previewed and n[:2] in ("lo", "hi")):
             along[name] += moves * random.uniform(-1, 1, problem.horizon + 1)
-        every = [(along[f"lo{j}"][:-1], along[f"hi{j}"][:-1]) for j in range(problem.controls.size)]
+        if "s" in along and "s" in problem.previewed:
+            along["s"] += moves * random.uniform(-0.1, 2, problem.horizon + 1)
+        every = _limits(plant, problem, along)
         along = _joined(plant, along)
         samples = {n: v if n in problem.previewed else v[:1] for n, v in along.items()}
         decision = library.solve({"x": x, **{fields[n]: v for n, v in samples.items()}})
@@ -147,10 +152,13 @@ def solve_plant(
         if not all(guard.is_whole for guard in guards):
             found["WRONG: a write outside of the structs"] += 1
         is_finite = all(bool(np.all(np.isfinite(each))) for each in (x, *along.values()))
+        is_finite &= not any(bool(np.any(np.isnan(side))) for each in every for side in each)
         if is_finite == (decision.status == 3):
             found["WRONG: what is not finite and status 3"] += 1
         if decision.status < 2 and any(low > high for low, high in held):
             found["WRONG: contradicting limits are not infeasible"] += 1
+        if decision.status < 2:
+            found += _of_rates(rows, x, decision.control, limits)
         if decision.status == 0:
             plan, multipliers = plan_of(problem, library), multipliers_of(problem, rows, library)
             with np.errstate(all="ignore"):
@@ -165,6 +173,35 @@ def solve_plant(
                 found["WRONG: called solved"] += 1
                 told = {name: values.tolist() for name, values in along.items()}
                 print(f"residual {residual} of\n{plant.text}\nx = {x.tolist()}, {told}")
+    return found
+
+
+def _limits(
+    plant: Plant, problem: ControlProblem, along: dict[str, NDArray[Any]]
+) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+    """The lowest and highest of each control along the horizon."""
+    found: list[tuple[NDArray[Any], NDArray[Any]]] = []
+    for j in range(problem.controls.size):
+        sides = along[f"lo{j}"], along[f"hi{j}"]
+        if plant.is_computed:
+            with np.errstate(invalid="ignore"):
+                sides = computed_limits(*sides, along["r"], along["s"])
+        found.append((sides[0][:-1], sides[1][:-1]))
+    return found
+
+
+def _of_rates(
+    rows: Rows, x: NDArray[Any], control: NDArray[Any], limits: list[tuple[float, float]]
+) -> Counter[str]:
+    """What is wrong with a control that has a plan, by how fast it may move."""
+    found: Counter[str] = Counter()
+    for rate in rows.rates:
+        before, (low, high) = x[rate.before], limits[rate.control]
+        if before + rate.most < low or before - rate.most > high:
+            found["WRONG: limits out of reach are not infeasible"] += 1
+        rounding = 4 * np.finfo(float).eps * (abs(before) + rate.most)
+        if not abs(control[rate.control] - before) <= rate.most + rounding:
+            found["WRONG: a control moved faster than its rate"] += 1
     return found
 
 
