@@ -282,8 +282,3 @@ class Program:
     def expected_range(self, name: str) -> tuple[float, float] | None:
         """The range of an equation, which may be an output; None without one."""
         return next((entry.range for entry in self.expected if entry.name == name), None)
-
-
-def learned_numbers(program: Program) -> int:
-    """The count of all numbers that training can move."""
-    return sum(Type(p.axes).size for p in program.parameters if p.learn)

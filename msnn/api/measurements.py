@@ -122,6 +122,7 @@ def validate_on(
             engine=chosen,
             progress=progress or nobody,
             covariance=known_covariance(weights, known) if intervals else None,
+            stages=model.spec.train,
         )
         read = [*([] if dataset is None else [dataset]), *files.values()]
         warnings = [warning for one in read for warning in one.warnings]

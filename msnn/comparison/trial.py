@@ -10,7 +10,7 @@ from msnn.comparison.cost import c_cost
 from msnn.comparison.planned import planned
 from msnn.comparison.readings import Readings
 from msnn.comparison.variants import Variant
-from msnn.data.dataset import Dataset
+from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.reading.frames import Frames
 from msnn.errors.failures import MissingExtraError
 from msnn.errors.results.comparison import killed_again, nothing_held_out
@@ -22,7 +22,7 @@ from msnn.model.saved_run import WEIGHTS
 from msnn.model.weights.weights_file import read_weights
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.records.progress import Silent
-from msnn.training.records.run_log import RunLine, measured_in
+from msnn.training.records.run_log import Measured, RunLine, measured_in
 from msnn.training.records.training_options import in_folder, options_for
 from msnn.training.run_line import begun, diverged, ended
 from msnn.training.train import train
@@ -197,8 +197,7 @@ def _completed(line: RunLine, ready: ReadyTrial, setup: Setup) -> RunLine:
     weights = read_weights(setup.runs / line.folder / WEIGHTS, model.program)
     if not line.training:
         # what the spec asks for, on the training rows: information criteria are of these
-        found = validate(model.program, data, model.spec.checks, weights, on=TRAIN)
-        line = replace(line, training=measured_in(found))
+        line = replace(line, training=_measured(model, data, weights, TRAIN))
     return replace(line, cost=c_cost(model, weights)) if lacks_cost else line
 
 
@@ -212,18 +211,25 @@ def _trained(ready: ReadyTrial, setup: Setup) -> RunLine:
         options = in_folder(options, setup.runs / trial_folder(model, line))
         options = replace(options, ends_in_log=True)
     found = train(model.program, data, model.spec.train, options, heard, first)
-    checks, weights = model.spec.checks, found.weights
-    held_out, trained_on = (
-        measured_in(validate(model.program, data, checks, weights, on=name, judges_errors=False))
-        for name in (setup.held_out, TRAIN)
-    )
+    weights = found.weights
     return replace(
         ended(line, found, setup.runs),
-        held_out=held_out,
-        training=trained_on,
+        held_out=_measured(model, data, weights, setup.held_out),
+        training=_measured(model, data, weights, TRAIN),
         cost=c_cost(model, weights) if setup.counts_cost and trial.is_costed else None,
         warnings=tuple(heard.said),
     )
+
+
+def _measured(
+    model: Model, data: Dataset, weights: Mapping[str, FloatArray], name: str
+) -> tuple[Measured, ...]:
+    """What the spec asks for, on the rows of a set."""
+    checks, stages = model.spec.checks, model.spec.train
+    found = validate(
+        model.program, data, checks, weights, on=name, judges_errors=False, stages=stages
+    )
+    return measured_in(found)
 
 
 class _Heard(Silent):

@@ -93,7 +93,9 @@ def train_folds(
         data = read(one)
         stages, own = one.spec.train, _options(options, folder, number)
         found = train(one.program, data, stages, own, shown, weights)
-        report = validate(one.program, data, one.spec.checks, found.weights, on=HELD_OUT)
+        report = validate(
+            one.program, data, one.spec.checks, found.weights, on=HELD_OUT, stages=stages
+        )
         folds.append(Fold(number, found, report))
         line = begun(one, data, fold=number, held_out=HELD_OUT)
         line = replace(ended(line, found, options.runs), held_out=measured_in(report))

@@ -7,8 +7,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from compiler.ir.program import Program, learned_numbers
+from compiler.ir.program import Program
 from msnn.data.dataset import Dataset
+from msnn.model.learned_numbers import learned_numbers
 from msnn.model.model import Model
 from msnn.model.spec_hash import hash_of
 from msnn.model.weights.weights_file import initial_weights
@@ -42,7 +43,7 @@ def begun(
         data_sha256=of_data,
         state="finished",
         reason="",
-        parameters=learned_numbers(model.program),
+        parameters=learned_numbers(model.program, model.spec.train),
         version=__version__,
     )
 

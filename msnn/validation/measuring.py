@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from compiler.ir.program import learned_numbers
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.validation.counting import Counted
@@ -27,10 +26,10 @@ _AT_ONCE = 1 << 16
 class Measuring:
     """One output and way to simulate it; memory is that of a number a row of the data."""
 
-    def __init__(self, check: ReadyCheck, parts: Iterable[Runs]) -> None:
-        """`parts` are the rollouts that will be added."""
+    def __init__(self, check: ReadyCheck, parts: Iterable[Runs], learned: int) -> None:
+        """`parts` are the rollouts that will be added, `learned` as of `score`."""
         self.of = check.plan.of
-        self._check, self._counted = check, Counted(check)
+        self._check, self._counted, self._learned = check, Counted(check), learned
         assert check.plan.target is not None
         self._target = check.data.series[check.plan.target.signal]
         begin, steps, samples = np.iinfo(np.int64).max, 0, 0
@@ -69,8 +68,7 @@ class Measuring:
 
     def is_in_doubt(self, plan: CheckPlan) -> bool:
         """Whether a limit of an entry lies within what engines may differ in."""
-        learned = learned_numbers(plan.rollout.program)
-        return metric_in_doubt(plan, self._errors, self._largest, learned)
+        return metric_in_doubt(plan, self._errors, self._largest, self._learned)
 
     def measurement(self, *, judges: bool) -> Measurement:
         """The measurement of all parts; the errors are judged if that is wanted."""
@@ -78,9 +76,8 @@ class Measuring:
         # handed over and let go: the next entry may need the memory
         (extremes, by_row), self._along = self._along, None
         check, rollout = self._check, self._check.plan.rollout
-        learned = learned_numbers(rollout.program)
         metrics: dict[Metric, Scores] = {
-            metric: score(metric, self._errors, learned) for metric in METRICS
+            metric: score(metric, self._errors, self._learned) for metric in METRICS
         }
         rows = by_row.rows
         return Measurement(

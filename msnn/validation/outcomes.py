@@ -58,9 +58,11 @@ class Simulator:
         advance: Advance,
         *,
         judges: bool = True,
+        learned: int = 0,
     ) -> None:
+        """`learned` is how many numbers training has moved, which `aic` counts."""
         self._engine, self._weights, self._advance = engine, weights, advance
-        self._judges = judges
+        self._judges, self._learned = judges, learned
         self.notes: dict[Diagnostic, None] = {}
         """What the user should know of the choice of engines."""
 
@@ -82,7 +84,7 @@ class Simulator:
         parts = rollout_parts(first.runs, max(_STEPS, first.data.rows))
 
         def found(engine: RolloutEngine) -> FoundOutcomes:
-            each = _measured_by(checks, parts)
+            each = _measured_by(checks, parts, self._learned)
             results: dict[Measuring, Measurement] = {}
             for part in parts:
                 outputs = engine.outputs(part, self._advance)
@@ -173,12 +175,12 @@ def _loss_value(program: Program, name: str, sums: Mapping[str, LossSum]) -> Los
     return LossValue(entry_value(program, name, values) if scored else math.nan, scored)
 
 
-def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs]) -> list[Measuring]:
+def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs], learned: int) -> list[Measuring]:
     """The measuring of each entry; entries measured alike share one."""
     found: list[Measuring] = []
     for index, check in enumerate(checks):
         alike = next((i for i in range(index) if check.is_measured_as(checks[i])), None)
-        found.append(Measuring(check, parts) if alike is None else found[alike])
+        found.append(Measuring(check, parts, learned) if alike is None else found[alike])
     return found
 
 

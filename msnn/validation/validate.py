@@ -10,6 +10,7 @@ import numpy as np
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.results.validation import extrapolates
+from msnn.model.learned_numbers import learned_numbers
 from msnn.model.weights.covariance_file import Covariance
 from msnn.simulation.engines.engine import Engine
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
@@ -20,6 +21,7 @@ from msnn.validation.plan import plan_checks
 from msnn.validation.ready_check import ReadyCheck, ready_check, with_found_starts
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
+from spec_schema.sections.training.training import Stage
 from spec_schema.sections.validation import Validation
 from spec_schema.units.unit import Unit
 
@@ -88,6 +90,7 @@ def validate(
     progress: RolloutProgress = nobody,
     covariance: Covariance | None = None,
     judges_errors: bool = True,
+    stages: Sequence[Stage] = (),
 ) -> ValidationReport:
     """Measures every entry of the `validate` section in float64.
 
@@ -97,7 +100,8 @@ def validate(
     what simulates (`open_rollouts`); a limit that lies within what engines differ in is judged by
     the interpreter. With the `covariance` of what was learned each measurement says how often
     targets lie inside prediction intervals. Without `judges_errors` nothing says what the errors
-    correlate with, and no input that leaves the range of the training rows is warned of. Raises
+    correlate with, and no input that leaves the range of the training rows is warned of. `stages`
+    are those of training, of which `aic` counts the numbers that one of them moves. Raises
     SpecError where an entry and data do not fit.
     """
     findings = Findings()
@@ -110,7 +114,13 @@ def validate(
     banded = [] if covariance is None else _measured_apart(ready)
     steps = _steps(ready) + _steps(banded)
     count = Count(progress, steps)
-    simulator = Simulator(engine, weights or {}, count.advance, judges=judges_errors)
+    simulator = Simulator(
+        engine,
+        weights or {},
+        count.advance,
+        judges=judges_errors,
+        learned=learned_numbers(program, stages),
+    )
     outcomes = simulator.outcomes(ready)
     # by identity: entries measured alike share one measurement
     measurements = {id(found): found for found in outcomes if isinstance(found, Measurement)}

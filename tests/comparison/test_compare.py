@@ -68,6 +68,20 @@ def test_choices_are_trained_ranked_and_logged(msnn: CommandLine):
     assert not (Path("runs") / "plant" / "latest").exists()
 
 
+def test_numbers_that_no_stage_moves_are_not_counted(msnn: CommandLine):
+    """Mass, damping and stiffness are learned; two that are held count as constants."""
+    held = "train.0.freeze=[m, c]"
+    assert _aic() - _aic(held) == pytest.approx(4)
+    assert msnn("compare", SPEC, "--set", held, *SHORT).code == 0
+    assert [line.parameters for line in read(Path("runs") / LOG)] == [1]
+
+
+def _aic(*settings: str) -> float:
+    """With the initial weights, whatever the settings are."""
+    model = api.load(SPEC, settings=("validate.0={of: x_next, metric: aic}", *settings))
+    return api.validate(model, api.initial_weights(model)).rows[0].value
+
+
 def test_what_the_log_has_is_not_trained_again(msnn: CommandLine):
     first = msnn("compare", SPEC, "--grid", "train.0.epochs=1,2", *SHORT[2:])
     again = msnn("compare", SPEC, "--grid", "train.0.epochs=2,3", *SHORT[2:])

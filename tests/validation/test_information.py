@@ -34,3 +34,26 @@ def test_numbers_that_are_held_are_no_learned_numbers():
     variance = np.var(error)
     wanted = 50 * np.log(2 * np.pi * variance) + error @ error / variance + 2 * 4
     assert row.value == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("stages", "learned"),
+    [
+        ("", 4),
+        ("[{freeze: w}]", 1),
+        ("[{freeze: [w, c]}, {freeze: c}]", 3),
+        ("[{freeze: w}, {freeze: c}]", 4),
+        ("[{freeze: '*'}, {lr: {c: 0}}]", 3),
+        ("[{lr: {'*': 0, w: 0.5}}, {freeze: w}]", 4),
+        ("[{lr: {c: 0.5, '*': 0}}]", 0),
+    ],
+)
+def test_numbers_that_no_stage_moves_are_no_learned_numbers(stages: str, learned: int):
+    """Errors ±1 about their mean 0: n ln(2π) + n + 2p with n = 4, w of 3 numbers and c of one."""
+    train = f"train: {stages}\n" if stages else ""
+    program, spec = compiled(TEXT + train)
+    u = np.arange(12.0).reshape(4, 3)
+    y = u @ [1, -2, 0.5] + 0.375 + [1, -1, 1, -1]
+    data = dataset({"u": u, "y": y}, test=[4])
+    (row,) = validate(program, data, spec.checks, stages=spec.train).rows
+    assert row.value == pytest.approx(4 * np.log(2 * np.pi) + 4 + 2 * learned, rel=1e-12)

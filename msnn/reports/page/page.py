@@ -16,6 +16,7 @@ from markupsafe import Markup, escape
 
 import templates
 from msnn.data.dataset import Dataset, FloatArray
+from msnn.model.learned_numbers import learned_numbers
 from msnn.model.model import Model
 from msnn.reports.diagram.svg import architecture_svg
 from msnn.reports.drawn import unit_of
@@ -185,7 +186,7 @@ def _cards(contents: Contents) -> list[tuple[str, str, str]]:
         if limited:
             kept = sum(row.passed is True for row in limited)
             cards.append((f"{kept} of {len(limited)}", "limits of the spec kept", ""))
-    numbers = sum(len(p.initial) for p in contents.model.program.parameters if p.learn)
+    numbers = learned_numbers(contents.model.program, contents.model.spec.train)
     cards.append((str(numbers), "learned number" + ("" if numbers == 1 else "s"), ""))
     return cards
 

@@ -14,6 +14,7 @@ from msnn.simulation.rollout_plan import counted_rows, set_rollouts
 from msnn.simulation.row_factors import check_classes, check_row_factors
 from msnn.training.plans.disk_checks import check_on_disk
 from msnn.training.plans.fixed_starts import fixed_starts
+from msnn.training.plans.known_terms_of_stage import has_priors
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Findings
 
@@ -78,6 +79,8 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
         check_classes(rollout.program, data, watched, findings)
     if findings.failed:
         return None
+    if watched_set == TRAIN and _steps_lower_the_total(plan, train):
+        watched = train
     if _starts_inside(rollout.program, data, train):
         findings.report(*fixed_starts(plan))
     return StageData(
@@ -88,6 +91,16 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
         watched_set=watched_set,
         lessons=tuple(lessons),
     )
+
+
+def _steps_lower_the_total(plan: StagePlan, train: Runs) -> bool:
+    """Whether what a stage minimises, not a part of it, has to say which weights are best.
+
+    Rollouts that do not overlap score fewer rows, least beside a long `skip`: they are least at
+    other weights than a stage comes to that takes all rollouts in each step, or weighs its rows
+    against priors (decision 0379). Noise of batches is above that difference.
+    """
+    return plan.batch is None or len(train) <= plan.batch or has_priors(plan)
 
 
 def _starts_inside(program: Program, data: Dataset, runs: Runs) -> bool:

@@ -12,6 +12,7 @@ from compiler.ir.program import Program
 from compiler.passes.draw_dropout import Mask, draw_dropout
 from msnn.errors.learning import runs
 from msnn.errors.learning import training as errors
+from msnn.model.learned_numbers import is_frozen
 from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
 from msnn.training.plans.concerned_losses import concerns
 from msnn.training.plans.curriculum import Phase, plan_curriculum
@@ -140,17 +141,14 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
     # without a stride of the spec a run begins at every row
     rollout = plan_rollout(program, stage.rollout, 1, findings, stage.skip_rows, span)
     learned = [parameter.name for parameter in program.parameters if parameter.learn]
-    frozen = {
-        parameter
-        for pattern in stage.freeze
-        for parameter in _matching(pattern, pattern.value, learned, findings)
-    }
+    for pattern in stage.freeze:
+        _matching(pattern, pattern.value, learned, findings)
     factors: dict[str, float] = {}
     for pattern, factor in stage.lr.items():
         # of all that is learned: a factor of what this stage freezes is no mistake
         for parameter in _matching(factor, pattern, learned, findings):
             factors[parameter] = factor.value
-    trained = tuple(parameter for parameter in learned if parameter not in frozen)
+    trained = tuple(parameter for parameter in learned if not is_frozen(parameter, stage))
     optimizer = stage.optimizer.choice
     if not trained:
         findings.report(errors.nothing_to_train(name, span))

@@ -138,6 +138,38 @@ def test_what_is_best_counts_the_prior(engine: str) -> None:
     assert found == pytest.approx(posterior_mode(0.5, 0.2), abs=1e-5)
 
 
+@pytest.mark.parametrize("optimiser", ["lm native", "lm torch", "adam native", "lbfgs"])
+@pytest.mark.parametrize(("horizon", "skip", "std"), [(5, 0, 0.2), (8, 5, 0.2), (8, 5, None)])
+def test_of_overlapping_rollouts_the_best_is_what_they_minimise(
+    optimiser: str, horizon: int, skip: int, std: float | None
+) -> None:
+    """Each row counts as often as it is scored, beside the prior all rows once."""
+    require_tool("gcc", install="apt install gcc")
+    chosen = OPTIMISERS[optimiser]
+    stage = chosen if "epochs" in chosen else f"{chosen}, {LONG}"
+    prior = "" if std is None else f", prior: {{mean: 0.5, std: {std}}}"
+    program, spec = compiled(
+        "msnn: 1\nname: line\ninputs: {u: 1}\ntargets: {y: 1}\n"
+        f"parameters: {{w: {{init: 0{prior}}}}}\n"
+        'outputs: {z: {expr: w * u, predicts: "y[t]"}}\n'
+        f"train: [{{{stage}, rollout: {{horizon: {horizon}, stride: 1, skip: {skip}}}}}]\n"
+    )
+    random = np.random.default_rng(0)
+    u = random.uniform(-1, 1, ROWS)
+    y = 1.5 * u + random.normal(0, 0.3, ROWS)
+    result = train(program, dataset({"u": u, "y": y}, train=[ROWS]), spec.train, IN_MEMORY)
+    times = np.zeros(ROWS)
+    for begin in range(ROWS - horizon + 1):
+        times[begin + skip : begin + horizon] += 1
+    w, share = 0.0, times / times.sum()
+    for _ in range(500):
+        ratio = 0.0
+        if std is not None:
+            ratio = float(share @ (w * u - y) ** 2) / np.count_nonzero(times) / std**2
+        w = (float(share @ (u * y)) + 0.5 * ratio) / (float(share @ u**2) + ratio)
+    assert float(result.weights["w"]) == pytest.approx(w, abs=1e-4)
+
+
 @cache
 def lasso(weight: float, grouped: int) -> FloatArray:
     """min mse + weight · Σ of norms of slices of `grouped` numbers, by plain proximal gradient."""

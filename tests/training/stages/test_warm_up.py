@@ -58,13 +58,13 @@ def run_errors(x: FloatArray, u: FloatArray, t0: int, steps: int) -> FloatArray:
 @pytest.mark.parametrize("engine", ENGINES)
 def test_engines_read_the_log_while_it_lasts(engine: str, optimizer: str) -> None:
     require_tool("gcc", install="apt install gcc")
-    series = gain_series(40, seed=5)
-    data = dataset(series, train=[40])
+    series = gain_series(70, seed=5)
+    data = dataset(series, train=[40], val=[30])
     rollout = f"rollout: {{horizon: 12, warm_up: {WARM} s}}, dtype: float64"
     stage = f"{rollout}, optimizer: {optimizer}, engine: {engine}"
     trained, watched, _ = losses(MODEL, stage, data, START)
-    for found, starts in ((trained, range(28)), (watched, [0, 12, 24])):
-        runs = [run_errors(series["x"], series["u"], t, min(12, 39 - t)) for t in starts]
+    for found, starts, last in ((trained, range(28), 39), (watched, [40, 52, 64], 69)):
+        runs = [run_errors(series["x"], series["u"], t, min(12, last - t)) for t in starts]
         errors = np.concatenate(runs)
         assert found["y"].count == len(errors)
         assert found["y"].total == pytest.approx(float(np.sum(errors**2)), rel=1e-12)
@@ -130,7 +130,7 @@ def test_a_warm_up_without_closed_signals_is_a_warning() -> None:
 
 def test_no_loss_is_summed_while_a_rollout_warms_up() -> None:
     """A last rollout that is shorter than the warm-up scores nothing."""
-    data = dataset(gain_series(40, seed=5), train=[17])
+    data = dataset(gain_series(40, seed=5), train=[20], val=[17])
     stage = f"rollout: {{horizon: 12, warm_up: {WARM}}}, dtype: float64, engine: torch"
     watched = losses(MODEL, stage, data, START)[1]
     assert watched["y"] == LossSum(watched["y"].total, 12 - WARM)
