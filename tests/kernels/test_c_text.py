@@ -9,6 +9,7 @@ import pytest
 from backends.c_kernels.sources import c_sources
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import FORMATS, RealName
+from msnn.verification.host.host_checks import MISRA
 from tests.conditions import require_tool
 from tests.golden import assert_golden
 from tests.kernels.builds import STRICT, write_sources
@@ -93,7 +94,7 @@ def test_cppcheck_misra_finds_nothing(tmp_path: Path) -> None:
         f'#include "own_math.h"\n{prototype};\n{prototype}\n{{\n{body}\n}}\n', encoding="utf-8"
     )
     shutil.copy(source, tmp_path / "kernels.c")
-    command = ["cppcheck", "--addon=misra", "--quiet", str(tmp_path / "kernels.c"), str(user)]
+    command = ["cppcheck", *MISRA, "--quiet", str(tmp_path / "kernels.c"), str(user)]
     run = subprocess.run(command, capture_output=True, text=True, check=True)
     findings = [
         line for line in run.stderr.splitlines() if "kernels.c" in line or "own_math.h" in line

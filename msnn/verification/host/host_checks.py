@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from msnn.verification.builds.harness import write_harness
 from msnn.verification.exported_c import ExportedC
 from msnn.verification.host.levels import LEVELS, STANDARD, levels_check, sanitizers_check
 from msnn.verification.host.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
-from msnn.verification.proof_step import ProofStep, Result, run_tool
+from msnn.verification.proof_step import ProofStep, Result, ToolFailedError, run_tool
 from msnn.verification.sources import Sources, includes
 from msnn.verification.tools import CLANG, CPPCHECK, GCC, GPP, NM, Tool
 
@@ -42,12 +43,16 @@ def source_checks(model: Sources, accepted: Sequence[str] = ()) -> Iterator[Proo
     yield _memory(model)
 
 
+MISRA = ("--addon=misra", f"--addon-python={sys.executable}")
+"""The Python that runs msnn runs the addon: cppcheck would look for one, for each file anew."""
+
+
 def misra_check(model: Sources) -> ProofStep:
     """The MISRA addon of cppcheck, which checks a part of MISRA C:2012."""
 
     def run(folder: Path) -> Result:
         # findings of the addon are of the severity style
-        options = ["-q", "--addon=misra", "--std=c99", "--enable=style"]
+        options = ["-q", *MISRA, "--std=c99", "--enable=style"]
         said = run_tool(
             [
                 CPPCHECK.command,
@@ -58,6 +63,9 @@ def misra_check(model: Sources) -> ProofStep:
             ],
             folder,
         )
+        # it ends with 0 all the same
+        if "internal error" in said:
+            raise ToolFailedError(f"{CPPCHECK.command} could not run its MISRA addon", said)
         found = [
             f"{place.removeprefix(f'{model.folder}/')} {what}"
             for place, severity, what in _TOLD_BY_CPPCHECK.findall(said)

@@ -12,6 +12,7 @@ import pytest
 from backends.c import COptions, write_c
 from backends.c_lowering.options import Extra
 from compiler.ir.program import Program
+from msnn.verification.host.host_checks import MISRA
 from msnn.verification.host.warning_flags import CLANG_WARNINGS, CPP_WARNINGS, GCC_WARNINGS
 from tests.backends.c.c_programs import closed_sample
 from tests.backends.c.distinct_sources import distinct
@@ -119,7 +120,7 @@ def test_the_misra_addon_of_cppcheck_finds_nothing(
     checked = distinct(own)
     left_out = "".join(path.read_text(encoding="utf-8") for path in own if path not in checked)
     includes = [f"-I{folder / 'include'}" for folder in folders]
-    settings = ["-q", "-j2", "--addon=misra", "--std=c99", "--enable=style"]
+    settings = ["-q", "-j2", *MISRA, "--std=c99", "--enable=style"]
     findings = _run(
         [checker, *settings, "--template={file}:{line} {id}", *includes, *map(str, checked)]
     )
