@@ -157,11 +157,7 @@ class ModelFunctions:
                 continue
             if state.name in memory.buffers:
                 # an addend that is added rows later, from a tape of its own, is not added here
-                late = {
-                    adjoint.addend
-                    for adjoint in memory.late_adjoints
-                    if adjoint.state == state.name
-                }
+                late = {one.addend for one in memory.late_adjoints if one.state == state.name}
                 for addend in sums.of(gradient):
                     if addend not in late:
                         # adjoints of a buffer are added into its rows: each sample collects over

@@ -119,10 +119,10 @@ class _Judged:
         gaps = np.concatenate([x[:1] - self.given.state, x[1:] - self.following[:n]])
         bounds, products = self._limits()
         return Residuals(
-            dynamics=_largest(gaps / scale_x),
-            stationarity=_largest(self._gradient() * scale_u),
-            bounds=_largest(bounds),
-            complementarity=_largest(products),
+            dynamics=greatest(gaps / scale_x),
+            stationarity=greatest(self._gradient() * scale_u),
+            bounds=greatest(bounds),
+            complementarity=greatest(products),
         )
 
     def _slopes_of(self, output: str) -> tuple[Array, Array]:
@@ -221,5 +221,6 @@ def _columns(controls: Vector, inputs: Vector) -> list[int]:
     ]
 
 
-def _largest(values: Array) -> float:
+def greatest(values: Array) -> float:
+    """The largest magnitude; 0 where there is none."""
     return float(np.max(np.abs(values), initial=0.0))

@@ -36,7 +36,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class Date:
-    """A moment that a spec names, to be looked for in times that are dates."""
+    """`2026-03-01 08:00`: a moment to be looked for in times that are dates."""
 
     moment: Moment
     text: str = field(compare=False)

@@ -20,7 +20,7 @@ from spec_schema.yaml_tree.nodes import Listing, Node, kind
 
 @dataclass(frozen=True)
 class Joints:
-    """The joints that move: those that label a dimension, or those of a list."""
+    """`arm` or `[shoulder, elbow]`: the joints that move, by a dimension's labels or by a list."""
 
     dimension: Located[str] | None
     labels: tuple[Located[str], ...]

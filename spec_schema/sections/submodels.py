@@ -24,7 +24,10 @@ from spec_schema.yaml_tree.nodes import Listing, Node, Table, kind
 
 @dataclass(frozen=True)
 class Freeze:
-    """The constant parameters of a sub-model: patterns of names as its own file has them."""
+    """`all`, `none`, `gain` or `[gain, rod.*]`: the constant parameters of a sub-model.
+
+    Patterns are of names as its own file has them.
+    """
 
     patterns: tuple[Located[str], ...] = ()
     span: Span | None = field(default=None, compare=False)

@@ -20,6 +20,7 @@ from spec_schema.sections.data.columns import ColumnName
 from spec_schema.sections.data.splits import Blocks, Fraction
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.spec import Spec
+from spec_schema.sections.submodels import Freeze
 from spec_schema.sections.training.curriculum import Curriculum
 from spec_schema.sections.training.optimizers import OptionValue
 from spec_schema.units.quantity import Quantity, Range
@@ -128,7 +129,9 @@ def _said(annotation: Any) -> str:
         return f"{of}: {_said(args[0])}"
     if origin is None:
         # a type of the schema's own: its docstring begins with how it is written, between backticks
-        return paragraph(annotation.__doc__).partition("`: ")[0] + "`"
+        written, of_what, _ = paragraph(annotation.__doc__).partition("`: ")
+        assert of_what, f"begin the docstring of {annotation.__name__} with how it is written"
+        return f"{written}`"
     assert issubclass(origin, Mapping), annotation
     return f"names, each with: {_said(args[1])}"
 
@@ -152,6 +155,8 @@ def _default(field: FieldInfo) -> str:
     match default:
         case None | () | {}:
             return ""
+        case Freeze(patterns=()):
+            return "`none`"
         case bool():
             return f"`{str(default).lower()}`"
         case float():

@@ -16,8 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiler.optimal_control.horizon import Array, Given
+from compiler.optimal_control.kkt import greatest
 from msnn.control.interior_point.barrier_limits import ROUNDING, BarrierLimits
 from msnn.control.interior_point.condensed_step import condensed_step
+from msnn.control.interior_point.convex import convex
 from msnn.control.interior_point.horizon_functions import HorizonFunctions
 from msnn.control.interior_point.horizon_values import RowLimits, Values
 from msnn.control.interior_point.iterate import Direction, Iterate, Point
@@ -178,19 +180,18 @@ class InteriorPoint:
             if self._held.stages[k]:
                 costate = costate + self._held.selection.T @ whole[nx:]
             else:
-                worst = max(worst, _largest(whole[nx:]))
+                worst = max(worst, greatest(whole[nx:]))
         # Python's `max` keeps the number where the other is NaN
         if not np.all(np.isfinite(gradient)):
             worst = np.nan
         misfits = self._limits.distances(values) + now.excesses - now.slacks
         misfits = np.where(self._limits.active, misfits, 0.0)
-        gaps = values.following - now.states[1:]
         return Point(
             now=now,
             values=values,
             slopes=slopes,
             costates=costates,
-            gaps=gaps,
+            gaps=values.following - now.states[1:],
             misfits=misfits,
             stationarity=worst,
         )
@@ -203,9 +204,9 @@ class InteriorPoint:
         excess = np.maximum(np.abs(z - steepest) * beyond, z - steepest)
         soft = np.where(self._limits.soft, np.maximum(z * np.maximum(distance, 0.0), excess), 0.0)
         held = held_gaps(self._f, point.now)
-        parts = (point.stationarity, _largest(point.gaps), _largest(hard), _largest(soft))
+        parts = (point.stationarity, greatest(point.gaps), greatest(hard), greatest(soft))
         # 0 · ∞ and 0 · NaN are NaN: a cost that is not finite ends the method
-        return float(np.max([*parts, _largest(held), 0.0 * point.values.cost]))
+        return float(np.max([*parts, greatest(held), 0.0 * point.values.cost]))
 
     def _rounding(self, point: Point) -> float:
         """The rounding of the residual: half a unit in the last place of all it is made of."""
@@ -214,7 +215,7 @@ class InteriorPoint:
         sums = np.abs(point.now.multipliers).reshape(f.horizon + 1, 2, -1).sum(axis=1)
         terms = np.abs(slopes.cost) + np.einsum("km,kmw->kw", sums, np.abs(slopes.rows))
         terms[:-1] += np.einsum("kx,kxw->kw", np.abs(costates), np.abs(slopes.following))
-        parts = (_largest(terms[:, f.states :]), _largest(point.now.states))
+        parts = (greatest(terms[:, f.states :]), greatest(point.now.states))
         return ROUNDING * max(parts) + self._limits.rounding(point.values, point.now.multipliers)
 
     def _error(self, point: Point, barrier: float) -> float:
@@ -223,7 +224,7 @@ class InteriorPoint:
         products = np.where(self._limits.active, now.slacks * now.multipliers - barrier, 0.0)
         others = np.where(self._limits.soft, now.excesses * now.excess_multipliers - barrier, 0.0)
         parts = (point.gaps, point.misfits, products, others, held_gaps(self._f, now))
-        return max(point.stationarity, *(_largest(part) for part in parts))
+        return max(point.stationarity, *(greatest(part) for part in parts))
 
     # ---- where it goes
 
@@ -235,12 +236,12 @@ class InteriorPoint:
             # exact curvature first, which converges quadratically; the convex one always has a
             # minimum
             hessian = f.curvature(self._given, now.states, now.controls, rows, point.costates)
-            tries = (hessian, _convex(hessian))
+            tries = (hessian, convex(hessian))
         else:
             # the plant and limits count as linear: Gauss and Newton
             rows, costates = np.zeros_like(rows), np.zeros_like(point.costates)
             hessian = f.curvature(self._given, now.states, now.controls, rows, costates)
-            tries = (_convex(hessian),)
+            tries = (convex(hessian),)
         if not np.all(np.isfinite(hessian)):
             return None
         best: tuple[Iterate, Values] | None = None
@@ -297,15 +298,3 @@ class InteriorPoint:
             excesses=dv,
             excess_multipliers=others,
         )
-
-
-def _convex(hessian: Array) -> Array:
-    """The nearest symmetric matrices without negative curvature."""
-    values, vectors = np.linalg.eigh(hessian)
-    # flat directions count as bent a little: their step would be endless
-    least = 1e-8 * np.maximum(1.0, np.max(np.abs(values), axis=1, keepdims=True))
-    return np.einsum("kij,kj,klj->kil", vectors, np.maximum(values, least), vectors)
-
-
-def _largest(values: Array) -> float:
-    return float(np.max(np.abs(values), initial=0.0))

@@ -40,7 +40,7 @@ class Blocks:
 
 @dataclass(frozen=True)
 class TimeRange:
-    """Rows whose time is from `start` on and before `stop`, in seconds."""
+    """`[60 s, 80 s]`: rows whose time is from `start` on and before `stop`, in seconds."""
 
     start: float
     stop: float
@@ -49,7 +49,7 @@ class TimeRange:
 
 @dataclass(frozen=True)
 class DateRange:
-    """Rows whose date is from `start` on and before `stop`."""
+    """`[2026-03-01, 2026-03-08]`: rows whose date is from `start` on and before `stop`."""
 
     start: Date
     stop: Date
