@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -81,6 +83,8 @@ def test_look_back_and_look_ahead_of_programs() -> None:
     assert reach(spring_damper_rk4().program) == Reach(0, 1, 0)
     assert reach(preview_driver().program) == Reach(3, 3, 0)
     assert reach(late_sensor().program) == Reach(4, 0, 0)
+    # what is predicted is compared with the log also where no loss reads it
+    assert reach(replace(fir_closed_loop().program, losses=())) == Reach(4, 1, 0)
     closed = close_loop(fir_closed_loop().program, ("x",))
     assert reach(closed) == Reach(4, 1, 0)
 

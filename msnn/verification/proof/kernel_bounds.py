@@ -13,7 +13,8 @@ import numpy as np
 
 from msnn.verification.exported_c import ExportedC
 
-# {f} ends the name of a function of <math.h>; `near` allows for rounding
+# {f} ends the name of a function of <math.h>; `near` allows for rounding, {e} for what is lost
+# of numbers of about 1
 _BODIES = {
     "exp": "return near(exp{f}(x));",
     "log": "return near(log{f}(x));",
@@ -25,7 +26,7 @@ _BODIES = {
     "acos": "/*@ assert -1.0 <= x <= 1.0; */ return any(0.0, 3.1415928);",
     "atan": "return any(-1.5707964, 1.5707964);",
     "atan2": "return any(-3.1415928, 3.1415928);",
-    "sinh": "return near((exp{f}(x) - exp{f}(-x)) / 2);",
+    "sinh": "return beyond(x, near((exp{f}(x) - exp{f}(-x)) / 2 + any(-{e}, {e})));",
     "cosh": "return least(1.0, near((exp{f}(x) + exp{f}(-x)) / 2));",
     "tanh": "return any(-1.0, 1.0);",
     "sigmoid": "return any(0.0, 1.0);",
@@ -43,7 +44,8 @@ def kernel_bounds(model: ExportedC) -> list[str]:
         return []
     single = model.dtype == "float32"
     suffix = "f" if single else ""
-    largest = float(np.finfo(np.float32 if single else np.float64).max)
+    limits = np.finfo(np.float32 if single else np.float64)
+    largest, lost = float(limits.max), f"{float(limits.eps):.3g}"
     found: list[str] = []
     for name, arguments in _PROTOTYPE.findall(header.read_text(encoding="utf-8")):
         body = _BODIES.get(name.removeprefix(f"{model.prefix}_"))
@@ -52,7 +54,7 @@ def kernel_bounds(model: ExportedC) -> list[str]:
         # what a bound does not depend on
         unused = [f"(void){argument.split()[-1]};" for argument in arguments.split(",")]
         real = f"{model.prefix}_real"
-        lines = [*unused, body.replace("{f}", suffix)]
+        lines = [*unused, body.replace("{f}", suffix).replace("{e}", lost)]
         found.append(
             "\n".join([f"{real} {name}({arguments})", "{", *(f"    {line}" for line in lines), "}"])
         )

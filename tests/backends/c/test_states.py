@@ -9,8 +9,11 @@ import pytest
 
 from backends.c import COptions
 from backends.c_lowering.options import Ring
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.program import Declared, Role, Signal, State
+from compiler.ir.types import WINDOW, Axis, Type
 from tests.backends.c.c_programs import assert_same_bits, built, closed_sample, golden, replay
-from tests.backends.c.small_programs import filtered, starting_states, swapped_states
+from tests.backends.c.small_programs import filtered, program, starting_states, swapped_states
 
 RINGS: tuple[Ring, ...] = ("shift", "double")
 
@@ -56,6 +59,23 @@ def test_init_sets_what_needs_no_record_and_says_what_is_missing(tmp_path: Path)
     }
     assert status == uninitialised
     assert step.step({"u": 0.0})[1] == uninitialised
+
+
+def test_a_buffer_that_is_filled_makes_no_state_ready_that_waits_for_reset(tmp_path: Path) -> None:
+    """The first step after `init` fills the past of an input; what `v` measured it cannot know."""
+    b, starts = GraphBuilder(), GraphBuilder()
+    past = b.element(b.signal("u", -2, 0, Type((Axis(WINDOW, 3),))), WINDOW, 0)
+    x = b.state("x", Type())
+    state = State("x", (), None, Declared(), b.add(x, past), starts.log("v", 0, 0, Type()))
+    signals = [Signal("u", Role.INPUT), Signal("v", Role.TARGET)]
+    waiting = program(b, {"x": x, "past": past}, signals, states=[state], starts=starts)
+    step = built(waiting, tmp_path, COptions())
+    uninitialised = step.status_bits["SMALL_STATUS_UNINITIALISED"]
+    step.init()
+    for _ in range(4):
+        assert step.step({"u": 1.0})[1] == uninitialised
+    step.reset({"u": np.zeros(2), "v": np.zeros(())})
+    assert step.step({"u": 1.0})[1] == 0
 
 
 def test_reset_takes_samples_and_the_states_that_start_from_the_future(tmp_path: Path) -> None:
