@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from backends.c.host import build
 from backends.c.selftest import golden_singles
 from backends.fmu import binary
 from backends.native import compile_kernel
@@ -40,7 +41,7 @@ AS_FOR_USERS = (
 """Files in these rooms that have the flags and searches of the product all the same."""
 
 _UNITS, _LANES, _FAST = binary.FLAGS, compile_kernel.LANES_BY_GCC, compile_kernel.FAST
-_LARGEST = golden_singles._LARGEST
+_LEVEL, _LARGEST = build.LEVEL, golden_singles._LARGEST
 _LEAST = ("-O0",)
 
 
@@ -55,5 +56,6 @@ def set_effort(test: Path) -> None:
     quick = is_quick(test.relative_to(TESTS).as_posix())
     compile_kernel.LANES_BY_GCC = _LEAST if quick else _LANES
     compile_kernel.FAST = _LEAST if quick else _FAST
+    build.LEVEL = "-O0" if quick else _LEVEL
     binary.FLAGS = tuple("-O0" if quick and flag == "-O2" else flag for flag in _UNITS)
     golden_singles._LARGEST = 0 if quick else _LARGEST

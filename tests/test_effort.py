@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from backends.c.host import build
 from backends.c.selftest import golden_singles
 from backends.fmu import binary
 from backends.native import compile_kernel
@@ -33,9 +34,11 @@ def test_what_is_not_quick_has_the_flags_and_searches_of_users(file: str) -> Non
     assert compile_kernel.kernel_flags(("gcc",), on_lanes=True)[0] == "-O0"
     assert compile_kernel.kernel_flags(("gcc",), on_lanes=False)[0] == "-O0"
     assert "-O0" in binary.FLAGS
+    assert build.LEVEL == "-O0"
     assert golden_singles._LARGEST == 0
     set_effort(TESTS / file)
     assert "-ftree-vectorize" in compile_kernel.kernel_flags(("gcc",), on_lanes=True)
     assert compile_kernel.kernel_flags(("gcc",), on_lanes=False)[0] == "-O3"
     assert "-O2" in binary.FLAGS
+    assert build.LEVEL == "-O2"
     assert golden_singles._LARGEST > 0

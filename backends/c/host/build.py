@@ -13,6 +13,9 @@ from tempfile import TemporaryDirectory
 from backends.files.c_compiler import find_compiler, installed_as
 from backends.files.run_compiler import CompilerTooSlowError, run_compiler
 
+LEVEL = "-O2"
+"""How libraries are optimised that run along the records of users."""
+
 _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*[<"]([^>"]+)', re.MULTILINE)
 
 
@@ -28,15 +31,17 @@ def build_library(
     folder: Path,
     library: Path,
     compiler: Sequence[str] | None = None,
-    flags: Sequence[str] = ("-O2",),
+    flags: Sequence[str] | None = None,
 ) -> Path:
     """Compiles the sources of a folder that `write_c` wrote into a shared library; its path.
 
-    Raises CompilerMissingError and CompilerFailedError.
+    `flags` are those of `LEVEL` where none are given. Raises CompilerMissingError and
+    CompilerFailedError.
     """
     # contraction to fused operations rounds once where the interpreter rounds twice: bits would
     # differ
-    head = [*(compiler or find_compiler()), "-std=c99", *flags, "-ffp-contract=off", "-fPIC"]
+    own = (LEVEL,) if flags is None else flags
+    head = [*(compiler or find_compiler()), "-std=c99", *own, "-ffp-contract=off", "-fPIC"]
     sources = sorted((folder / "src").glob("*.c"))
     return link_library(head, sources, [folder / "include"], library)
 
