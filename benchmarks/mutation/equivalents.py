@@ -6,6 +6,7 @@ import re
 
 from benchmarks.mutation.leg_equivalents import LEG, NO_ZERO
 from benchmarks.mutation.mutants import Mutant
+from benchmarks.mutation.sign_equivalents import SIGNS
 from tests.verification.unreached import UNREACHED
 
 _FILLED = "the first step fills the samples anew"
@@ -255,6 +256,10 @@ at most 1 of a finite angle, and of another all slopes in the angle are NaN."""
 
 def reason(prefix: str, mutant: Mutant) -> str | None:
     """Why a change changes no answer; None where it is not known to be so."""
+    if mutant.kind == "last digit":
+        return SIGNS.get(mutant.function.removeprefix(f"{prefix}_"), {}).get(
+            (mutant.line, mutant.change)
+        )
     if mutant.line == "s->reserved = 0U;":
         return "nothing reads the field that an empty struct has"
     if _FLAGGED.search(mutant.line) and mutant.change == "0.0f -> 0.001f":

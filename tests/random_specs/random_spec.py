@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Any
 
 from tests.random_specs.terms import Term
@@ -40,30 +41,38 @@ class RandomSpec:
 
     def smaller(self) -> Iterator[RandomSpec]:
         """Specs with less in them, those with much less first; few of them are right."""
-        for sections in (*_without_unnamed(self.sections), *_smaller(self.sections, ())):
-            used = str(sections.get("use", ""))
-            parts = {name: part for name, part in self.parts.items() if name in used}
-            yield RandomSpec(sections, parts)
+        # from the end: what is computed names what is declared, which then goes with it
+        sections = dict(reversed(self.sections.items()))
+        for less in chain(
+            _entries_left_out(sections),
+            _with_plain_terms(sections),
+            _inlined(sections),
+            _smaller(sections, ()),
+        ):
+            yield self._with(less)
         for name, part in self.parts.items():
             for less in part.smaller():
                 yield replace(self, parts={**self.parts, name: less})
+
+    def without_unnamed(self) -> RandomSpec:
+        """Without all that nobody names; itself where there is no such thing.
+
+        Each change that keeps a fault costs the treatment of a spec, so that few large ones are
+        quick.
+        """
+        left = dict(self.sections)
+        while left != (fewer := _named(left)):
+            left = fewer
+        return self if left == self.sections else self._with(left)
+
+    def _with(self, sections: Mapping[str, Section]) -> RandomSpec:
+        used = str(sections.get("use", ""))
+        return RandomSpec(sections, {n: part for n, part in self.parts.items() if n in used})
 
 
 _NAME = "spec.msnn.yaml"
 _SHOWN = ("states", "outputs", "losses", "train", "connect", "integrator")
 """Sections whose entries need nobody who names them."""
-
-
-def _without_unnamed(sections: Mapping[str, Section]) -> Iterator[Mapping[str, Section]]:
-    """One step for all that is left over where what named it was left out.
-
-    Each step that keeps the fault costs the exports of a spec, so that few large ones are quick.
-    """
-    left = dict(sections)
-    while left != (fewer := _named(left)):
-        left = fewer
-    if left != sections:
-        yield left
 
 
 def _named(sections: Mapping[str, Section]) -> dict[str, Section]:
@@ -101,11 +110,57 @@ def _json(value: Any) -> str:
     return json.dumps(value, default=str)
 
 
+def _entries_left_out(sections: Mapping[str, Section]) -> Iterator[Mapping[str, Section]]:
+    for name, entries in sections.items():
+        if isinstance(entries, dict):
+            for key in entries:
+                yield {**sections, name: {n: each for n, each in entries.items() if n != key}}
+        elif isinstance(entries, list):
+            for i in range(len(entries)):
+                yield {**sections, name: [*entries[:i], *entries[i + 1 :]]}
+
+
+def _with_plain_terms(sections: Mapping[str, Section]) -> Iterator[Mapping[str, Section]]:
+    """With a number or a signal in place of all that an entry computes."""
+    for name, entries in sections.items():
+        for key, entry in entries.items() if isinstance(entries, dict) else ():
+            for plain in (Term("0.3"), Term("u")):
+                if isinstance(entry, Term) and entry.operands:
+                    yield {**sections, name: {**entries, key: plain}}
+                elif isinstance(entry, dict):
+                    terms = {n: plain for n, e in entry.items() if isinstance(e, Term)}
+                    if terms:
+                        yield {**sections, name: {**entries, key: {**entry, **terms}}}
+
+
+def _inlined(sections: Mapping[str, Section]) -> Iterator[Mapping[str, Section]]:
+    """With what an equation says in place of its name."""
+    for name, entry in sections.get("equations", {}).items():
+        said = entry.get("expr") if isinstance(entry, dict) else entry
+        if isinstance(said, Term):
+            left = {key: each for key, each in sections["equations"].items() if key != name}
+            yield _replaced({**sections, "equations": left}, name, said)
+
+
+def _replaced(value: Any, name: str, term: Term) -> Any:
+    if isinstance(value, Term):
+        return value.with_in_place_of(name, term)
+    if isinstance(value, dict):
+        return {key: _replaced(entry, name, term) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_replaced(entry, name, term) for entry in value]
+    return value
+
+
 def _smaller(value: Any, path: tuple[str, ...]) -> Iterator[Any]:
     """Values with less in them: entries left out, then entries that are smaller themselves."""
     if isinstance(value, Term):
         yield from value.smaller()
     elif isinstance(value, dict):
+        half = len(value) // 2
+        if half > 1 and path:
+            yield dict(list(value.items())[:half])
+            yield dict(list(value.items())[half:])
         for key in value:
             if path or key not in FIXED:
                 yield {name: entry for name, entry in value.items() if name != key}

@@ -47,10 +47,19 @@ class Term:
             yield from self.operands
         if self.pattern not in ("0.3", "u"):
             yield Term("0.3")
+        # a signal, where a fault does not show in what never changes
+        if self.operands:
+            yield Term("u")
         for number, operand in enumerate(self.operands):
             for less in operand.smaller():
                 operands = (*self.operands[:number], less, *self.operands[number + 1 :])
                 yield Term(self.pattern, operands)
+
+    def with_in_place_of(self, name: str, other: Term) -> Term:
+        """With another term wherever a name stands alone."""
+        if not self.operands:
+            return other if self.pattern == name else self
+        return Term(self.pattern, tuple(o.with_in_place_of(name, other) for o in self.operands))
 
 
 def leaf(text: str) -> Term:

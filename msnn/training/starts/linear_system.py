@@ -10,6 +10,8 @@ from msnn.data.dataset import FloatArray
 
 _BLOCK = 32
 """Rows that one product of matrices computes."""
+_AT_ONCE = 1 << 17
+"""Multiplications of a product that BLAS does not share among threads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +50,7 @@ class LinearSystem:
         blocks = -(-rows // _BLOCK)
         padded = np.zeros((blocks * _BLOCK, inputs.shape[1]))
         padded[:rows] = inputs
-        found = padded.reshape(blocks, -1) @ self._driven
+        found = _product(padded.reshape(blocks, -1), self._driven)
         starts = np.empty((blocks, order))
         # of the end of each block, with which the next one begins
         ends, reach = found[:, -order:], self._free[:, -order:]
@@ -56,10 +58,21 @@ class LinearSystem:
         for block in range(blocks):
             starts[block] = state
             state = state @ reach + ends[block]
-        found += starts @ self._free
+        found += _product(starts, self._free)
         # the last state of a block is the first of the next one
         within = found.reshape(blocks, _BLOCK + 1, order)[:, :_BLOCK].reshape(-1, order)
         return np.concatenate((within, state[None]))[: rows + 1]
+
+
+def _product(rows: FloatArray, matrix: FloatArray) -> FloatArray:
+    """rows @ matrix, some rows at a time, which BLAS computes without threads."""
+    at_once = max(_AT_ONCE // matrix.size, 1)
+    whole = len(rows) // at_once * at_once
+    found = np.empty((len(rows), matrix.shape[1]))
+    stack = rows[:whole].reshape(-1, at_once, rows.shape[1])
+    np.matmul(stack, matrix, out=found[:whole].reshape(-1, at_once, matrix.shape[1]))
+    np.matmul(rows[whole:], matrix, out=found[whole:])
+    return found
 
 
 def filtered(signal: FloatArray, denominator: FloatArray) -> FloatArray:

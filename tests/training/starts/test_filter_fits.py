@@ -21,7 +21,9 @@ from msnn.training.stage_loss_module import stage_loss
 from msnn.training.starts.filter_equations import FilterStructure, UnbrokenRows
 from msnn.training.starts.initial_weights_of_run import first_weights
 from msnn.training.starts.linear_fit import fitted_filter
+from msnn.training.starts.linear_system import LinearSystem
 from msnn.training.starts.linear_system import filtered as through
+from msnn.training.starts.tall_least_squares import Triangle
 from msnn.training.train import TrainingOptions, train
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.language.compiled import codes
@@ -251,3 +253,31 @@ def test_blocks_compute_what_the_recursion_does(order: int, rows: int) -> None:
     wanted = filtered_by_recursion(signal, denominator)
     # sums of at most 32 terms of size 1, in another order
     np.testing.assert_allclose(through(signal, denominator), wanted, atol=1e-13)
+
+
+@pytest.mark.parametrize("columns", [1, 7, 62, 150])
+def test_a_triangle_of_many_rows_is_that_of_all_at_once(columns: int) -> None:
+    """Tables of any number of rows, also fewer than columns, and longer than what is cut."""
+    random = np.random.default_rng(5)
+    table = random.normal(size=(9_001, columns)) @ np.diag(np.geomspace(1, 1e-6, columns))
+    triangle = Triangle(columns)
+    for part in np.split(table, [3, 500, 501, 8_000]):
+        triangle.add(part)
+    wanted = np.linalg.qr(table, mode="r")
+    found = triangle.below(0)
+    # rows are determined up to their signs
+    signs = np.sign(np.diagonal(found)) * np.sign(np.diagonal(wanted))
+    scale = np.linalg.norm(wanted, axis=0)
+    np.testing.assert_allclose(signs[:, None] * found / scale, wanted / scale, atol=1e-12)
+
+
+@pytest.mark.parametrize("rows", [1, 31, 32, 33, 1_500])
+def test_states_of_a_linear_system_are_those_step_by_step(rows: int) -> None:
+    random = np.random.default_rng(6)
+    matrix, drive = 0.4 * random.normal(size=(3, 3)), random.normal(size=(3, 2))
+    inputs, start = random.normal(size=(rows, 2)), random.normal(size=3)
+    states = [start]
+    for u in inputs:
+        states.append(matrix @ states[-1] + drive @ u)
+    found = LinearSystem(matrix, drive).states(inputs, start)
+    np.testing.assert_allclose(found, states, rtol=1e-11, atol=1e-11)

@@ -1,0 +1,39 @@
+"""Last digits in mathematical functions of which only a sign is asked, each with the reason.
+
+Pairs of floats are too many to try; of these a sentence says why all are alike.
+"""
+
+from __future__ import annotations
+
+_INFINITE = "it is divided by a zero or NaN, of which it keeps sign and size"
+_NEAREST = "the reciprocal of the float nearest to 0 is infinite with the same sign"
+_NEVER_0 = "what is compared is no zero: it is a number that is none, or the reciprocal of a zero"
+_ZERO_OVER = "0 over the float nearest to 0 is 0, as said there for 0 over 0"
+_LARGE = "smaller arguments were returned above, and what is left is 2⁻¹² at least"
+
+_UP, _DOWN = "0x1.0000000000000p-149f", "-0x1.0000000000000p-149f"
+_ABOVE_1, _BELOW_1 = "0x1.0000020000000p+0f", "0x1.fffffe0000000p-1f"
+
+SIGNS: dict[str, dict[tuple[str, str], str]] = {
+    "atan2": {
+        (
+            "const bool t1 = (height <= 0.0f) && (width <= 0.0f);",
+            f"0.0f -> {_UP} (2)",
+        ): _ZERO_OVER,
+        ("if (fabsf(x) > 0.0f) {", f"0.0f -> {_UP}"): _NEAREST,
+        ("side = 1.0f / x;", f"1.0f -> {_ABOVE_1}"): _INFINITE,
+        ("side = 1.0f / x;", f"1.0f -> {_BELOW_1}"): _INFINITE,
+        ("const float t4 = (side < 0.0f) ? t3 : result;", f"0.0f -> {_UP}"): _NEVER_0,
+        ("if (fabsf(y) > 0.0f) {", f"0.0f -> {_UP}"): _NEAREST,
+        ("sign = 1.0f / y;", f"1.0f -> {_ABOVE_1}"): _INFINITE,
+        ("sign = 1.0f / y;", f"1.0f -> {_BELOW_1}"): _INFINITE,
+        ("const float t5 = (sign < 0.0f) ? (-t4) : t4;", f"0.0f -> {_UP}"): _NEVER_0,
+    },
+    "atan": {
+        ("result = (x < 0.0f) ? (-t4) : t4;", f"0.0f -> {limit}"): _LARGE for limit in (_UP, _DOWN)
+    },
+    "sin": {
+        ("result = (x < 0.0f) ? (-t9) : t9;", f"0.0f -> {limit}"): _LARGE for limit in (_UP, _DOWN)
+    },
+}
+"""By function, line and change."""
