@@ -1,6 +1,5 @@
 """Set-up: a stamp stands for a finished step, and the lock pins all that the project asks for."""
 
-import importlib.util
 import re
 import tomllib
 from itertools import chain
@@ -9,17 +8,15 @@ from types import ModuleType
 
 import pytest
 
+from tests.ci.scripts import script
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
 @pytest.fixture
 def set_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The set-up script as a module, working on an empty environment."""
-    spec = importlib.util.spec_from_file_location("set_up", ROOT / ".ci" / "set_up.py")
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = script("set_up", monkeypatch)
     monkeypatch.setattr(module, "ENVIRONMENT", tmp_path)
     return module
 
