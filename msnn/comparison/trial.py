@@ -224,7 +224,7 @@ def _trained(ready: ReadyTrial, setup: Setup) -> RunLine:
 def _measured(
     model: Model, data: Dataset, weights: Mapping[str, FloatArray], name: str
 ) -> tuple[Measured, ...]:
-    """What the spec asks for, on the rows of a set."""
+    """Measures what the spec asks for on the rows of a set."""
     checks, stages = model.spec.checks, model.spec.train
     found = validate(
         model.program, data, checks, weights, on=name, judges_errors=False, stages=stages

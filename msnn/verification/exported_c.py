@@ -80,7 +80,7 @@ class ExportedC(CFolder):
 
     @property
     def golden_steps(self) -> int:
-        """How many steps its golden vectors have."""
+        """The count of steps of its golden vectors."""
         begin = self._vectors.find(f"{self.prefix}_results_differ(")
         found = _GOLDEN_STATUS.search(self._vectors, max(begin, 0))
         return 0 if begin < 0 or found is None else int(found[1])

@@ -127,6 +127,7 @@ _NOT_WHOLE = {
         "saved_run",
         "load",
         "model",
+        "learned_numbers",
         "number_files",
         "spec_hash",
         "submodel_weights",
