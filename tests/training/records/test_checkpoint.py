@@ -19,6 +19,7 @@ from msnn.training.plans.learning_rate import Reductions
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.plans.stage_result import StageResult, Weights
+from msnn.training.records import checkpoint
 from msnn.training.records.checkpoint import (
     Checkpoint,
     TrainingPosition,
@@ -27,7 +28,7 @@ from msnn.training.records.checkpoint import (
 )
 from msnn.training.stages.multi_start import StageAttempts
 from msnn.training.stages.stage_run import Interrupted, StageRun
-from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from tests.training.cases import gain
 
 PLACE = TrainingPosition(
@@ -191,3 +192,16 @@ def test_the_best_of_the_attempts_before_an_interruption_still_counts() -> None:
     attempts.resume(replace(CHECKPOINT, attempt=1, leader=result(3), place=None))
     assert attempts.run() == result(3)
     assert opened == [0, 1]
+
+
+@pytest.mark.parametrize("other", [3, 5])
+def test_a_checkpoint_of_another_version_is_refused(
+    other: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may read well, and say something else."""
+    path = tmp_path / "checkpoint.safetensors"
+    with monkeypatch.context() as changed:
+        changed.setattr(checkpoint, "_FORMAT", other)
+        write_checkpoint(path, CHECKPOINT)
+    with pytest.raises(SpecError, match="is not a checkpoint of this version"):
+        read_checkpoint(path)
