@@ -125,6 +125,7 @@ _NOT_WHOLE = {
     "msnn.exports.targets": {"c"},
     "msnn.model": {
         "kept_run",
+        "learned_numbers",
         "load",
         "model",
         "number_files",
