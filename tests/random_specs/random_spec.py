@@ -42,17 +42,16 @@ class RandomSpec:
     def smaller(self) -> Iterator[RandomSpec]:
         """Specs with less in them, those with much less first; few of them are right."""
         # from the end: what is computed names what is declared, which then goes with it
-        sections = dict(reversed(self.sections.items()))
+        sections = {name: self.sections[name] for name in reversed(list(self.sections))}
         for less in chain(
-            _entries_left_out(sections),
-            _with_plain_terms(sections),
-            _inlined(sections),
-            _smaller(sections, ()),
+            _entries_left_out(sections), _with_plain_terms(sections), _inlined(sections)
         ):
             yield self._with(less)
         for name, part in self.parts.items():
             for less in part.smaller():
                 yield replace(self, parts={**self.parts, name: less})
+        for less in _smaller(sections, ()):
+            yield self._with(less)
 
     def without_unnamed(self) -> RandomSpec:
         """Without all that nobody names; itself where there is no such thing.
@@ -66,8 +65,9 @@ class RandomSpec:
         return self if left == self.sections else self._with(left)
 
     def _with(self, sections: Mapping[str, Section]) -> RandomSpec:
+        ordered = {name: sections[name] for name in ORDER if name in sections}
         used = str(sections.get("use", ""))
-        return RandomSpec(sections, {n: part for n, part in self.parts.items() if n in used})
+        return RandomSpec(ordered, {n: part for n, part in self.parts.items() if n in used})
 
 
 _NAME = "spec.msnn.yaml"
