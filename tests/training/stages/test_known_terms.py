@@ -16,6 +16,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum
 from msnn.training.plans.known_terms_of_stage import residuals_of
+from msnn.training.plans.stage_data import stage_data
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.learned.standard_errors import standard_errors
 from msnn.training.train import TrainingOptions, TrainingResult, train
@@ -168,6 +169,35 @@ def test_of_overlapping_rollouts_the_best_is_what_they_minimise(
             ratio = float(share @ (w * u - y) ** 2) / np.count_nonzero(times) / std**2
         w = (float(share @ (u * y)) + 0.5 * ratio) / (float(share @ u**2) + ratio)
     assert float(result.weights["w"]) == pytest.approx(w, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("batch", "prior", "val", "watched"),
+    [
+        (7, "", 0, [0, 8, 16, 24]),
+        (23, "", 0, range(23)),
+        (7, ", prior: {mean: 0.5, std: 0.2}", 0, range(23)),
+        (7, ", prior: {mean: 0.5, std: 0.2}", 20, [30, 38, 46]),
+    ],
+)
+def test_all_overlapping_rollouts_are_watched_where_steps_lower_their_total(
+    batch: int, prior: str, val: int, watched: Sequence[int]
+) -> None:
+    """Decision 379; 30 rows have 23 starts of 8 steps, and validation minimises nothing."""
+    program, spec = compiled(
+        "msnn: 1\nname: line\ninputs: {u: 1}\ntargets: {y: 1}\n"
+        f"parameters: {{w: {{init: 0{prior}}}}}\n"
+        'outputs: {z: {expr: w * u, predicts: "y[t]"}}\n'
+        f"train: [{{batch: {batch}, rollout: {{horizon: 8, stride: 1}}}}]\n"
+    )
+    data = dataset(
+        {"u": np.ones(50), "y": np.ones(50)}, train=[30], **({"val": [val]} if val else {})
+    )
+    (plan,) = plan_stages(program, spec.train, Findings())
+    found = stage_data(plan, data, Findings())
+    assert found is not None
+    assert len(found.train) == 23
+    assert found.watched.t0.tolist() == list(watched)
 
 
 @cache
