@@ -14,6 +14,7 @@ TESTS = Path(__file__).parent
 QUICK = (
     "agreement",
     "api",
+    "backends/predictive_control",
     "cli",
     "comparison",
     "control",
@@ -21,6 +22,7 @@ QUICK = (
     "exports/test_casadi_kinks.py",
     "exports/test_check.py",
     "exports/test_judged_horizon.py",
+    "exports/test_online_unit_bits.py",
     "exports/test_ros2.py",
     "exports/test_zero_slices.py",
     "language",

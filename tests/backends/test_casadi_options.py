@@ -19,10 +19,12 @@ from tests.agreement.exported import checked, plan_of
 from tests.examples.gallery import GALLERY, NAMES, spec_of
 from tests.programs import SAMPLES
 
+CHOICES = (("input", "mx"), ("inline", "sx"), ("inline", "mx"), ("input", "sx"))
+PAIRS = [(name, *CHOICES[2 * (k % 2) + j]) for k, name in enumerate(NAMES) for j in range(2)]
+"""Every model with each setting once, every pair of settings with each second model."""
 
-@pytest.mark.parametrize("form", ["mx", "sx"])
-@pytest.mark.parametrize("params", ["input", "inline"])
-@pytest.mark.parametrize("name", NAMES)
+
+@pytest.mark.parametrize(("name", "params", "form"), PAIRS)
 def test_every_choice_agrees_with_the_judge(
     name: str, params: str, form: str, tmp_path: Path
 ) -> None:

@@ -18,6 +18,7 @@ from msnn.cli.application import run
 from msnn.exports.export import write_export
 from msnn.exports.target import Written
 from msnn.model.weights.weights_file import initial_weights
+from msnn.verification.host import levels
 from tests.cli.command_line import CommandLine
 from tests.cli.conftest import msnn as msnn
 from tests.conditions import require_package, require_tool
@@ -166,8 +167,10 @@ def test_the_values_lie_in_their_section(tmp_path: Path) -> None:
 
 
 def test_verification_finds_nothing_in_the_values_and_their_checksum(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # all five have their turn in tests/verification
+    monkeypatch.setattr(levels, "LEVELS", ("-O2",))
     for tool in ("gcc", "gcov", "clang", "cppcheck"):
         require_tool(tool, install=f"apt install {tool}")
     spec = spec_of(GALLERY, "engine_map")

@@ -64,7 +64,7 @@ def test_nothing_is_found_in_a_controller_and_its_filter(
 ) -> None:
     require(GCC, CLANG, LIBFUZZER, ARM_GCC, ARM_QEMU)
     folder = exported(tmp_path)
-    code, said = verified(capsys, folder, "--targets", "host,m4,m0", "--fuzz", "2", "--proof")
+    code, said = verified(capsys, folder, "--targets", "host,m4,m0", "--fuzz", "1", "--proof")
     assert code == 0, said
     assert said["proof", "plant_mpc"]["verdict"] == "left out"
     for target in ("Cortex-M4F -O2", "Cortex-M0 -Os"):

@@ -36,10 +36,13 @@ def built(
     folder: Path,
     options: COptions,
     compiler: Sequence[str] | None = None,
-    flags: Sequence[str] = ("-O1",),
+    flags: Sequence[str] = ("-O0",),
     weights: Mapping[str, ArrayLike] | None = None,
 ) -> CStep:
-    """The program's C with its self-test, written into the folder, compiled and loaded."""
+    """The program's C with its self-test, written into the folder, compiled and loaded.
+
+    Its bits are those of every level (`test_bits.py`; with all options `test_strictness.py`).
+    """
     write_library(program, folder, options, weights)
     library = folder / f"lib{len(list(folder.glob('*.so')))}.so"
     return CStep.of_folder(folder, build_library(folder, library, compiler, flags))

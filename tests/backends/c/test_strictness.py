@@ -80,11 +80,12 @@ PAIRS = [
 def test_compilers_have_nothing_to_say(name: str, option: str, tmp_path: Path) -> None:
     _written(name, option, tmp_path)
     sources = [str(path) for part in ("src", "test") for path in (tmp_path / part).glob("*.c")]
-    for tool, flags in (("gcc", GCC_WARNINGS), ("clang", CLANG_WARNINGS)):
+    # gcc's optimiser warns of what it finds; clang warns of what it reads, the same at all levels
+    for tool, level, flags in (("gcc", "-O2", GCC_WARNINGS), ("clang", "-O0", CLANG_WARNINGS)):
         compiler = require_tool(tool, install=f"apt install {tool}")
         program = str(tmp_path / tool)
         include = f"-I{tmp_path / 'include'}"
-        strict = ["-std=c99", "-O2", "-ffp-contract=off", "-Werror", *flags]
+        strict = ["-std=c99", level, "-ffp-contract=off", "-Werror", *flags]
         assert _run([compiler, *strict, include, *sources, "-o", program, "-lm"]) == ""
         assert "agree" in _run([program])
 
@@ -95,7 +96,7 @@ def test_it_is_cpp_as_well(name: str, tmp_path: Path) -> None:
     _written(name, "float", tmp_path)
     sources = [str(path) for part in ("src", "test") for path in (tmp_path / part).glob("*.c")]
     program, include = str(tmp_path / "program"), f"-I{tmp_path / 'include'}"
-    strict = ["-x", "c++", "-std=c++17", "-O1", "-ffp-contract=off", "-Werror", *CPP_WARNINGS]
+    strict = ["-x", "c++", "-std=c++17", "-O0", "-ffp-contract=off", "-Werror", *CPP_WARNINGS]
     assert _run([compiler, *strict, include, *sources, "-o", program, "-lm"]) == ""
     assert "agree" in _run([program])
 

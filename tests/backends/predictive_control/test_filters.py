@@ -121,7 +121,9 @@ def test_other_bits_fail_the_self_test(tmp_path: Path) -> None:
 
 
 def test_sources_are_c_plus_plus_without_warnings(tmp_path: Path) -> None:
-    for name, dtype in itertools.product(SPECS, ("float64", "float32")):
+    # in single precision there is more to warn of
+    builds: list[tuple[str, Dtype]] = [("pendulum", "float64"), *((n, "float32") for n in SPECS)]
+    for name, dtype in builds:
         out, _ = _written(name, tmp_path / f"{name}{dtype}", dtype)
         build_strictly(out)
 

@@ -101,11 +101,14 @@ def test_other_bits_fail_the_self_test(tmp_path: Path) -> None:
     assert FilterLibrary.of_folder(out, path).selftest() == 4
 
 
-@pytest.mark.parametrize("name", SPECS)
-def test_sources_are_c_plus_plus_without_warnings(name: str, tmp_path: Path) -> None:
-    for dtype in ("float64", "float32"):
-        out, _ = _written(name, tmp_path / dtype, dtype)
-        build_strictly(out)
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    [("pendulum", "float64"), *((name, "float32") for name in SPECS)],
+)
+def test_sources_are_c_plus_plus_without_warnings(name: str, dtype: Dtype, tmp_path: Path) -> None:
+    """In single precision there is more to warn of."""
+    out, _ = _written(name, tmp_path, dtype)
+    build_strictly(out)
 
 
 def test_what_is_not_finite_changes_nothing(tmp_path: Path) -> None:
