@@ -34,6 +34,7 @@ class LocalNames:
         """Names `of_spec` are kept for the values that the spec calls so; others give way."""
         self._prefix = prefix.lower()
         self._taken = {*_COUNTERS, *_ARGUMENTS}
+        self._numbers: dict[str, int] = {}
         self._kept = {name: self._new(name) for name in dict.fromkeys(of_spec)}
 
     def fresh(self, name: LocalName) -> str:
@@ -57,7 +58,7 @@ class LocalNames:
         # names with the prefix are those of the headers
         if name.lower().startswith(self._prefix):
             name = f"v_{name}"
-        return c_identifier(name, self._taken)
+        return c_identifier(name, self._taken, self._numbers)
 
 
 class BlockScope:

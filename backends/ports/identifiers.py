@@ -35,7 +35,7 @@ strlen tan tanh tgamma time trunc y0 y1 yn
 _RESERVED = frozenset((_C_WORDS + _CPP_WORDS + _MACROS_AND_TYPES + _LIBRARY_FUNCTIONS).split())
 
 
-def c_identifier(name: str, taken: set[str]) -> str:
+def c_identifier(name: str, taken: set[str], numbers: dict[str, int] | None = None) -> str:
     """An identifier for `name` that is not in `taken`, to which it is added.
 
     Greek letters are spelled out, other foreign characters and dots become `_`; the result is a
@@ -43,16 +43,21 @@ def c_identifier(name: str, taken: set[str]) -> str:
     use, and at most 48 characters long. The same calls give the same identifiers.
 
         c_identifier("vehicle.ρ_hat", set()) == "vehicle_rho_hat"
+
+    `numbers` keeps for each name the first number that may be free, for many names that are alike:
+    nothing is taken out of `taken` between its calls.
     """
     base = _plain(name)
     if base in _RESERVED:
         base = f"{base}_"
     candidate = base
-    number = 2
+    number = 2 if numbers is None else numbers.get(base, 2)
     while candidate in taken:
         suffix = f"_{number}"
         candidate = f"{base[: LONGEST - len(suffix)].rstrip('_')}{suffix}"
         number += 1
+    if numbers is not None:
+        numbers[base] = number
     taken.add(candidate)
     return candidate
 

@@ -61,12 +61,12 @@ class NodeStore:
         self, op: Op, args: tuple[NodeId, ...], type: Type, span: Span | None = None
     ) -> NodeId:
         """The node with this operation, operands and type, made if there is none yet."""
-        key = _key(op, args, type)
-        known = self._known.get(key)
-        if known is None:
-            known = self._known[key] = len(self._nodes)
+        new = len(self._nodes)
+        # one look alone: to hash a key takes as long as to make a node
+        found = self._known.setdefault(_key(op, args, type), new)
+        if found == new:
             self._nodes.append(Node(op, args, type, span or self._span))
-        return known
+        return found
 
 
 _Key = tuple[Op, tuple[NodeId, ...], Type, bytes]

@@ -38,6 +38,14 @@ def test_taken_names_get_a_number_and_are_remembered() -> None:
     assert taken == {"x", "x_2", "x_3", "x_4"}
 
 
+def test_numbers_that_are_kept_change_no_name() -> None:
+    names = ["c", "x", "c", "c_2", "int", "c", "int", "c.2", "a" * 500, "x", "c", "a" * 500, "c"]
+    plain, kept, numbers = {"c_4"}, {"c_4"}, dict[str, int]()
+    made = [c_identifier(name, kept, numbers) for name in names]
+    assert made == [c_identifier(name, plain) for name in names]
+    assert len(set(made)) == len(names)
+
+
 def test_long_names_are_cut_and_stay_apart() -> None:
     taken: set[str] = set()
     made = [c_identifier("a" * 500, taken) for _ in range(12)]

@@ -19,12 +19,12 @@ MAIN, CHANGE = "refs/heads/main", "refs/pull/7/merge"
 
 
 @pytest.fixture(scope="module")
-def host(tmp_path_factory: pytest.TempPathFactory) -> Host:
+def host(tmp_path_factory: pytest.TempPathFactory, quick: Path) -> Host:
     """The repository on a code host, before anything has run."""
     require_tool("gcc", install="apt install gcc")
     folder = tmp_path_factory.mktemp("host")
     shutil.copytree(SAMPLE, folder / "models", ignore=shutil.ignore_patterns("ci", "base"))
-    return Host(folder / "models", folder / "caches", folder / "home")
+    return Host(folder / "models", folder / "caches", folder / "home", quick)
 
 
 def _specs() -> list[str]:

@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -46,6 +45,8 @@ class Host:
     workspace: Path
     caches: Path
     home: Path
+    commands_folder: Path
+    """With the `msnn` that is tested, as an installation has it."""
 
     def job(self, workflow: str, name: str, matrix: Mapping[str, str], ref: str, sha: str) -> Job:
         """Runs the steps of a job in the checkout as it is now, with a new home and no leavings."""
@@ -131,7 +132,7 @@ class _Steps:
         outputs = self._host.home / "outputs"
         outputs.write_text("", encoding="utf-8")
         environment = {
-            "PATH": f"{_commands(self._host.home)}:{os.environ['PATH']}",
+            "PATH": f"{self._host.commands_folder}:{os.environ['PATH']}",
             "HOME": str(self._host.home),
             "PYTHONPATH": str(ROOT),
             "CI": "true",
@@ -200,14 +201,3 @@ class _Steps:
 def _copy(source: Path, target: Path) -> None:
     shutil.rmtree(target, ignore_errors=True)
     shutil.copytree(source, target, symlinks=True)
-
-
-def _commands(home: Path) -> Path:
-    """A folder with the `msnn` that is tested, as an installation has it."""
-    folder = home / "bin"
-    folder.mkdir(exist_ok=True)
-    command = folder / "msnn"
-    start = "from msnn.cli.main import main; main()"
-    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "{start}" "$@"\n', encoding="utf-8")
-    command.chmod(0o755)
-    return folder

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import msnn
 from compiler.state_estimation.estimate import FilterStatus
 from compiler.state_estimation.kalman_filter import KalmanFilter
 from tests.control.specs import DELAYED, kalman_filter, load
 
+Array = NDArray[np.float64]
 LINEAR = """
 msnn: 1
 name: linear
@@ -31,6 +33,17 @@ estimator:
 """
 
 
+def corrected(x: Array, P: Array, z: Array, C: Array, R: Array) -> tuple[Array, Array]:
+    """The estimate and its covariance after z = C x + noise of covariance R was measured."""
+    gain = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
+    return x + gain @ (z - C @ x), (np.eye(len(x)) - gain @ C) @ P
+
+
+def predicted(x: Array, P: Array, A: Array, moved: Array, Q: Array) -> tuple[Array, Array]:
+    """Both a step later, of x' = A x + moved + noise of covariance Q."""
+    return A @ x + moved, A @ P @ A.T + Q
+
+
 def test_a_linear_model_is_kalmans_filter(tmp_path: Path) -> None:
     kalman = kalman_filter(load(tmp_path, LINEAR))
     kalman.reset({"p": 0.5, "v": 0.0})
@@ -41,13 +54,12 @@ def test_a_linear_model_is_kalmans_filter(tmp_path: Path) -> None:
     for _ in range(50):
         y, u = random.normal(size=2), random.normal()
         found = kalman.correct({"p": y[0], "v": y[1]})
-        gain = covariance @ np.linalg.inv(covariance + R)
-        x, covariance = x + gain @ (y - x), (np.eye(2) - gain) @ covariance
+        x, covariance = corrected(x, covariance, y, np.eye(2), R)
         assert found.status is FilterStatus.FILTERED
         np.testing.assert_allclose([found.states["p"], found.states["v"]], x, rtol=1e-11)
         np.testing.assert_allclose(kalman.covariance, covariance, rtol=1e-10, atol=1e-14)
         kalman.predict({"u": u})
-        x, covariance = A @ x + B * u, A @ covariance @ A.T + Q
+        x, covariance = predicted(x, covariance, A, B * u, Q)
 
 
 def test_nan_is_not_measured(tmp_path: Path) -> None:
@@ -170,7 +182,7 @@ def test_the_covariance_stays_symmetric_where_nothing_is_measured(tmp_path: Path
     for _ in range(40):
         kalman.predict({"u": 0.0})
         assert np.array_equal(kalman.covariance, kalman.covariance.T)
-        wanted = A @ wanted @ A.T + 0.09 * np.eye(3)
+        _, wanted = predicted(np.zeros(3), wanted, A, np.zeros(3), 0.09 * np.eye(3))
         np.testing.assert_allclose(kalman.covariance, wanted, rtol=1e-12, atol=1e-14)
 
 
@@ -184,11 +196,10 @@ def test_numbers_of_one_measurement_correct_as_all_at_once(tmp_path: Path) -> No
         z, u = random.normal(size=2), random.normal()
         found = kalman.correct({"z": z})
         assert np.array_equal(kalman.covariance, kalman.covariance.T)
-        gain = covariance @ C.T @ np.linalg.inv(C @ covariance @ C.T + R)
-        x, covariance = x + gain @ (z - C @ x), (np.eye(3) - gain @ C) @ covariance
+        x, covariance = corrected(x, covariance, z, C, R)
         np.testing.assert_allclose([found.states[name] for name in "pqr"], x, rtol=1e-9)
         kalman.predict({"u": u})
-        x, covariance = A @ x + [u, 0, 0], A @ covariance @ A.T + 0.09 * np.eye(3)
+        x, covariance = predicted(x, covariance, A, np.array([u, 0, 0]), 0.09 * np.eye(3))
 
 
 @pytest.mark.parametrize(("measured", "kept"), [(50.0, 2.0), (-50.0, 1.0)])

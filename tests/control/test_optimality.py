@@ -7,20 +7,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from compiler.optimal_control.kkt import Judge
 from tests.control.specs import DOUBLE_INTEGRATOR, controller, mpc
 
+Array = NDArray[np.float64]
 A = np.array([[1.0, 0.1], [0.0, 1.0]])
 B = np.array([[0.0], [0.1]])
+
+
+def riccati(value: Array) -> tuple[Array, Array]:
+    """The value function a step earlier, and the gain of that step."""
+    gain = np.linalg.solve(0.1 + B.T @ value @ B, B.T @ value @ A)
+    return np.diag([4.0, 1.0]) + A.T @ value @ (A - B @ gain), gain
 
 
 def test_linear_quadratic_control_is_the_riccati_recursion(tmp_path: Path) -> None:
     found = controller(tmp_path, DOUBLE_INTEGRATOR + mpc()).solve({"p": 1.0, "v": -0.5})
     value, gain = np.diag([20.0, 5.0]), np.zeros((1, 2))
     for _ in range(15):
-        gain = np.linalg.solve(0.1 + B.T @ value @ B, B.T @ value @ A)
-        value = np.diag([4.0, 1.0]) + A.T @ value @ (A - B @ gain)
+        value, gain = riccati(value)
     x = np.array([1.0, -0.5])
     assert found.control["u"] == pytest.approx(-(gain @ x)[0], rel=1e-9)
     assert found.cost == pytest.approx(x @ value @ x, rel=1e-12)

@@ -81,11 +81,12 @@ def test_whatever_is_used_first_is_as_in_the_standard_library(options: dict[str,
 @pytest.mark.parametrize("first", _USES)
 @pytest.mark.parametrize("options", _OPTIONS, ids=" ".join)
 def test_whatever_is_used_second_too(options: dict[str, bool], first: str):
+    at_once = _point(dataclasses.dataclass, options)
+    expected = {use: _outcome(_USES[use], at_once) for use in _USES}
     for second in _USES:
-        late, at_once = (_point(make, options) for make in (dataclass, dataclasses.dataclass))
+        late = _point(dataclass, options)
         for use in (first, second):
-            found, expected = (_outcome(_USES[use], point) for point in (late, at_once))
-            assert found == expected, (first, second)
+            assert _outcome(_USES[use], late) == expected[use], (first, second)
         assert repr(late.__dataclass_params__) == repr(at_once.__dataclass_params__)
 
 

@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
+from tests.command_server import commands
 from tests.conditions import require_package, require_tool
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="gloo is tried on POSIX")
@@ -68,8 +69,16 @@ def environment() -> dict[str, str]:
     return {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
-def alone(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    words = [sys.executable, "-m", "msnn", "train", "plant.yaml", *options]
+@pytest.fixture(scope="module")
+def forked(tmp_path_factory: pytest.TempPathFactory) -> Generator[str]:
+    """The command `msnn` as a fork that has torch: half of what a rank computes is that import."""
+    require_package("torch", install="pip install 'msnn[torch]'")
+    with commands(tmp_path_factory.mktemp("commands"), "torch.distributed") as folder:
+        yield str(folder / "msnn")
+
+
+def alone(msnn: str, folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    words = [msnn, "train", "plant.yaml", *options]
     return subprocess.run(
         words, cwd=folder, env=environment(), text=True, capture_output=True, check=False
     )
@@ -86,11 +95,11 @@ def by_torchrun(folder: Path, *options: str) -> subprocess.CompletedProcess[str]
 class Started:
     """Ranks as torchrun starts them, without the agent that would end them for each other."""
 
-    def __init__(self, folders: tuple[Path, Path], *options: str) -> None:
+    def __init__(self, msnn: Sequence[str], folders: tuple[Path, Path], *options: str) -> None:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             port = free.getsockname()[1]
-        words = [sys.executable, "-m", "msnn", "train", "plant.yaml", *options]
+        words = [*msnn, "train", "plant.yaml", *options]
         place = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
         self.processes = [
             subprocess.Popen(
@@ -118,9 +127,9 @@ class Started:
 
 @pytest.fixture
 def two(tmp_path: Path) -> Iterator[Started]:
-    """Two ranks on a training that lasts."""
+    """Two ranks on a training that lasts, each a process that a signal reaches."""
     folder = written(tmp_path / "run", epochs=LONG)
-    found = Started((folder, folder))
+    found = Started([sys.executable, "-m", "msnn"], (folder, folder))
     yield found
     found.end()
 
@@ -158,7 +167,7 @@ def assert_alike(ours: Path, one: Path) -> None:
             assert mine["monitor"] == pytest.approx(other["monitor"], rel=LM_TOLERANCE)
 
 
-def test_torchrun_trains_as_one_process_and_keeps_one_run(tmp_path: Path) -> None:
+def test_torchrun_trains_as_one_process_and_keeps_one_run(forked: str, tmp_path: Path) -> None:
     folder = written(tmp_path / "two")
     found = by_torchrun(folder)
     assert found.returncode == 0, found.stderr
@@ -168,7 +177,7 @@ def test_torchrun_trains_as_one_process_and_keeps_one_run(tmp_path: Path) -> Non
     assert (folder / "runs/plant/latest").resolve() == run.resolve()
     assert len((folder / "runs/runs.jsonl").read_text().splitlines()) == 1
     one = written(tmp_path / "one")
-    assert alone(one).returncode == 0
+    assert alone(forked, one).returncode == 0
     assert_alike(run, run_of(one))
     mine, other = (
         json.loads((path / "parameters.json").read_text()) for path in (run, run_of(one))
@@ -177,7 +186,7 @@ def test_torchrun_trains_as_one_process_and_keeps_one_run(tmp_path: Path) -> Non
 
 
 def test_a_rank_that_is_killed_ends_the_other_which_keeps_the_state(
-    two: Started, tmp_path: Path
+    two: Started, forked: str, tmp_path: Path
 ) -> None:
     folder = tmp_path / "run"
     runs = folder / "runs/plant"
@@ -196,17 +205,20 @@ def test_a_rank_that_is_killed_ends_the_other_which_keeps_the_state(
     assert len(kept) < LONG
     assert json.loads((run / "run.json").read_text())["end"]["state"] == "interrupted"
 
-    again = by_torchrun(folder, "--resume")
-    assert again.returncode == 0, again.stderr
+    again = Started([forked], (folder, folder), "--resume")
+    for ended, told in (again.ended(rank) for rank in range(2)):
+        assert ended == 0, told
     one = written(tmp_path / "one", epochs=LONG)
-    assert alone(one).returncode == 0
+    assert alone(forked, one).returncode == 0
     assert_alike(run, run_of(one))
     ours, right = (load_file(path / "weights.safetensors") for path in (run, run_of(one)))
     for name, value in right.items():
         np.testing.assert_allclose(ours[name], value, rtol=1e-9)
 
 
-def test_the_death_of_the_first_rank_ends_the_others(two: Started, tmp_path: Path) -> None:
+def test_the_death_of_the_first_rank_ends_the_others(
+    two: Started, forked: str, tmp_path: Path
+) -> None:
     folder = tmp_path / "run"
     runs = folder / "runs/plant"
     while not runs.is_dir():
@@ -218,7 +230,7 @@ def test_the_death_of_the_first_rank_ends_the_others(two: Started, tmp_path: Pat
     code, said = two.ended(1)
     assert code == 1
     assert "E0867" in said
-    again = alone(folder, "--resume")  # one process goes on with what two have begun
+    again = alone(forked, folder, "--resume")  # one process goes on with what two have begun
     assert again.returncode == 0, again.stderr
     assert metrics(run)[-1]["stage"] == "squares"
 
@@ -228,19 +240,19 @@ def test_the_death_of_the_first_rank_ends_the_others(two: Started, tmp_path: Pat
     [(", engine: torch", (), "E0865"), ("", ("--folds",), "E0868"), (", nothing: 1", (), "E02")],
 )
 def test_what_ranks_cannot_do_is_said_once(
-    more: str, options: tuple[str, ...], code: str, tmp_path: Path
+    more: str, options: tuple[str, ...], code: str, forked: str, tmp_path: Path
 ) -> None:
     folder = written(tmp_path / "run", more=more)
-    ranks = Started((folder, folder), *options)
+    ranks = Started([forked], (folder, folder), *options)
     found = [ranks.ended(rank) for rank in range(2)]
     assert [one for one, _ in found] == [1, 1]
     assert len(re.findall(rf"error\[{code}", "".join(said for _, said in found))) == 1
 
 
-def test_ranks_with_other_data_do_not_train(tmp_path: Path) -> None:
+def test_ranks_with_other_data_do_not_train(forked: str, tmp_path: Path) -> None:
     folder, other = written(tmp_path / "run"), written(tmp_path / "other")
     np.savez(other / "val.npz", u=np.ones(2000), x=np.ones(2000))
-    ranks = Started((folder, other))
+    ranks = Started([forked], (folder, other))
     found = [ranks.ended(rank) for rank in range(2)]
     assert [code for code, _ in found] == [1, 1]
     assert "".join(said for _, said in found).count("error[E0866]") == 1

@@ -190,6 +190,19 @@ def test_order_of_convergence(method: str, order: int) -> None:
     assert np.log2(coarse / fine) == pytest.approx(order, abs=0.25)
 
 
+def linearly_implicit(x: Array, u: Array, K: Array, h: float) -> Array:
+    """A step of Euler's backward method, with the Jacobian at its beginning."""
+    q, w, s = x[:2], x[2:4], x[4]
+    f = np.concatenate([w, u - K * q - 0.2 * w * s, [q.sum() - 3 * s]])
+    J = np.zeros((5, 5))
+    J[:2, 2:4] = np.eye(2)
+    J[2:4, :2] = -np.diag(K)
+    J[2:4, 2:4] = -0.2 * s * np.eye(2)
+    J[2:4, 4] = -0.2 * w
+    J[4] = [1, 1, 0, 0, -3]
+    return x + np.linalg.solve(np.eye(5) - h * J, h * f)
+
+
 def test_linear_implicit_is_linear_algebra() -> None:
     """For x' = A x + b the method is (I - h A) Δ = h (A x + b), vectors as well as scalars."""
     text = """
@@ -210,15 +223,7 @@ def test_linear_implicit_is_linear_algebra() -> None:
     for step in range(15):
         np.testing.assert_allclose(np.append(found[step], last[step]), x[[0, 1, 4]], rtol=1e-10)
         for _ in range(2):
-            q, w, s = x[:2], x[2:4], x[4]
-            f = np.concatenate([w, u[step] - K * q - 0.2 * w * s, [q.sum() - 3 * s]])
-            J = np.zeros((5, 5))
-            J[:2, 2:4] = np.eye(2)
-            J[2:4, :2] = -np.diag(K)
-            J[2:4, 2:4] = -0.2 * s * np.eye(2)
-            J[2:4, 4] = -0.2 * w
-            J[4] = [1, 1, 0, 0, -3]
-            x = x + np.linalg.solve(np.eye(5) - h * J, h * f)
+            x = linearly_implicit(x, u[step], K, h)
 
 
 def test_linear_implicit_computes_no_zeros_of_the_jacobian() -> None:

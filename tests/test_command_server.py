@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.command_line import in_new_process
-from tests.docs.command_server import commands
+from tests.command_server import commands
 
 
 @pytest.mark.parametrize(

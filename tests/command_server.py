@@ -1,6 +1,6 @@
 """Runs commands of msnn in processes forked from one that has imported what they import.
 
-    python -m tests.docs.command_server SOCKET
+    python -m tests.command_server SOCKET [PACKAGE...]
 
 More than half of what pages took of the processor were imports. What a process imports by
 itself, and how fast it starts, is tested in `tests/cli` and `tests/light`.
@@ -18,11 +18,11 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 _ROOMS = ("spec_schema", "compiler", "backends", "msnn")
 _OPTIONAL = (
     *("torch", "casadi", "onnx", "onnxruntime", "fmpy", "elftools", "matplotlib", "pandas"),
@@ -45,14 +45,17 @@ sys.exit(int(code or 70))
 
 
 @contextmanager
-def commands(folder: Path) -> Generator[Path]:
-    """A folder with a command `msnn`, whose processes are gone afterwards."""
+def commands(folder: Path, *packages: str) -> Generator[Path]:
+    """A folder with a command `msnn`, whose processes are gone afterwards.
+
+    Optional packages that are named are imported for all of them.
+    """
     address = folder / "msnn.socket"
     client = folder / "msnn"
     client.write_text(_CLIENT.format(python=sys.executable, address=str(address)))
     client.chmod(0o755)
     server = subprocess.Popen(
-        [sys.executable, "-m", __name__, str(address)],
+        [sys.executable, "-m", __name__, str(address), *packages],
         cwd=ROOT,
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
@@ -69,9 +72,11 @@ def commands(folder: Path) -> Generator[Path]:
         server.communicate()  # the end of its input is the end of it
 
 
-def serve(address: Path) -> None:
+def serve(address: Path, packages: Sequence[str]) -> None:
     """Answers until the standard input ends."""
     _load()
+    for package in packages:
+        importlib.import_module(package)
     gc.collect()
     gc.freeze()
     with socket.socket(socket.AF_UNIX) as listening:
@@ -143,4 +148,4 @@ def _answer(asking: socket.socket) -> None:
 
 
 if __name__ == "__main__":
-    serve(Path(sys.argv[1]))
+    serve(Path(sys.argv[1]), sys.argv[2:])
