@@ -15,7 +15,7 @@ from pathlib import Path
 from msnn.cli.application import run
 from msnn.verification.exported_c import read_exported_c
 from msnn.verification.host.fuzz import fuzz
-from msnn.verification.proof_step import ToolFailedError, ToolTimedOutError
+from msnn.verification.proof_step import ToolFailedError, UnansweredError
 
 GALLERY = Path(__file__).parents[2] / "examples" / "gallery"
 _RUNS = 10_000_000
@@ -43,7 +43,7 @@ def _fuzzed(name: str, runs: int) -> bool:
             done = fuzz(read_exported_c(Path(place) / "c"), Path(place), f"-runs={runs}", _SECONDS)
         except ToolFailedError as error:
             found = "; ".join(error.lines) or str(error)
-        except ToolTimedOutError as error:
+        except UnansweredError as error:
             found = str(error)
     seconds = time.monotonic() - began
     print(f"| {name} | {done:,} | {seconds:.0f} | {found or 'nothing'} |", flush=True)

@@ -1,17 +1,17 @@
 """Whether another last digit of a constant changes any result of a mathematical function.
 
-`python -m benchmarks.mutation.digit_outcomes [--quick] [KERNEL…]`: changes of kernels in single
-precision meet corners and drawn arguments, then those that nothing showed all floats, an hour or
-more of a processor for all kernels; not if `--quick`. Functions of two arguments meet all floats
-beside 1 and -1, which proves nothing of other pairs. All is kept in digit_outcomes.json under the
-hash of both texts. Needs gcc; Ctrl-C keeps what was found.
+`python -m benchmarks.mutation.digit_outcomes [--quick] [--at X,…] [KERNEL…]`: changes of kernels in
+single precision meet corners, to which X are added, and drawn arguments, then those that nothing
+showed all floats, an hour or more of a processor for all kernels; not if `--quick`. Functions of
+two arguments meet all floats beside 1 and -1, which proves nothing of other pairs. All is kept in
+digit_outcomes.json under the hash of both texts. Needs gcc; Ctrl-C keeps what was found.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,12 +27,14 @@ from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 
 OUTCOMES = Path(__file__).with_suffix(".json")
 
-_TOGETHER = 12
+_TOGETHER = 32
 """Changes that meet all floats in one program, after which what was found is kept."""
 _DRAWN = ("drawn", "600", "-12", "12", "-12", "12")
 _EVERY = {"own_reduce_angle": ("every", "0", str(0x7F7FFFFF))}
 """Where not every float is an argument: the callers give a size, and treat infinities and NaN."""
 _ALL = ("every", "0", str(0xFFFFFFFF))
+_UPPER_HALF = ("every", "0", str(0x7FFFFFFF))
+"""Where f(-x) is f(x) or -f(x), in the changed text too; zeros of both signs are corners."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,14 +57,16 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("kernels", nargs="*")
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--at", default="", metavar="X,…", help="as C writes them")
     given = parser.parse_args()
+    at = [float.fromhex(x) if "x" in x else float(x) for x in given.at.split(",") if x]
     every = sorted({row.kernel for row in SCALAR_FUNCTIONS.values() if row.kernel})
     with suppress(KeyboardInterrupt):
         for kernel in given.kernels or every:
             source = c_sources([kernel], "float", "own").source
             right = functions_of(source)
             for name in right:
-                _decide(source, right, name, quick=given.quick)
+                _decide(source, right, name, at, quick=given.quick)
 
 
 def known() -> dict[str, Outcome]:
@@ -102,10 +106,12 @@ def shown_arguments(kernel: str) -> list[tuple[float, ...]]:
     return sorted(point for point in found if not any(map(math.isnan, point)))
 
 
-def _decide(source: str, functions: Mapping[str, Function], name: str, *, quick: bool) -> None:
+def _decide(
+    source: str, functions: Mapping[str, Function], name: str, at: Iterable[float], *, quick: bool
+) -> None:
     """Of each change of a function, or of those that it calls and that change their results."""
     outcomes, right = known(), needed(functions, name)
-    left = dict[str, tuple[Outcome, Mapping[str, Function]]]()
+    left, corners = dict[str, tuple[Outcome, Mapping[str, Function]]](), {*at}
     for mutant in last_digit_mutants(source):
         changed = needed(functions_of(mutant.text), name)
         key = text_hash(right, changed)
@@ -115,12 +121,23 @@ def _decide(source: str, functions: Mapping[str, Function], name: str, *, quick:
         if key not in outcomes or not (outcomes[key].shown or outcomes[key].every):
             outcome = Outcome(mutant.function, mutant.line, mutant.change, (), every=False)
             left[key] = outcome, changed
-    every = _EVERY.get(name, _ALL)
-    _try(name, right, left, _DRAWN if name not in _EVERY else ("every", "0", "0"))
-    for begin in () if quick else range(0, len(left), _TOGETHER):
-        own = dict([*left.items()][begin : begin + _TOGETHER])
-        _try(name, right, own, every)
+            # where a called function differs its caller may
+            called = outcomes.get(text_hash(needed(right, inner), needed(changed, inner)))
+            corners |= set(map(float.fromhex, called.shown if called else ()))
+    first = _DRAWN if name not in _EVERY else ("every", "0", "0")
+    _try(name, right, left, first, corners)
+    if not quick:
+        mirrored = {k: row for k, row in left.items() if _is_mirrored(right, row[1], name)}
+        others = {key: row for key, row in left.items() if key not in mirrored}
+        for rows, every in ((mirrored, _UPPER_HALF), (others, _EVERY.get(name, _ALL))):
+            for begin in range(0, len(rows), _TOGETHER):
+                own = dict([*rows.items()][begin : begin + _TOGETHER])
+                _try(name, right, own, every)
     print(name, flush=True)
+
+
+def _is_mirrored(right: Mapping[str, Function], changed: Mapping[str, Function], name: str) -> bool:
+    return right[name].is_mirrored and changed[name].is_mirrored
 
 
 def _is_same_inside(
@@ -142,14 +159,15 @@ def _try(
     right: Mapping[str, Function],
     left: dict[str, tuple[Outcome, Mapping[str, Function]]],
     arguments: Sequence[str],
+    corners: Collection[float] = (),
 ) -> None:
     """Keeps what shows, and takes it from what is left."""
     keys = list(left)
     if not keys:
         return
-    points = dict(first_shown(name, right, [left[key][1] for key in keys], arguments))
+    points = dict(first_shown(name, right, [left[key][1] for key in keys], arguments, corners))
     outcomes, arity = known(), len(right[name].arguments)
-    every = arguments in (_ALL, _EVERY.get(name))
+    every = arguments in (_ALL, _UPPER_HALF, _EVERY.get(name))
     for number, key in enumerate(keys):
         outcome = replace(left[key][0], every=every)
         if number in points:

@@ -12,6 +12,11 @@ _FUNCTION = re.compile(
     re.DOTALL | re.MULTILINE,
 )
 PREFIX = "own"
+_MIRRORED = re.compile(r"fabsf\(x\)|result = x;|x - x;|\(x < 0\.0f\) \? \(-(\w+)\) : \1;")
+"""What reads an argument so that the result of -x is that of x, or its negative.
+
+Infinities and NaN alone are subtracted from themselves.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +44,14 @@ class Function:
         """Those that point to where a result goes."""
         return tuple(one for one in self.given if "*" in one)
 
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether a function of one number is even or odd by its text; zeros are left out."""
+        if self.arguments != ("float x",) or self.result == "void":
+            return False
+        body = self.text.partition("{")[2]
+        return re.search(r"\bx\b", _MIRRORED.sub("", body)) is None
+
     def calls(self, name: str) -> bool:
         """Whether its text does."""
         return self.name != name and re.search(rf"\b{name}\(", self.text) is not None
@@ -65,6 +78,8 @@ def needed(functions: Mapping[str, Function], name: str) -> dict[str, Function]:
 
 
 def text_hash(right: Mapping[str, Function], changed: Mapping[str, Function]) -> str:
-    """Of both texts, wherever their lines are broken."""
-    texts = ("".join(one.text for one in of.values()) for of in (right, changed))
+    """Of both texts, wherever their lines are broken, and whoever may call them."""
+    texts = (
+        "".join(one.text.removeprefix("static ") for one in of.values()) for of in (right, changed)
+    )
     return hashlib.sha256("\n".join("".join(text.split()) for text in texts).encode()).hexdigest()

@@ -23,12 +23,12 @@ def main() -> NoReturn:
     """Runs the command line of this process and ends it with the command's exit code."""
     # Loading makes many objects and hardly any garbage: looking for it took a tenth of `check`.
     gc.set_threshold(100_000, 20, 20)
+    # numpy would start a thread for each core, which take their time to wait: see decision 0380
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     looks = not _LOOKING.isdisjoint(sys.argv[1:2])
     if looks:
         # what a spec of a megabyte leaves is small: the end of the process is soon enough
         gc.disable()
-        # numpy would start a thread for each core; that they wait took a sixth of `check`
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         # pydantic would look for plugins in every distribution of the environment
         os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
         load_metadata_when_asked()

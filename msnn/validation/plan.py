@@ -229,4 +229,5 @@ def _limit(limit: Quantity | None, unit: Unit | None, findings: Findings) -> flo
     if not limit.unit.same_dimension(expected):
         findings.report(errors.wrong_limit_unit(limit.text, expected.text, limit.span))
         return None
-    return limit.value * limit.unit.factor_to(expected)  # of a difference: 2 K are 2 degC
+    # of a difference: 2 K are 2 degC
+    return limit.unit.convert(limit.value, expected, is_distance=True)

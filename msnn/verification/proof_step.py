@@ -81,8 +81,8 @@ class ProofStep:
         folder.mkdir(parents=True)
         try:
             return self.run(folder)
-        # a tool that hangs says nothing about the code, one that fails does
-        except ToolTimedOutError as error:
+        # a tool that hangs or is ended says nothing about the code, one that fails does
+        except UnansweredError as error:
             return Result(
                 check=self.name, target=self.target, verdict="not done", detail=str(error)
             )
@@ -131,8 +131,12 @@ class ToolFailedError(Exception):
         return named or self.lines or [str(self)]
 
 
-class ToolTimedOutError(Exception):
-    """A command did not end in time: it said nothing about the code, which is no failure."""
+class UnansweredError(Exception):
+    """A command said nothing about the code, which is no failure."""
+
+
+class ToolTimedOutError(UnansweredError):
+    """A command did not end in time."""
 
 
 def run_tool(command: Sequence[str | Path], folder: Path, seconds: float = _SECONDS) -> str:

@@ -4,6 +4,7 @@ import math
 from dataclasses import field
 from decimal import Decimal
 from fractions import Fraction
+from functools import lru_cache
 from typing import TypeAlias
 
 from spec_schema.late_dataclass import dataclass
@@ -19,6 +20,8 @@ _NO_EXPONENTS: Exponents = (0,) * len(BASE_SYMBOLS)
 # far above their rounding and far below any two units that differ.
 _SCALE_TOLERANCE = 1e-12
 _LARGEST_SCALE = 1e300
+DIGITS = 15
+"""Of a decimal number that a float is sure to give back: a number of more is an approximation."""
 
 
 class UnitError(ValueError):
@@ -107,7 +110,7 @@ class Unit:
 
     def in_si(self, value: float) -> float:
         """The number in SI units, rounded once: 10 us is 1e-05 s, which 10 · 1e-06 is not."""
-        return float(_exact(value) * _exact(self.scale)) + self.offset
+        return _nearest(meant(value) * _exact(self.scale)) + self.offset
 
     def convert(self, value: float, target: "Unit", *, is_distance: bool = False) -> float:
         """The number in `target` that means `value` in this unit; ValueError if not comparable.
@@ -120,19 +123,40 @@ class Unit:
         # to the bit: a unit written in another way must not round the number
         if self.same_as(target):
             return value
-        base = _exact(value) * _exact(self.scale)
-        if not is_distance:
-            base += _exact(self.offset) - _exact(target.offset)
-        return float(base / _exact(target.scale))
+        if not math.isfinite(value):
+            return value
+        line = self.line_to(target)
+        return _nearest(line.factor * meant(value) + (0 if is_distance else line.summand))
+
+    def line_to(self, target: "Unit") -> "Line":
+        """How numbers of this unit become those of `target`, of the same dimension."""
+        if self.same_as(target):
+            return UNCHANGED
+        scale = _exact(target.scale)
+        shift = _exact(self.offset) - _exact(target.offset)
+        return Line(_exact(self.scale) / scale, shift / scale)
 
     def factor_to(self, target: "Unit") -> float:
         """The factor from differences in this unit to differences in `target`."""
         if not self.same_dimension(target):
             message = f"{self.text} does not convert to {target.text}"
             raise ValueError(message)
-        return float(_exact(self.scale) / _exact(target.scale))
+        return _nearest(_exact(self.scale) / _exact(target.scale))
 
 
+@dataclass(frozen=True)
+class Line:
+    """factor * number + summand, exactly."""
+
+    factor: Fraction
+    summand: Fraction
+
+    def after(self, scale: float, offset: float) -> "Line":
+        """Of scale * number + offset."""
+        return Line(self.factor * _exact(scale), self.factor * _exact(offset) + self.summand)
+
+
+UNCHANGED = Line(Fraction(1), Fraction(0))
 ONE = Unit(_NO_EXPONENTS, 1.0)
 
 
@@ -157,9 +181,24 @@ def _without_angle(exponents: Exponents) -> Exponents:
     return exponents[:_ANGLE] + exponents[_ANGLE + 1 :]
 
 
-def _exact(number: float) -> Decimal:
+def meant(number: float) -> Fraction:
+    """The decimal number of few digits that rounds to this float, where there is one."""
+    decimal = Decimal(repr(number))
+    is_short = len(decimal.normalize().as_tuple().digits) <= DIGITS
+    return Fraction(decimal if is_short else number)
+
+
+@lru_cache(1024)
+def _exact(number: float) -> Fraction:
     """The decimal number that is meant: no float is 1e-6, and products would show it."""
-    return Decimal(repr(number))
+    return Fraction(Decimal(repr(number)))
+
+
+def _nearest(number: Fraction) -> float:
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf if number > 0 else -math.inf
 
 
 def _reduced(number: Rational) -> Rational:

@@ -270,6 +270,32 @@ def test_check_starts_no_threads(project: Path, monkeypatch: pytest.MonkeyPatch)
     assert (said.code, said.err) == (0, "1\n")  # that of Python itself
 
 
+_COUNTED_AT_EXIT = """
+import atexit, os, sys
+def count():
+    import numpy
+    numpy.eye(500) @ numpy.eye(500)
+    print("threads:", len(os.listdir("/proc/self/task")), file=sys.stderr, flush=True)
+atexit.register(count)
+from msnn.cli.main import main
+main()
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads as Linux does")
+@pytest.mark.parametrize(("chosen", "threads"), [(None, 1), ("2", 2)])
+def test_linear_algebra_has_one_thread_where_nobody_chose(
+    chosen: str | None, threads: int, project: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    if chosen is not None:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", chosen)
+    said = in_new_process(
+        ("validate", "--initial", "plant.msnn.yaml"), project, start=_COUNTED_AT_EXIT
+    )
+    assert f"threads: {threads}\n" in said.err, said.err
+
+
 _LOADED_AT_THE_END = """
 import os, sys
 leave = os._exit

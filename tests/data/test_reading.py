@@ -88,6 +88,15 @@ def test_column_units_scale_and_offset_convert_once(tmp_path: Path) -> None:
     assert data.series["F"][0] == 7.0
 
 
+def test_cells_convert_as_numbers_of_a_spec_do(tmp_path: Path) -> None:
+    """9 · 0.001 is 0.009000000000000001, which is above a limit of 9 mm."""
+    section = "source: {train: a.csv}\ncolumns: {x: {column: pos, unit: mm}, F: 1}\n"
+    cells = [f"{number / 10:.1f}" for number in range(1, 1000)]
+    text = "pos,force\n" + "".join(f"{cell},0\n" for cell in cells)
+    data = load(tmp_path, section, {"a.csv": text})
+    assert data.series["x"].tolist() == [float(f"{cell}e-3") for cell in cells]
+
+
 def test_one_column_may_feed_several_signals(tmp_path: Path) -> None:
     section = "source: {train: a.csv}\ncolumns: {x: v, F: v}\n"
     data = load(tmp_path, section, {"a.csv": "v\n1\n2\n"})

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from msnn.cli.application import run
+from msnn.verification.host.fuzz import run_fuzzer
 from msnn.verification.proof.eva import Alarm
 from msnn.verification.proof.root_alarms import roots_first
 from msnn.verification.proof_step import ProofStep, Result, run_tool
@@ -130,6 +131,16 @@ def test_a_tool_that_does_not_end_is_not_done_and_no_finding(tmp_path: Path) -> 
     result = ProofStep("proof", "step", (), hang).result(tmp_path / "here")
     assert (result.verdict, result.findings) == ("not done", ())
     assert result.detail == "no answer within 0.1 s: sleep"
+
+
+def test_a_fuzzer_that_ends_before_its_runs_is_not_done(tmp_path: Path) -> None:
+    def end_early(folder: Path) -> Result:
+        run_fuzzer(["echo", "INFO: Seed: 1"], folder, 20.0)
+        raise AssertionError
+
+    result = ProofStep("fuzz", "clang", (), end_early).result(tmp_path / "here")
+    assert (result.verdict, result.findings) == ("not done", ())
+    assert result.detail == "the fuzzer ended before it had made its runs"
 
 
 def test_alarms_that_follow_from_no_other_stand_first(tmp_path: Path) -> None:

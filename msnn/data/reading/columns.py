@@ -11,32 +11,32 @@ import numpy as np
 from compiler.ir.program import Role, Signal
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.table import ColumnKey
+from msnn.data.reading.converted_cells import converted_cells
 from msnn.errors.data import files as errors
 from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.sections.data.columns import Column
-from spec_schema.units.unit import Unit
+from spec_schema.units.unit import UNCHANGED, Line, Unit
 
 LOG_SUFFIX = ".meas"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Feed:
-    """A signal's columns, one an element in C order; value = factor · cell + offset."""
+    """A signal's columns, one an element in C order, and how their cells become its values."""
 
     signal: Signal
     keys: tuple[ColumnKey, ...]
-    factor: float | FloatArray
-    """One for all columns, or one for each."""
-    offset: float | FloatArray
+    lines: tuple[Line, ...]
+    """One for each column."""
     column: Column | None = None
     """What the spec says of them."""
 
     def series(self, columns: Mapping[ColumnKey, FloatArray]) -> FloatArray:
         """(rows, *shape) in the signal's unit."""
-        cells = np.stack([columns[key] for key in self.keys], axis=1)
-        values = cells * self.factor + self.offset
-        return values.reshape(len(cells), *(axis.size for axis in self.signal.axes))
+        fed = zip(self.keys, self.lines, strict=True)
+        values = np.stack([converted_cells(columns[key], line) for key, line in fed], axis=1)
+        return values.reshape(len(values), *(axis.size for axis in self.signal.axes))
 
     def series_if_there(self, columns: Mapping[ColumnKey, FloatArray], rows: int) -> FloatArray:
         """The series; missing values where the file has not all of its columns."""
@@ -56,17 +56,16 @@ def feeds(
         column = columns.get(signal.name, columns.get(name))
         size = math.prod(axis.size for axis in signal.axes)
         keys: tuple[ColumnKey, ...] = (name,)
-        factor, offset, span = 1.0, 0.0, signal.span
+        line, span = UNCHANGED, signal.span
         if column is not None:
             keys = tuple(part.column for part in column.column)
             span = column.place.value
-            factor, offset = _conversion(signal, column, findings)
+            line = _conversion(signal, column, findings)
         if len(keys) != size:
             findings.report(errors.wrong_column_count(signal.name, len(keys), size, span))
         else:
-            found.append(
-                Feed(signal=signal, keys=keys, factor=factor, offset=offset, column=column)
-            )
+            lines = (line,) * len(keys)
+            found.append(Feed(signal=signal, keys=keys, lines=lines, column=column))
     return found
 
 
@@ -103,17 +102,9 @@ def _in_units(feed: Feed, units: Mapping[ColumnKey, Unit], findings: Findings) -
                 )
             )
             return feed
-    pairs = [_to_signal(stated.get(key, declared), declared) for key in feed.keys]
-    factors, offsets = (np.array(each) for each in zip(*pairs, strict=True))
-    return replace(feed, factor=factors, offset=offsets)
-
-
-def _to_signal(unit: Unit, declared: Unit) -> tuple[float, float]:
-    """Factor and offset from one unit to another."""
-    if unit.same_as(declared):
-        return 1.0, 0.0
-    # affine, as °C to K: the offset is what 0 becomes
-    return unit.factor_to(declared), unit.convert(0.0, declared)
+    return replace(
+        feed, lines=tuple(stated.get(key, declared).line_to(declared) for key in feed.keys)
+    )
 
 
 def wanted_columns(found: Iterable[Feed]) -> dict[ColumnKey, str]:
@@ -131,17 +122,17 @@ def target_columns(found: Iterable[Feed]) -> frozenset[ColumnKey]:
     return frozenset(key for feed in found for key in feed.keys if key not in needed)
 
 
-def _conversion(signal: Signal, column: Column, findings: Findings) -> tuple[float, float]:
-    """Factor and offset from cells to the signal's unit (the only place where units convert)."""
+def _conversion(signal: Signal, column: Column, findings: Findings) -> Line:
+    """From cells to the signal's unit (the only place where units convert)."""
     declared: Unit | None = signal.unit
-    if column.unit is None or declared is None:
-        return column.scale, column.offset
-    unit = column.unit.value
-    if not unit.same_dimension(declared):
-        findings.report(
-            errors.inconvertible_column(signal.name, unit.text, declared.text, column.unit.span)
-        )
-        return column.scale, column.offset
-    factor, shift = _to_signal(unit, declared)
+    line = UNCHANGED
+    if column.unit is not None and declared is not None:
+        unit = column.unit.value
+        if unit.same_dimension(declared):
+            line = unit.line_to(declared)
+        else:
+            findings.report(
+                errors.inconvertible_column(signal.name, unit.text, declared.text, column.unit.span)
+            )
     # the spec's scale and offset make a value in the column's unit, which is converted then
-    return factor * column.scale, factor * column.offset + shift
+    return line.after(column.scale, column.offset)

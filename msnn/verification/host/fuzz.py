@@ -14,6 +14,7 @@ from msnn.verification.proof_step import (
     ProofStep,
     Result,
     ToolFailedError,
+    UnansweredError,
     run_tool,
 )
 from msnn.verification.tools import CLANG, LIBFUZZER
@@ -49,7 +50,7 @@ class FuzzerFoundError(ToolFailedError):
 def fuzz(model: ExportedC, folder: Path, limit: str, seconds: float) -> int:
     """Runs libFuzzer up to its limit (`-runs=10000`); how many runs it made.
 
-    Raises FuzzerFoundError, and ToolFailedError where the fuzzer cannot be built.
+    Raises as `run_fuzzer`, and ToolFailedError where the fuzzer cannot be built.
     """
     main = write_harness("fuzz_main.c", model, folder, **fuzz_facts(model))
     program = folder / "fuzz"
@@ -65,11 +66,16 @@ def fuzz(model: ExportedC, folder: Path, limit: str, seconds: float) -> int:
 
 
 def run_fuzzer(command: Sequence[str | Path], folder: Path, seconds: float) -> int:
-    """Runs a program that libFuzzer drives; how many runs it made. Raises FuzzerFoundError."""
+    """Runs a program that libFuzzer drives; how many runs it made.
+
+    Raises FuzzerFoundError, and UnansweredError where it ended and does not say how far it came.
+    """
     try:
         # long inputs from the beginning on: a run of 8 calls reads many bytes
         said = run_tool([*command, "-seed=1", "-len_control=0"], folder, seconds)
     except ToolFailedError as error:
         raise FuzzerFoundError(str(error), "\n".join(error.lines)) from error
     done = _DONE.search(said)
-    return int(done[1]) if done else 0
+    if done is None:
+        raise UnansweredError("the fuzzer ended before it had made its runs")
+    return int(done[1])

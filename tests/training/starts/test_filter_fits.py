@@ -14,6 +14,7 @@ from compiler.ir.ops import ReadSignal, ReadState, Reshape
 from compiler.ir.program import Program
 from compiler.ir.rules.verifier import InvalidProgram, verify
 from compiler.ir.types import Axis, Prediction, Type
+from compiler.passes.simplify.drop_unused import drop_unused
 from compiler.program_file.file import program_from_data, program_to_data
 from msnn.data.dataset import FloatArray
 from msnn.model.weights.weights_file import initial_weights
@@ -163,6 +164,19 @@ def test_a_fit_of_nothing_is_no_program(change: dict[str, Any]) -> None:
     (fit,) = program.fits
     with pytest.raises(InvalidProgram, match=r"fit|no signal `w`"):
         verify(replace(program, fits=(replace(fit, **change),)))
+
+
+def test_a_filter_of_which_an_array_is_gone_is_no_longer_fitted() -> None:
+    """As in a stage whose one loss is a penalty of an array."""
+    text = MODEL.format(layer=LAYERS["iir"], more="")
+    penalty = text + 'losses: {off: "mse(z, y[t+1])", size: "l2(f.num)"}\n'
+    program, _ = compiled(penalty)
+    assert [fit.layer for fit in program.fits] == ["f"]
+    losses = tuple(loss for loss in program.losses if loss.name == "size")
+    left = drop_unused(replace(program, outputs=(), losses=losses))
+    assert [parameter.name for parameter in left.parameters] == ["f.num"]
+    assert left.fits == ()
+    verify(left)
 
 
 HEAD = """

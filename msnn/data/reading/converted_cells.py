@@ -1,0 +1,90 @@
+"""Converts cells of data as numbers of a spec are converted: rounded once."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import cache
+from typing import TypeAlias
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+from spec_schema.units.unit import DIGITS, UNCHANGED, Line
+
+_REACH = 280
+"""Powers of ten between which no step below leaves the floats."""
+_SPLIT = float(2**27 + 1)
+_AT_ONCE = 1 << 14
+"""Cells whose intermediate results stay in the cache: a fifth of the time of all together."""
+
+_Pair: TypeAlias = tuple[float, float]
+"""The float nearest to a number, and what it lacks."""
+
+
+def converted_cells(cells: FloatArray, line: Line) -> FloatArray:
+    """factor · cell + summand, of the decimal number that a cell means where it means one.
+
+    3 mm are 0.003 m in a spec, and 9 · 0.001 is 0.009000000000000001. Sums and products are of
+    pairs of floats (Dekker, Numer. Math. 18, 1971), so that only the last one rounds.
+    """
+    if line == UNCHANGED:
+        return cells
+    factor, summand = _pair(line.factor), _pair(line.summand)
+    found = np.empty(len(cells))
+    # infinities, and numbers beside which a rest is beyond floats
+    with np.errstate(all="ignore"):
+        for begin in range(0, len(cells), _AT_ONCE):
+            some = slice(begin, begin + _AT_ONCE)
+            found[some] = _on_line(cells[some], factor, summand)
+    return found
+
+
+def _on_line(cells: FloatArray, factor: _Pair, summand: _Pair) -> FloatArray:
+    product = cells * factor[0]
+    rest = _product_rest(cells, factor[0], product)
+    rest += _decimal_rest(cells) * factor[0] + cells * factor[1]
+    total = product + summand[0]
+    there = total - product
+    rest += (product - (total - there)) + (summand[0] - there) + summand[1]
+    found = total + rest
+    return np.where(np.isfinite(found), found, total)
+
+
+def _decimal_rest(cells: FloatArray) -> FloatArray:
+    """What is missing to the decimal number of few digits that a cell was read from; else 0."""
+    size = np.abs(cells)
+    inside = (size > 10.0**-_REACH) & (size < 10.0**_REACH)
+    at = DIGITS - 1 - np.floor(np.log10(np.where(inside, size, 1.0))).astype(np.int64)
+    powers, inverses, inverse_rests = _powers_of_ten()
+    # the logarithm of a number beside a power of ten may be rounded to that of the power
+    first = size * powers[at + _REACH + DIGITS]
+    at += (first < 10.0 ** (DIGITS - 1)).astype(np.int64) - (first >= 10.0**DIGITS)
+    at += _REACH + DIGITS
+    digits = np.rint(cells * powers[at])
+    nearest = digits * inverses[at]
+    rest = _product_rest(digits, inverses[at], nearest) + digits * inverse_rests[at]
+    rest += nearest - cells
+    is_meant = inside & (np.abs(rest) <= np.spacing(size) / 2)
+    return np.where(is_meant, rest, 0.0)
+
+
+def _product_rest(left: FloatArray, right: FloatArray | float, product: FloatArray) -> FloatArray:
+    """What rounding took from a product."""
+    left_high = left * _SPLIT - (left * _SPLIT - left)
+    right_high = right * _SPLIT - (right * _SPLIT - right)
+    left_low, right_low = left - left_high, right - right_high
+    most = (left_high * right_high - product) + left_high * right_low + left_low * right_high
+    return np.asarray(most + left_low * right_low, np.float64)
+
+
+@cache
+def _powers_of_ten() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """10ᵏ, and 10⁻ᵏ as pairs, for k from -_REACH - DIGITS."""
+    span = range(-_REACH - DIGITS, _REACH + DIGITS + 1)
+    inverses = np.array([_pair(Fraction(10) ** -k) for k in span])
+    return np.array([float(f"1e{k}") for k in span]), inverses[:, 0], inverses[:, 1]
+
+
+def _pair(number: Fraction) -> _Pair:
+    nearest = float(number)
+    return nearest, float(number - Fraction(nearest))
