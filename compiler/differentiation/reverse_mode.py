@@ -222,9 +222,13 @@ class _Rule:
                 return b.select(b.compare(ops.Relation.LESS_EQUAL, x, high), above, self._zero())
             # strict: on a bound the slope is that of x alone, whose two comparisons include it
             case 1:
-                return self._chosen(b.compare(ops.Relation.LESS, x, low), when=True)
+                share = self._chosen(b.compare(ops.Relation.LESS, x, low), when=True)
+                # where the limits cross, the upper one is the value, whatever x is
+                ordered = b.compare(ops.Relation.LESS_EQUAL, low, high)
+                return b.select(ordered, share, self._zero())
             case _:
-                return self._chosen(b.compare(ops.Relation.GREATER, x, high), when=True)
+                raised = b.emit(ops.Maximum(), (x, low), b.type(x))
+                return self._chosen(b.compare(ops.Relation.GREATER, raised, high), when=True)
 
     def _length(self, node: NodeId, axis: str) -> int:
         found = self.builder.type(node).axis(axis)
