@@ -196,9 +196,12 @@ class _Rule:
         """The tangent of the bound that is taken, else that of the value."""
         b = self.builder
         value, low, high = b.node(self.node).args
-        below = self._repeated(b.compare(ops.Relation.LESS, value, low))
-        above = b.compare(ops.Relation.GREATER, value, high)
-        return b.select(below, self._or_zero(low), self._chosen(above, high, value))
+        below = b.compare(ops.Relation.LESS, value, low)
+        # where the limits cross, the upper one is the value, whatever x is; constants have no slope
+        moving = low in self.known or high in self.known
+        raised = b.emit(ops.Maximum(), (value, low), b.type(value)) if moving else value
+        above = self._repeated(b.compare(ops.Relation.GREATER, raised, high))
+        return b.select(above, self._or_zero(high), self._chosen(below, low, value))
 
     def _contracted(self, moving: NodeId, other: NodeId, axis: str) -> NodeId | None:
         """Σ over the axis of the tangent of one operand times the other, in the node's axes."""

@@ -216,15 +216,18 @@ class _Rule:
     def _clamp_share(self, position: int) -> NodeId:
         b = self.builder
         x, low, high = b.node(self.node).args
+        # strict on a bound, whose slope is that of x alone; where the limits cross, the upper one
+        # is the value, whatever x is
         match position:
             case 0:
                 above = self._chosen(b.compare(ops.Relation.LESS_EQUAL, low, x), when=True)
                 return b.select(b.compare(ops.Relation.LESS_EQUAL, x, high), above, self._zero())
-            # strict: on a bound the slope is that of x alone, whose two comparisons include it
             case 1:
-                return self._chosen(b.compare(ops.Relation.LESS, x, low), when=True)
+                share = self._chosen(b.compare(ops.Relation.LESS, x, low), when=True)
+                return b.select(b.compare(ops.Relation.LESS_EQUAL, low, high), share, self._zero())
             case _:
-                return self._chosen(b.compare(ops.Relation.GREATER, x, high), when=True)
+                raised = b.emit(ops.Maximum(), (x, low), b.type(x))
+                return self._chosen(b.compare(ops.Relation.GREATER, raised, high), when=True)
 
     def _length(self, node: NodeId, axis: str) -> int:
         found = self.builder.type(node).axis(axis)

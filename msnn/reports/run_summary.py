@@ -171,14 +171,17 @@ def commands(run: Run) -> dict[str, str]:
     if not isinstance(spec, str):
         spec = str(run.folder / SPEC)
     found: dict[str, list[str]] = {}
-    if (run.folder / CHECKPOINT).is_file():
+    # a run that was taken elsewhere is a model of its own, without the file that it was trained of
+    is_here = Path(spec).is_file()
+    if (run.folder / CHECKPOINT).is_file() and is_here:
         found["resume"] = ["msnn", "train", spec, "--resume", *_options(run)]
     if (run.folder / WEIGHTS).is_file():
         weights = ["--weights", str(run.folder / WEIGHTS)]
         settings = model_settings(run.description.get("settings", ()))
         words = [word for text in settings for word in ("--set", text)]
-        found["validate"] = ["msnn", "validate", spec, *weights, *words]
-        found["export"] = ["msnn", "export", spec, *weights, *words]
+        model = [spec, *weights, *words] if is_here else [str(run.folder)]
+        found["validate"] = ["msnn", "validate", *model]
+        found["export"] = ["msnn", "export", *model]
     return {what: shlex.join(words) for what, words in found.items()}
 
 

@@ -3,11 +3,43 @@
 import errno
 import os
 import signal
+import stat
 from pathlib import Path
 
 import pytest
 
 from backends.files.atomic_write import replacing, replacing_files, write_bytes, write_text
+
+
+def waits_for_disk(patch: pytest.MonkeyPatch, path: Path) -> list[tuple[str, bytes]]:
+    """What is waited for from now on, a file or a folder, and what the path holds at that moment.
+
+    Of a file it is told whether it is empty: what is waited for too early is not on the disk.
+    """
+    found: list[tuple[str, bytes]] = []
+
+    def noted(number: int) -> None:
+        at = os.fstat(number)
+        kind = "folder" if stat.S_ISDIR(at.st_mode) else "file" if at.st_size else "empty file"
+        found.append((kind, path.read_bytes() if path.exists() else b""))
+
+    patch.setattr(os, "fsync", noted)
+    return found
+
+
+def test_content_reaches_the_disk_before_its_name_and_the_name_before_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = write_bytes(tmp_path / "weights", b"old")
+    found = waits_for_disk(monkeypatch, path)
+    write_bytes(path, b"new", durable=True)
+    assert found == [("file", b"old"), ("folder", b"new")]
+    write_text(path, "newer", durable=True)
+    assert found[2:] == [("file", b"new"), ("folder", b"newer")]
+    write_bytes(path, b"later", durable=True, named_later=True)
+    assert found[4:] == [("file", b"newer")]
+    write_bytes(path, b"whenever")
+    assert len(found) == 5
 
 
 def test_writes_text_with_unix_line_ends_into_new_folders(tmp_path: Path):

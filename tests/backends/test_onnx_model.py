@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
 from tests.every_op.agreement import assert_agrees
 from tests.every_op.runners import run_onnx
+from tests.language.compiled import compiled
 from tests.programs import SAMPLES
 
 ROWS = 60
@@ -106,6 +108,45 @@ def test_values_carry_units_axes_and_lags():
     assert (dimension.dim_value, dimension.denotation) == (3, "joint")
     late = build_model(to_step_form(SAMPLES["late_sensor"]().program))
     assert "samples late" in late.graph.input[0].doc_string
+
+
+GRID = """\
+dims: {row: 2, column: 3}
+inputs: {q: {unit: m, dims: [row, column]}, u: 1}
+states:
+  x: {next: "x + sum(q[t-2:t]) + u", init: "x.meas + x.meas[t-1] - x.meas[t+1]", unit: m}
+outputs: {y: {expr: "2 * q", unit: m}, z: x}
+"""
+
+
+def test_every_dimension_names_its_axis_in_order():
+    """Axes in the order of the spec, `steps` before them, the window last."""
+    program = to_step_form(compiled(GRID))
+    step, rollout = build_model(program), build_rollout(program)
+    buffer = next(value for value in step.graph.input if value.name == "q_history")
+    assert _axes(step.graph.input[0]) == [("row", 2), ("column", 3)]
+    assert _axes(step.graph.output[0]) == [("row", 2), ("column", 3)]
+    assert [name for name, _ in _axes(buffer)][:2] == ["row", "column"]
+    assert _axes(buffer)[2][1] == 2
+    series = next(value for value in rollout.graph.input if value.name == "q")
+    assert _axes(series) == [("steps", "steps"), ("row", 2), ("column", 3)]
+    (window,) = (v for v in build_initial_state(program).graph.input if v.name == "x_window")
+    assert window.doc_string == "samples -1 … 1 around the start [m]"
+
+
+def test_a_model_names_its_spec_and_the_operators_that_runtimes_must_know():
+    program = replace(to_step_form(compiled(GRID)), spec_hash="0123abcd", doc="A grid")
+    for build in (build_model, build_rollout, build_initial_state):
+        model = build(program)
+        entries = {entry.key: entry.value for entry in model.metadata_props}
+        assert (entries["model"], entries["spec_sha256"]) == ("test", "0123abcd")
+        assert [(opset.domain, opset.version) for opset in model.opset_import] == [("", 17)]
+        assert (model.ir_version, model.producer_name, model.doc_string) == (8, "msnn", "A grid")
+
+
+def _axes(value: onnx.ValueInfoProto) -> list[tuple[str, int | str]]:
+    dimensions = value.type.tensor_type.shape.dim
+    return [(axis.denotation, axis.dim_param or axis.dim_value) for axis in dimensions]
 
 
 def test_the_model_describes_its_interface():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shlex
+import shutil
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -48,6 +49,19 @@ def test_a_finished_run(msnn: CommandLine, run: Path):
             0,
             3,
         )
+
+
+def test_the_commands_of_a_run_that_was_taken_elsewhere(
+    msnn: CommandLine, run: Path, project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    taken = tmp_path / "elsewhere" / "taken along"
+    shutil.copytree(run, taken)
+    monkeypatch.chdir(taken.parent)
+    commands = json.loads(msnn("show", taken.name, "--format", "json").out)["commands"]
+    assert commands == {verb: f"msnn {verb} 'taken along'" for verb in ("validate", "export")}
+    said = msnn(*shlex.split(commands["validate"])[1:], "--data-root", str(project))
+    assert said.code in (0, 3), said.err
+    assert msnn(*shlex.split(commands["export"])[1:], "--to", "torch", "--out", ".").code == 0
 
 
 def test_as_json(msnn: CommandLine, run: Path):

@@ -133,3 +133,43 @@ def test_a_branch_that_is_not_taken_adds_nothing() -> None:
     )
     values = Interpreter(program).step({"x": np.array([0.0, 4.0])}, [0, 1], {})
     assert values.outputs["slope"].tolist() == [[0.0, 0.0], [0.25, 0.5]]
+
+
+@pytest.mark.parametrize(
+    ("at", "expected"),
+    [
+        ((0.3, -1.0, 1.0), [1.0, 0.0, 0.0]),
+        ((-2.0, -1.0, 1.0), [0.0, 1.0, 0.0]),
+        ((2.0, -1.0, 1.0), [0.0, 0.0, 1.0]),
+        # limits that cross: the value is the upper one
+        ((-2.0, 1.0, -1.0), [0.0, 0.0, 1.0]),
+        ((0.3, 1.0, -1.0), [0.0, 0.0, 1.0]),
+        ((2.0, 1.0, -1.0), [0.0, 0.0, 1.0]),
+    ],
+)
+def test_a_clamp_moves_with_what_it_takes(
+    at: tuple[float, float, float], expected: list[float]
+) -> None:
+    names = ("x", "low", "high")
+    builder = GraphBuilder()
+    operands = [builder.signal(name, 0, 0, Type()) for name in names]
+    directions = Axis("direction", 3)
+    rows = np.eye(3).tolist()
+    seeds = {
+        node: builder.constant(row, (directions,)) for node, row in zip(operands, rows, strict=True)
+    }
+    clamped = builder.clamp(*operands)
+    tangent = tangents(builder, directions, seeds, {})[clamped]
+    program = Program(
+        name="clamp",
+        sample_time=None,
+        signals=tuple(Signal(name, Role.INPUT, (), None) for name in names),
+        parameters=(),
+        states=(),
+        step=builder.graph(),
+        start=GraphBuilder().graph(),
+        outputs=(Output("slope", tangent),),
+    )
+    log = {name: np.array([value]) for name, value in zip(names, at, strict=True)}
+    values = Interpreter(program).step(log, [0], {})
+    assert values.outputs["slope"].tolist() == [expected]

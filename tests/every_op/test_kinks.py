@@ -45,6 +45,14 @@ KINKS = {
     "clamp on high": Kink(lambda b, x: b.clamp(*x), (1.0, -1.0, 1.0), (1.0, 0.0, 0.0)),
     "clamp below": Kink(lambda b, x: b.clamp(*x), (-2.0, -1.0, 1.0), (0.0, 1.0, 0.0)),
     "clamp above": Kink(lambda b, x: b.clamp(*x), (2.0, -1.0, 1.0), (0.0, 0.0, 1.0)),
+    # min(max(x, low), high): where the limits cross, the upper one is the value, wherever x is
+    "clamp above crossed limits": Kink(lambda b, x: b.clamp(*x), (2.0, 1.0, -1.0), (0.0, 0.0, 1.0)),
+    "clamp between crossed": Kink(lambda b, x: b.clamp(*x), (0.3, 1.0, -1.0), (0.0, 0.0, 1.0)),
+    "clamp below crossed limits": Kink(
+        lambda b, x: b.clamp(*x), (-2.0, 1.0, -1.0), (0.0, 0.0, 1.0)
+    ),
+    "clamp below equal limits": Kink(lambda b, x: b.clamp(*x), (-2.0, 1.0, 1.0), (0.0, 1.0, 0.0)),
+    "clamp above equal limits": Kink(lambda b, x: b.clamp(*x), (2.0, 1.0, 1.0), (0.0, 0.0, 1.0)),
     # functions without a kink, where a formula for them could have one
     "softplus at 0": Kink(_apply("softplus"), (0.0,), (0.5,)),
     "sigmoid far left": Kink(_apply("sigmoid"), (-800.0,), (0.0,)),
@@ -84,7 +92,13 @@ def _summed(b: GraphBuilder, x: tuple[NodeId, ...]) -> NodeId:
     return b.select(_positive(b, x[0]), b.sum(b.divide(row, x[0]), "joint"), x[0])
 
 
+def _root_of_crossed_limits(b: GraphBuilder, x: tuple[NodeId, ...]) -> NodeId:
+    """√min(max(x, 1), y²), which is |y| for y below 1: at 0 an infinite slope times 2·y."""
+    return b.apply("sqrt", b.clamp(x[0], b.constant(1.0), b.multiply(x[1], x[1])))
+
+
 UNTAKEN = {
+    "root of crossed limits": Kink(_root_of_crossed_limits, (0.5, 0.0), (0.0, 0.0)),
     "sqrt of a negative": Kink(
         _where_positive(lambda b, x: b.apply("sqrt", x[0])), (-1.0,), (0.0,)
     ),

@@ -67,6 +67,14 @@ def test_a_limit_that_no_value_reaches_keeps_its_number(
     assert max(errors.values()) < largest, errors
 
 
+EXACT = """\
+msnn: 1
+name: exact
+inputs: {u: {range: [-4, 4]}}
+outputs: {y: 0.5 * u}
+"""
+
+
 def test_the_export_shows_its_error(tmp_path: Path) -> None:
     plan = planned(fixed_model(tmp_path, gallery_text("reference"), "q15"))
     write_export(plan, {}, tmp_path / "c")
@@ -77,6 +85,12 @@ def test_the_export_shows_its_error(tmp_path: Path) -> None:
     readme = (tmp_path / "c" / "README.md").read_text(encoding="utf-8")
     assert "largest / range" in readme
     assert "| input | `u` | 10 | -20480 | 20480 |" in readme
+
+
+def test_a_step_that_adds_no_error_says_so(tmp_path: Path) -> None:
+    plan = planned(fixed_model(tmp_path, EXACT, "q15"))
+    write_export(plan, {}, tmp_path / "c")
+    assert plan.target.tell(plan, tmp_path / "c").endswith("adds at most, proved:\nnothing")
 
 
 def test_without_a_compiler_fewer_steps_are_run_and_told(

@@ -147,3 +147,12 @@ def test_what_cannot_be_proved_has_no_bound() -> None:
     assert furthest("cbrt", 0.0, 1.0, 1e-3) == math.inf
     assert furthest("log", 0.0, 1.0, 1e-3) == math.inf
     assert furthest("log", 0.0, 1.0, 0.0) == 0.0
+
+
+def test_the_error_of_a_product_counts_both_errors_together() -> None:
+    """Of words that are 1 each may stand for 1.5: a product that is 1 then stands for 2.25."""
+    builder = IntegerBuilder(Q15)
+    words = [builder.word("u", index, 0, -1, 1) for index in range(2)]
+    for word in words:
+        builder.allow(word, 0.5)
+    assert builder.errors[builder.product(*words)] == 1.25

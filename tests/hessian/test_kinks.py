@@ -37,6 +37,7 @@ CASES: dict[str, tuple[str, float, float, float, float, float]] = {
     "clip_inside": ("clip(x, -1, 1) ** 2", 0.5, 0.0, 2.0, 0.0, 0.0),
     "clip_on_its_bound": ("clip(x, -1, 1) ** 2", 1.0, 0.0, 2.0, 0.0, 0.0),
     "clip_outside": ("clip(x, -1, 1) ** 2", 1.5, 0.0, 0.0, 0.0, 0.0),
+    "clip_with_limits_that_cross": ("clip(x, k ** 2, -(k ** 2))", 0.3, 1.0, 0.0, 0.0, -2.0),
     "tie_of_a_max_goes_to_the_first": ("max(x ** 2, k ** 2)", 1.0, 1.0, 2.0, 0.0, 0.0),
     "branch_that_is_taken": ("where(x > 0, x ** 2, k * sqrt(x))", 1.0, 1.0, 2.0, 0.0, 0.0),
     "branch_that_is_not": ("where(x > 0, x * sqrt(x), k ** 2)", 0.0, 1.0, 0.0, 0.0, 2.0),

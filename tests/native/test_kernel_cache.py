@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import signal
 import subprocess
@@ -13,7 +14,9 @@ import pytest
 
 from backends.native.compile_kernel import compiled_kernel
 from backends.native.kernel_cache.folders import kernel_folder
+from backends.native.kernel_cache.stored_kernel import StoredKernel
 from backends.native.kernel_cache.trust import why_folder_is_not_trusted
+from tests.backends.test_atomic_write import waits_for_disk
 from tests.cli.command_line import ROOT
 from tests.conditions import miss, require_tool
 
@@ -85,6 +88,20 @@ def test_a_seal_is_that_of_the_bytes(tmp_path: Path) -> None:
     (seal,) = (tmp_path / "cache").glob("*.checked")
     seal.write_text("of another library")
     assert not compiled_kernel(SOURCE).is_checked
+
+
+def test_a_library_is_on_the_disk_before_its_name_and_its_hash_after_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def build(library: Path, _: Path) -> None:
+        library.write_bytes(b"code")
+
+    stored = StoredKernel(tmp_path, "0" * 32)
+    found = waits_for_disk(monkeypatch, stored.library)
+    stored.built(build)
+    named = [("file", b"code"), ("folder", b"code")]
+    assert found == [("file", b""), ("folder", b"code"), *named]
+    assert stored.whole() == stored.digest.read_text() == hashlib.sha256(b"code").hexdigest()
 
 
 @pytest.mark.parametrize("place", ["cache", "above", "file"])

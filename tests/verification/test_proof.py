@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from msnn.cli.application import run
+from msnn.verification.exported_c import read_exported_c
 from msnn.verification.host.fuzz import run_fuzzer
-from msnn.verification.proof.eva import Alarm
+from msnn.verification.proof.eva import Alarm, Analysis, PossibleValues
+from msnn.verification.proof.proof import proof_checks
 from msnn.verification.proof.root_alarms import roots_first
 from msnn.verification.proof_step import ProofStep, Result, run_tool
 from msnn.verification.tools import FRAMA_C
@@ -109,6 +112,85 @@ def test_a_product_that_overflows_is_found_just_where_it_does(
         spec = HOT.replace("REACH", str(reach)).replace("DTYPE", dtype)
         found, said = verified(spec, folder, capsys)
         assert found == code, said
+
+
+Shown = dict[str, PossibleValues | None]
+
+ASSUMED = {
+    "kept": PossibleValues(-2.0, 2.0, nan=False),
+    "grown": PossibleValues(0.0, 10.0, nan=False),
+    "h_held": PossibleValues(0.0, 2.0, nan=False),
+}
+USUAL: Shown = {
+    "result_y": PossibleValues(-5.0, 5.0, nan=False),
+    **{f"begun_{name}": values for name, values in ASSUMED.items()},
+    **{f"left_{name}": values for name, values in ASSUMED.items()},
+}
+
+
+def said_of(folder: Path, patch: pytest.MonkeyPatch, *analyses: Shown) -> Result:
+    """The report of a step of LEAKS that stays where it began, but for what each analysis shows."""
+    path = folder / "leaks.msnn.yaml"
+    path.write_text(LEAKS, encoding="utf-8")
+    assert run(["export", str(path), "--initial", "--to", "c", "--out", str(folder)]) == 0
+    shown = iter(analyses)
+
+    def analysed(*_: object, **__: object) -> Analysis:
+        found = {**USUAL, **next(shown)}
+        return Analysis((), {name: values for name, values in found.items() if values is not None})
+
+    patch.setattr(f"{proof_checks.__module__}.analysed", analysed)
+    (step,) = proof_checks(read_exported_c(folder / "c"))
+    return step.run(folder)
+
+
+def values(low: float, high: float) -> PossibleValues:
+    return PossibleValues(low, high, nan=False)
+
+
+@pytest.mark.parametrize(
+    ("finite", "infinite", "expected"),
+    [
+        ({}, {}, "yes: kept stays in -2 .. 2"),
+        ({"left_kept": values(-2.0, 2.5)}, {}, "no: a step takes kept from -2 .. 2 to -2 .. 2.5"),
+        # of two analyses the wider one holds, whichever it is
+        ({}, {"left_kept": values(-3.0, 1.0)}, "no: a step takes kept from -2 .. 2 to -3 .. 2"),
+        ({"begun_kept": values(0.0, 3.0)}, {}, "no: init sets kept to -2 .. 3, not in -2 .. 2"),
+        ({}, {"begun_kept": values(-3.0, 0.0)}, "no: init sets kept to -3 .. 2, not in -2 .. 2"),
+    ],
+)
+def test_a_state_stays_where_both_analyses_say_so(
+    finite: Shown, infinite: Shown, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = said_of(tmp_path, monkeypatch, finite, infinite)
+    assert (found.verdict, found.findings) == ("ok", ())
+    assert f"inductive: {expected}" in found.notes
+    assert "proved y in -5 .. 5" in found.notes
+
+
+@pytest.mark.parametrize(
+    ("shown", "expected"),
+    [
+        ({"result_y": values(-math.inf, 5.0)}, "y may be NaN or infinite: -inf .. 5"),
+        (
+            {"result_y": PossibleValues(0.0, 1.0, nan=True)},
+            "y may be NaN or infinite: -5 .. 5 or NaN",
+        ),
+        (
+            {"left_h_held": values(0.0, math.inf)},
+            "h_held may be NaN or infinite after a step: 0 .. inf",
+        ),
+        # what never came to where values are shown proves nothing
+        ({"left_grown": None}, "no call comes to its end"),
+    ],
+)
+@pytest.mark.parametrize("first", [True, False])
+def test_what_one_analysis_alone_leaves_open_is_found(
+    shown: Shown, expected: str, first: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = said_of(tmp_path, monkeypatch, *((shown, {}) if first else ({}, shown)))
+    assert found.verdict == "found"
+    assert found.findings == (expected,)
 
 
 def test_constant_time_is_named_as_not_proved(

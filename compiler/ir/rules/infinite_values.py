@@ -154,8 +154,9 @@ def _sign(node: Node, of: list[Sign]) -> Sign:
         case ops.Maximum():
             return max(known, default=_common(of))
         case ops.Clamp():
-            # the lower limit decides: a clamp is at least that
-            return of[1] if of[1] in known else Sign.ANY
+            # a clamp is at least the smaller one of its limits: they may cross
+            limits = _common(of[1:])
+            return limits if limits in known else Sign.ANY
         case ops.Select():
             return _common(of[1:])
         case ops.Sum():

@@ -176,11 +176,11 @@ def _error_table(plan: ExportPlan[None], folder: Path) -> str:
         if row["largest"] != 0.0
     ]
     header = ("output", "largest error", "rms", "range", "of range")
+    proved = table_text(("value", "kind", "at most"), bounds, numbers=[2]) if bounds else "nothing"
     return (
         f"Error of {about['c']['dtype']} against float64, seen over {steps:,} steps:\n"
         + table_text(header, rows, numbers=[1, 2, 3, 4])
-        + "\n\nWhat one step adds at most, proved:\n"
-        + table_text(("value", "kind", "at most"), bounds, numbers=[2])
+        + f"\n\nWhat one step adds at most, proved:\n{proved}"
     )
 
 

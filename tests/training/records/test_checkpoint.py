@@ -29,6 +29,7 @@ from msnn.training.records.checkpoint import (
 from msnn.training.stages.multi_start import StageAttempts
 from msnn.training.stages.stage_run import Interrupted, StageRun
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from tests.backends.test_atomic_write import waits_for_disk
 from tests.training.cases import gain
 
 PLACE = TrainingPosition(
@@ -148,6 +149,13 @@ def test_every_fact_of_a_checkpoint_is_read_back(tmp_path: Path) -> None:
     path = tmp_path / "checkpoint.safetensors"
     write_checkpoint(path, CHECKPOINT)
     assert_same(read_checkpoint(path), CHECKPOINT, "checkpoint")
+
+
+def test_a_checkpoint_waits_for_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "checkpoint.safetensors"
+    found = waits_for_disk(monkeypatch, path)
+    write_checkpoint(path, CHECKPOINT)
+    assert found == [("file", b""), ("folder", path.read_bytes())]
 
 
 def test_a_stage_that_goes_on_stands_where_it_stood() -> None:

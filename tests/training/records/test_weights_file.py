@@ -11,6 +11,7 @@ from safetensors.numpy import save_file
 
 from msnn.model.weights.weights_file import initial_weights, read_weights, write_weights
 from spec_schema.diagnostics.diagnostic import SpecError
+from tests.backends.test_atomic_write import waits_for_disk
 from tests.programs import fir_closed_loop, spring_damper_rk4
 
 
@@ -29,6 +30,16 @@ def test_the_file_names_its_spec_and_the_units(tmp_path: Path) -> None:
         metadata = file.metadata()
     assert metadata["program"] == "spring_damper_rk4"
     assert '"stiffness": "N/m"' in metadata["units"]
+
+
+def test_weights_wait_for_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program, path = fir_closed_loop().program, tmp_path / "w.safetensors"
+    found = waits_for_disk(monkeypatch, path)
+    write_weights(path, initial_weights(program), program)
+    assert found == [("file", b""), ("folder", path.read_bytes())]
+    # of a run whose log says the rest: the content waits, the name does not
+    write_weights(path, initial_weights(program), program, named_later=True)
+    assert [kind for kind, _ in found[2:]] == ["file"]
 
 
 def test_missing_names_and_wrong_shapes_are_errors(tmp_path: Path) -> None:
