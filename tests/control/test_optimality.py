@@ -19,7 +19,7 @@ B = np.array([[0.0], [0.1]])
 
 def riccati(value: Array) -> tuple[Array, Array]:
     """The value function a step earlier, and the gain of that step."""
-    gain = np.linalg.solve(0.1 + B.T @ value @ B, B.T @ value @ A)
+    gain: Array = np.asarray(np.linalg.solve(0.1 + B.T @ value @ B, B.T @ value @ A), np.float64)
     return np.diag([4.0, 1.0]) + A.T @ value @ (A - B @ gain), gain
 
 
