@@ -13,6 +13,8 @@ _TOKEN = re.compile(
     r"\s*(?:(?P<symbol>[A-Za-zͰ-ϿΩ%°][A-Za-z0-9Ͱ-Ͽ%]*)|(?P<power>\^|\*\*)\s*(?P<exponent>[+-]?[0-9]+)?"
     r"|(?P<operator>[*/·])|(?P<one>1)(?![0-9.]))"
 )
+_PARENTHESES = re.compile(r"\((?P<inside>[^()]*)\)(?!\s*(?:\^|\*\*))")
+_OPERATOR = re.compile(r"(?<!\*)[*·](?!\*)|/")
 _PRODUCT_DOT = re.compile(r"[^\W\d]\.[^\W\d]")
 _TWICE = re.compile(r"(.)\1")
 # What people write, and what it is called here.
@@ -138,12 +140,23 @@ def _misplaced(found: re.Match[str], start: int) -> UnitError:
 def _unreadable(text: str, position: int) -> UnitError:
     start = position + len(text[position:]) - len(text[position:].lstrip())
     if text[start] in "()":
-        message = "units have no parentheses: each `/` divides by one"
-        return UnitError(message, start, start + 1, example="J/kg/K")
+        return _grouped(text, start)
     # `N.s`, a product as ISO 80000 prints it; `m^0.5` is none
     meant = "*" if _PRODUCT_DOT.match(text, max(start - 1, 0)) else None
     message = f"`{text[start]}` does not belong in a unit"
     return UnitError(message, start, start + 1, meant=meant)
+
+
+def _grouped(text: str, start: int) -> UnitError:
+    message = "units have no parentheses: each `/` divides by one"
+    group = _PARENTHESES.match(text, start)
+    before = text[:start].rstrip()[-1:]
+    if group is None or before not in {"", "*", "/", "·"}:
+        return UnitError(message, start, start + 1, example="J/kg/K")
+    inside = group["inside"]
+    if before == "/":
+        inside = _OPERATOR.sub(lambda found: "*" if found.group() == "/" else "/", inside)
+    return UnitError(message, start, group.end(), meant=inside.strip())
 
 
 def _normalised(text: str) -> str:
