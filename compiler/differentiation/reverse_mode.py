@@ -224,8 +224,7 @@ class _Rule:
             case 1:
                 share = self._chosen(b.compare(ops.Relation.LESS, x, low), when=True)
                 # where the limits cross, the upper one is the value, whatever x is
-                ordered = b.compare(ops.Relation.LESS_EQUAL, low, high)
-                return b.select(ordered, share, self._zero())
+                return b.select(b.compare(ops.Relation.LESS_EQUAL, low, high), share, self._zero())
             case _:
                 raised = b.emit(ops.Maximum(), (x, low), b.type(x))
                 return self._chosen(b.compare(ops.Relation.GREATER, raised, high), when=True)

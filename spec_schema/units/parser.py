@@ -3,8 +3,7 @@
 import re
 import unicodedata
 
-from spec_schema.diagnostics.suggest import nearest
-from spec_schema.units.table import UNIT_ROWS
+from spec_schema.units.spellings import guessed_symbol, meant_symbol
 from spec_schema.units.unit import ONE, Unit, UnitError, unit_symbol
 
 _LONGEST = 100
@@ -16,42 +15,6 @@ _TOKEN = re.compile(
 _PARENTHESES = re.compile(r"\((?P<inside>[^()]*)\)(?!\s*(?:\^|\*\*))")
 _OPERATOR = re.compile(r"(?<!\*)[*·](?!\*)|/")
 _PRODUCT_DOT = re.compile(r"[^\W\d]\.[^\W\d]")
-_TWICE = re.compile(r"(.)\1")
-# What people write, and what it is called here.
-_SPELLINGS = {
-    "°": "deg",
-    "°C": "degC",
-    "°F": "degF",
-    "Nm": "N*m",
-    "hr": "h",
-    "kmh": "km/h",
-    "sec": "s",
-} | {
-    word: unit
-    for words, unit in (
-        ("metre meter metres meters", "m"),
-        ("second seconds", "s"),
-        ("msec msecs millisecond milliseconds", "ms"),
-        ("usec usecs microsecond microseconds", "us"),
-        ("minute minutes", "min"),
-        ("hour hours", "h"),
-        ("degree degrees", "deg"),
-        ("radian radians", "rad"),
-        ("celsius Celsius", "degC"),
-        ("kelvin Kelvin", "K"),
-        ("newton Newton newtons", "N"),
-        ("volt Volt volts", "V"),
-        ("amp ampere Ampere amps", "A"),
-        ("watt Watt watts", "W"),
-        ("joule Joule joules", "J"),
-        ("pascal Pascal", "Pa"),
-        ("gram grams", "g"),
-        ("kilogram kilograms", "kg"),
-        ("hertz Hertz", "Hz"),
-        ("percent", "%"),
-    )
-    for word in words.split()
-}
 
 
 def parse_unit(text: str) -> Unit:
@@ -102,24 +65,10 @@ def _factor(symbol: str, start: int) -> Unit:
     unit = unit_symbol(symbol)
     if unit is not None:
         return unit
-    raise UnitError(f"unknown unit `{symbol}`", start, start + len(symbol), meant=_meant(symbol))
-
-
-def _meant(symbol: str) -> str | None:
-    """The unit that a symbol most likely means: a word, other letters, a letter twice, a typo."""
-    known = _SPELLINGS.get(symbol) or _SPELLINGS.get(symbol.removesuffix("s"))
-    alike = [row for row in UNIT_ROWS if row.casefold() == symbol.casefold()]
-    # `mm` is a unit, `ss` a slip of the finger
-    single = _TWICE.sub(r"\1", symbol)
-    if known or len(alike) == 1:
-        return known or alike[0]
-    if single != symbol and unit_symbol(single) is not None:
-        return single
-    # two units without `*` between them, as in `Nm`
-    for end in range(1, len(symbol)):
-        if unit_symbol(symbol[:end]) and unit_symbol(symbol[end:]):
-            return f"{symbol[:end]}*{symbol[end:]}"
-    return nearest(symbol, UNIT_ROWS) if len(symbol) > 2 else None  # any letter is a unit
+    meant = meant_symbol(symbol)
+    guess = None if meant else guessed_symbol(symbol)
+    message = f"unknown unit `{symbol}`"
+    raise UnitError(message, start, start + len(symbol), meant=meant, guess=guess)
 
 
 def _exponent(power: re.Match[str], position: int) -> int:

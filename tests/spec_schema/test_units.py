@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from msnn.data.formats.written_units import written_unit
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.table import PREFIXES, UNIT_ROWS
 from spec_schema.units.unit import ONE, UnitError, unit_symbol
@@ -207,6 +208,45 @@ def test_bad_text(text: str, start: int, end: int, repair: str | None) -> None:
     with pytest.raises(UnitError) as caught:
         parse_unit(text)
     assert (caught.value.start, caught.value.end, caught.value.repair) == (start, end, repair)
+
+
+@pytest.mark.parametrize(
+    ("written", "meant", "guess"),
+    [
+        # without doubt: columns of such a unit are converted
+        ("khz", "kHz", "kHz"),
+        ("KHz", "kHz", "kHz"),
+        ("kpa", "kPa", "kPa"),
+        ("Mpa", "MPa", "MPa"),
+        ("Kg", "kg", "kg"),
+        ("kgs", "kg", "kg"),
+        ("mins", "min", "min"),
+        ("mps", "m/s", "m/s"),
+        ("Pas", "Pa*s", "Pa*s"),
+        ("Ns", "N*s", "N*s"),
+        ("PSI", "psi", "psi"),
+        # a guess for people alone: mega or milli, a force or a mass, an angle or its rate
+        ("mpa", None, "mPa"),
+        ("MPA", None, "MPa"),
+        ("mhz", None, "mHz"),
+        ("lbs", None, "lb"),
+        ("rads", None, "rad"),
+        ("KN", None, "kN"),
+        ("G", None, "g"),
+        ("kgg", None, "kg"),
+        ("ss", None, "s"),
+        ("kmph", None, "mph"),
+        ("Foo", None, None),
+    ],
+)
+def test_a_doubtful_symbol_is_no_unit_of_a_file(
+    written: str, meant: str | None, guess: str | None
+) -> None:
+    with pytest.raises(UnitError) as caught:
+        parse_unit(written)
+    assert (caught.value.meant, caught.value.replacement) == (meant, guess)
+    found = written_unit(written)
+    assert (None if found is None else found.text) == meant
 
 
 _UNITS = st.lists(
