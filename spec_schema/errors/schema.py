@@ -1,5 +1,6 @@
 """E02xx: the schema of a spec, its sections, keys and plain values."""
 
+import re
 from collections.abc import Iterable
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
@@ -10,6 +11,7 @@ from spec_schema.names import similar_name
 
 # The keys of a layer are worth listing, those of a whole spec are in the documentation.
 _SHORT_LIST = 12
+_DECIMAL_COMMA = re.compile(r"([+-]?\d+),(\d+)((?:[^\d,][^,]*)?)")
 
 
 def unknown_key(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagnostic:
@@ -129,21 +131,38 @@ def empty_section(owner: str, span: Span) -> Diagnostic:
     return error("E0215", span, f"{owner} must not be empty", "nothing in it")
 
 
+def with_decimal_point(text: str) -> str | None:
+    """`0.05 s` for `0,05 s`; None without a comma, or with one that may part thousands."""
+    found = _DECIMAL_COMMA.fullmatch(text.strip())
+    # `1,500` is fifteen hundred to some and one and a half to others
+    if found is None or (len(found[2]) == 3 and found[1].lstrip("+-") != "0"):
+        return None
+    return f"{found[1]}.{found[2]}{found[3]}"
+
+
 def malformed_length(text: str, span: Span, *, may_be_date: bool = False) -> Diagnostic:
     """E0216: neither samples nor a duration."""
     message = f"`{text}` is not a length of time{' and not a date' if may_be_date else ''}"
     notes = ("the units of a duration are us, ms, s, min and h",)
     repair = "write a number of samples such as `5`, or a duration such as `50 ms`"
-    if may_be_date:
+    meant = with_decimal_point(text)
+    if meant is not None:
+        repair = f"write `{meant}`"
+    elif may_be_date:
         repair += "; a date is one of ISO 8601, such as `2026-11-22 17:00`"
-    return error("E0216", span, message, "not a length", notes=notes, help=repair)
+    return error(
+        "E0216", span, message, "not a length", notes=notes, help=repair, replacement=meant
+    )
 
 
 def malformed_sample_time(text: str, span: Span) -> Diagnostic:
     """E0217: a sample time that is neither a time nor a frequency."""
     label = "write a positive time such as `50 ms`, or a frequency such as `20 Hz`"
-    meant = f"{text} s" if text.replace(".", "", 1).isdigit() else None
-    repair = f"in seconds it is `{meant}`" if meant else None
+    meant = with_decimal_point(text)
+    repair = f"write `{meant}`" if meant else None
+    if (meant or text).replace(".", "", 1).isdigit():
+        meant = f"{meant or text} s"
+        repair = f"in seconds it is `{meant}`"
     message = f"`{text}` is not a sample time"
     return error("E0217", span, message, label, help=repair, replacement=meant)
 
@@ -151,7 +170,10 @@ def malformed_sample_time(text: str, span: Span) -> Diagnostic:
 def malformed_quantity(text: str, span: Span) -> Diagnostic:
     """E0218: neither a number nor a number with a unit."""
     message = f"`{text}` is not a quantity"
-    return error("E0218", span, message, "write a number, or a number and a unit such as `2 mm`")
+    label = "write a number, or a number and a unit such as `2 mm`"
+    meant = with_decimal_point(text)
+    repair = f"write `{meant}`" if meant else None
+    return error("E0218", span, message, label, help=repair, replacement=meant)
 
 
 def malformed_prediction(span: Span) -> Diagnostic:

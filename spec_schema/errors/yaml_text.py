@@ -22,6 +22,9 @@ def bracket_in_flow(text: str, span: Span) -> Diagnostic:
     is_whole = text.count("(") == text.count(")")
     meant = f'"{text}"' if is_whole else None
     repair = f"quote it: {meant}" if meant else "quote the whole expression"
+    # quotes of a word processor: YAML reads them as letters
+    if text.startswith(("“", "”", "„", "‘", "’", "«", "»")):
+        repair, meant = 'write straight quotes, `"`, in place of these', None
     label = "YAML reads its own list here"
     return error("E0103", span, message, label, help=repair, replacement=meant)
 

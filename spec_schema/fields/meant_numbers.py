@@ -16,8 +16,10 @@ def no_number(wanted: str, found: Scalar) -> Diagnostic:
     """E0204 for a scalar that is no number, or no integer where one is `wanted`."""
     # what is in quotes is text to YAML
     said = kind(found)
-    if found.quoted and _number(found.text) is not None:
-        return errors.wrong_kind(wanted, said, found.span, "remove the quotes", found.text.strip())
+    number = errors.with_decimal_point(found.text) or found.text.strip()
+    if found.quoted and _number(number) is not None:
+        repair = "remove the quotes" if number == found.text.strip() else f"write `{number}`"
+        return errors.wrong_kind(wanted, said, found.span, repair, number)
     meant = None if found.quoted else _meant(found.text, is_integer=wanted == "an integer")
     repair = None if meant is None else f"write `{meant}`"
     # YAML takes `5#mm` for text: a comment needs a blank before it
@@ -27,12 +29,13 @@ def no_number(wanted: str, found: Scalar) -> Diagnostic:
 
 
 def _meant(text: str, *, is_integer: bool) -> str | None:
-    """`1000` for `1_000`, `1000;` and, of integers, `1e3`; `0.01` for `1 %`; a comment apart."""
+    """`1000` for `1_000`, `1000;`, of integers `1e3`; `0.01` for `1 %`, `0,01`; a comment apart."""
     number, mark, comment = text.partition("#")
     if mark and _number(number) is not None:
         return f"{number} #{comment}"
     # digits grouped by underscores, and what ends a line elsewhere
     plain = re.sub(r"(?<=\d)_(?=\d)", "", text).rstrip(";, ")
+    plain = errors.with_decimal_point(plain) or plain
     # a share is written as a number here: `%` is a unit, of quantities alone
     percent = re.fullmatch(r"([\d.]+)\s*%", plain)
     value = _number(plain if percent is None else percent[1])

@@ -38,7 +38,7 @@ def read_unit(node: Node, findings: Findings) -> Located[Unit]:
         return Located(parse_unit(found.text), found.span, found.key)
     except UnitError as error:
         span = found.positions.span(error.start, error.end)
-        report = unit_errors.malformed_unit(error.message, span, error.repair, error.meant)
+        report = unit_errors.malformed_unit(error.message, span, error.repair, error.replacement)
         findings.report(report)
         raise RefusedError from error
 

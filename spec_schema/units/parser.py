@@ -3,8 +3,7 @@
 import re
 import unicodedata
 
-from spec_schema.diagnostics.suggest import nearest
-from spec_schema.units.table import UNIT_ROWS
+from spec_schema.units.spellings import guessed_symbol, meant_symbol
 from spec_schema.units.unit import ONE, Unit, UnitError, unit_symbol
 
 _LONGEST = 100
@@ -13,43 +12,9 @@ _TOKEN = re.compile(
     r"\s*(?:(?P<symbol>[A-Za-zͰ-ϿΩ%°][A-Za-z0-9Ͱ-Ͽ%]*)|(?P<power>\^|\*\*)\s*(?P<exponent>[+-]?[0-9]+)?"
     r"|(?P<operator>[*/·])|(?P<one>1)(?![0-9.]))"
 )
+_PARENTHESES = re.compile(r"\((?P<inside>[^()]*)\)(?!\s*(?:\^|\*\*))")
+_OPERATOR = re.compile(r"(?<!\*)[*·](?!\*)|/")
 _PRODUCT_DOT = re.compile(r"[^\W\d]\.[^\W\d]")
-_TWICE = re.compile(r"(.)\1")
-# What people write, and what it is called here.
-_SPELLINGS = {
-    "°": "deg",
-    "°C": "degC",
-    "°F": "degF",
-    "Nm": "N*m",
-    "hr": "h",
-    "kmh": "km/h",
-    "sec": "s",
-} | {
-    word: unit
-    for words, unit in (
-        ("metre meter metres meters", "m"),
-        ("second seconds", "s"),
-        ("msec msecs millisecond milliseconds", "ms"),
-        ("usec usecs microsecond microseconds", "us"),
-        ("minute minutes", "min"),
-        ("hour hours", "h"),
-        ("degree degrees", "deg"),
-        ("radian radians", "rad"),
-        ("celsius Celsius", "degC"),
-        ("kelvin Kelvin", "K"),
-        ("newton Newton newtons", "N"),
-        ("volt Volt volts", "V"),
-        ("amp ampere Ampere amps", "A"),
-        ("watt Watt watts", "W"),
-        ("joule Joule joules", "J"),
-        ("pascal Pascal", "Pa"),
-        ("gram grams", "g"),
-        ("kilogram kilograms", "kg"),
-        ("hertz Hertz", "Hz"),
-        ("percent", "%"),
-    )
-    for word in words.split()
-}
 
 
 def parse_unit(text: str) -> Unit:
@@ -100,24 +65,10 @@ def _factor(symbol: str, start: int) -> Unit:
     unit = unit_symbol(symbol)
     if unit is not None:
         return unit
-    raise UnitError(f"unknown unit `{symbol}`", start, start + len(symbol), meant=_meant(symbol))
-
-
-def _meant(symbol: str) -> str | None:
-    """The unit that a symbol most likely means: a word, other letters, a letter twice, a typo."""
-    known = _SPELLINGS.get(symbol) or _SPELLINGS.get(symbol.removesuffix("s"))
-    alike = [row for row in UNIT_ROWS if row.casefold() == symbol.casefold()]
-    # `mm` is a unit, `ss` a slip of the finger
-    single = _TWICE.sub(r"\1", symbol)
-    if known or len(alike) == 1:
-        return known or alike[0]
-    if single != symbol and unit_symbol(single) is not None:
-        return single
-    # two units without `*` between them, as in `Nm`
-    for end in range(1, len(symbol)):
-        if unit_symbol(symbol[:end]) and unit_symbol(symbol[end:]):
-            return f"{symbol[:end]}*{symbol[end:]}"
-    return nearest(symbol, UNIT_ROWS) if len(symbol) > 2 else None  # any letter is a unit
+    meant = meant_symbol(symbol)
+    guess = None if meant else guessed_symbol(symbol)
+    message = f"unknown unit `{symbol}`"
+    raise UnitError(message, start, start + len(symbol), meant=meant, guess=guess)
 
 
 def _exponent(power: re.Match[str], position: int) -> int:
@@ -138,12 +89,23 @@ def _misplaced(found: re.Match[str], start: int) -> UnitError:
 def _unreadable(text: str, position: int) -> UnitError:
     start = position + len(text[position:]) - len(text[position:].lstrip())
     if text[start] in "()":
-        message = "units have no parentheses: each `/` divides by one"
-        return UnitError(message, start, start + 1, example="J/kg/K")
+        return _grouped(text, start)
     # `N.s`, a product as ISO 80000 prints it; `m^0.5` is none
     meant = "*" if _PRODUCT_DOT.match(text, max(start - 1, 0)) else None
     message = f"`{text[start]}` does not belong in a unit"
     return UnitError(message, start, start + 1, meant=meant)
+
+
+def _grouped(text: str, start: int) -> UnitError:
+    message = "units have no parentheses: each `/` divides by one"
+    group = _PARENTHESES.match(text, start)
+    before = text[:start].rstrip()[-1:]
+    if group is None or before not in {"", "*", "/", "·"}:
+        return UnitError(message, start, start + 1, example="J/kg/K")
+    inside = group["inside"]
+    if before == "/":
+        inside = _OPERATOR.sub(lambda found: "*" if found.group() == "/" else "/", inside)
+    return UnitError(message, start, group.end(), meant=inside.strip())
 
 
 def _normalised(text: str) -> str:

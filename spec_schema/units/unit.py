@@ -27,7 +27,8 @@ DIGITS = 15
 class UnitError(ValueError):
     """A unit text that cannot be read; `start` and `end` are offsets into the text.
 
-    `meant` is the unit that belongs there; else `repair` shows an example.
+    `meant` is the unit that belongs there without doubt, `replacement` also one that is likely;
+    else `repair` shows an example.
     """
 
     def __init__(
@@ -37,6 +38,7 @@ class UnitError(ValueError):
         end: int,
         *,
         meant: str | None = None,
+        guess: str | None = None,
         example: str | None = None,
     ) -> None:
         super().__init__(message)
@@ -44,7 +46,8 @@ class UnitError(ValueError):
         self.start = start
         self.end = end
         self.meant = meant
-        self.repair = meant or example
+        self.replacement = meant or guess
+        self.repair = self.replacement or example
 
 
 @dataclass(frozen=True)

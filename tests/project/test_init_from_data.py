@@ -122,7 +122,15 @@ def test_what_a_spec_says_of_its_file(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("written", "unit"),
-    [("°/s", "deg/s"), ("Nm", "N*m"), ("m/s²", "m/s^2"), ("%", "%"), ("-", None), ("Foo", None)],
+    [
+        ("°/s", "deg/s"),
+        ("Nm", "N*m"),
+        ("m/s²", "m/s^2"),
+        ("N/(m/s)", "N*s/m"),
+        ("%", "%"),
+        ("-", None),
+        ("Foo", None),
+    ],
 )
 def test_units_as_people_write_them(written: str, unit: str | None, tmp_path: Path):
     path = folder_of(tmp_path, text(table(), f"time,u [{written}],w,y"), "y")

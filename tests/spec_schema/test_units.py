@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from msnn.data.formats.written_units import written_unit
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.table import PREFIXES, UNIT_ROWS
 from spec_schema.units.unit import ONE, UnitError, unit_symbol
@@ -187,7 +188,14 @@ def test_canonical_text(text: str, canonical: str) -> None:
         ("m/sec", 2, 5, "s"),
         ("°C", 0, 2, "degC"),
         ("m s", 2, 3, None),
-        ("J/(kg*K)", 2, 3, "J/kg/K"),
+        ("J/(kg*K)", 2, 8, "kg/K"),
+        # divided by a quotient: N/m/s would be another unit
+        ("N/(m/s)", 2, 7, "m*s"),
+        ("N*(m/s)", 2, 7, "m/s"),
+        ("1/(m**2*s/kg)", 2, 13, "m**2/s*kg"),
+        ("W/(m*K)^2", 2, 3, "J/kg/K"),
+        ("m(s)", 1, 2, "J/kg/K"),
+        ("J/((kg)*K)", 2, 3, "J/kg/K"),
         ("m/", 1, 2, None),
         ("*m", 0, 1, None),
         ("m^0.5", 3, 4, None),
@@ -200,6 +208,45 @@ def test_bad_text(text: str, start: int, end: int, repair: str | None) -> None:
     with pytest.raises(UnitError) as caught:
         parse_unit(text)
     assert (caught.value.start, caught.value.end, caught.value.repair) == (start, end, repair)
+
+
+@pytest.mark.parametrize(
+    ("written", "meant", "guess"),
+    [
+        # without doubt: columns of such a unit are converted
+        ("khz", "kHz", "kHz"),
+        ("KHz", "kHz", "kHz"),
+        ("kpa", "kPa", "kPa"),
+        ("Mpa", "MPa", "MPa"),
+        ("Kg", "kg", "kg"),
+        ("kgs", "kg", "kg"),
+        ("mins", "min", "min"),
+        ("mps", "m/s", "m/s"),
+        ("Pas", "Pa*s", "Pa*s"),
+        ("Ns", "N*s", "N*s"),
+        ("PSI", "psi", "psi"),
+        # a guess for people alone: mega or milli, a force or a mass, an angle or its rate
+        ("mpa", None, "mPa"),
+        ("MPA", None, "MPa"),
+        ("mhz", None, "mHz"),
+        ("lbs", None, "lb"),
+        ("rads", None, "rad"),
+        ("KN", None, "kN"),
+        ("G", None, "g"),
+        ("kgg", None, "kg"),
+        ("ss", None, "s"),
+        ("kmph", None, "mph"),
+        ("Foo", None, None),
+    ],
+)
+def test_a_doubtful_symbol_is_no_unit_of_a_file(
+    written: str, meant: str | None, guess: str | None
+) -> None:
+    with pytest.raises(UnitError) as caught:
+        parse_unit(written)
+    assert (caught.value.meant, caught.value.replacement) == (meant, guess)
+    found = written_unit(written)
+    assert (None if found is None else found.text) == meant
 
 
 _UNITS = st.lists(

@@ -13,8 +13,8 @@ MISSING = frozenset(("", "na", "n/a", "#n/a", "nan", "null", "-"))
 
 _MOST_REPAIRS = 3
 """Of one unit: each is a spelling that is known, as `°` and `Nm`."""
-# lazy up to the last brackets; what stands in these has none itself
-_BRACKETS = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*", re.DOTALL)
+# lazy up to the last brackets; what stands in these has none of their kind itself
+_BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*", re.DOTALL)
 _COLUMN_AND_UNIT = re.compile(r"(.*\S)(?:\s*\[([^\[\]]*)\]|\s+\(([^()]*)\))\s*", re.DOTALL)
 _NOT_AN_INDEX = re.compile(r"[^\W\d_]|[%°-]")
 
@@ -22,7 +22,9 @@ _NOT_AN_INDEX = re.compile(r"[^\W\d_]|[%°-]")
 def plain_label(label: str) -> tuple[str, str]:
     """A header without the brackets at its end, and what stands in them."""
     found = _BRACKETS.fullmatch(label)
-    return (found[1], found[2]) if found is not None and found[1] else (label, "")
+    if found is None or not found[1]:
+        return label, ""
+    return found[1], found[2] or found[3] or ""
 
 
 def column_and_unit(label: str) -> tuple[str, Unit | None]:

@@ -1,0 +1,105 @@
+"""What people write for units, and what they mean by it: words, other letters, slips."""
+
+import re
+
+from spec_schema.diagnostics.suggest import nearest
+from spec_schema.units.table import PREFIXES, UNIT_ROWS
+from spec_schema.units.unit import unit_symbol
+
+_TWICE = re.compile(r"(.)\1")
+_SPELLINGS = {
+    word: unit
+    for words, unit in (
+        ("°", "deg"),
+        ("°C celsius Celsius", "degC"),
+        ("°F", "degF"),
+        ("Nm", "N*m"),
+        ("kmh", "km/h"),
+        ("mps", "m/s"),
+        ("metre meter metres meters", "m"),
+        ("sec secs second seconds", "s"),
+        ("msec msecs millisecond milliseconds", "ms"),
+        ("usec usecs microsecond microseconds", "us"),
+        ("mins minute minutes", "min"),
+        ("hr hrs hour hours", "h"),
+        ("degs degree degrees", "deg"),
+        ("radian radians", "rad"),
+        ("kelvin Kelvin", "K"),
+        ("newton Newton newtons", "N"),
+        ("volt Volt volts Volts", "V"),
+        ("amp ampere Ampere amps", "A"),
+        ("watt Watt watts", "W"),
+        ("joule Joule joules", "J"),
+        ("pascal Pascal", "Pa"),
+        ("bars", "bar"),
+        ("ohms Ohms", "ohm"),
+        ("inch inches", "in"),
+        ("foot feet", "ft"),
+        ("lpm", "L/min"),
+        ("gram grams", "g"),
+        ("kgs kilogram kilograms", "kg"),
+        ("litre liter litres liters ltr", "L"),
+        ("hertz Hertz", "Hz"),
+        ("percent", "%"),
+    )
+    for word in words.split()
+}
+
+
+def meant_symbol(symbol: str) -> str | None:
+    """The unit that a symbol means without doubt: files whose columns have it are read so."""
+    if symbol in _SPELLINGS:
+        return _SPELLINGS[symbol]
+    if len(symbol) == 1 or _slips(symbol):
+        return None
+    alike = _other_case(symbol)
+    # `Mpa` are megapascals; `mpa` may be, and millipascals as well
+    mega = [unit for unit in alike if unit[0] == symbol[0] and symbol[0].isupper()]
+    exact = _products(symbol) + mega
+    readings = _kilo(symbol) or exact or alike
+    return readings[0] if len(readings) == 1 else None
+
+
+def guessed_symbol(symbol: str) -> str | None:
+    """The unit that a symbol of doubtful meaning is most like; None where none is near."""
+    alike = _other_case(symbol)
+    same_start = [unit for unit in alike if unit[0] == symbol[0]]
+    readings = same_start + _kilo(symbol)[-1:] + _slips(symbol) + _products(symbol) + alike
+    if readings:
+        return readings[0]
+    return nearest(symbol, UNIT_ROWS) if len(symbol) > 2 else None  # any letter is a unit
+
+
+def _kilo(symbol: str) -> list[str]:
+    """What begins with a K in place of the k of kilo: no file joins kelvins to units so."""
+    return [unit for unit in _other_case(symbol) if unit[0] == "k" and symbol[0] == "K"]
+
+
+def _slips(symbol: str) -> list[str]:
+    """Without the s of a plural, or a letter that was typed twice; no `Pa` for `Pas`."""
+    plural = symbol.removesuffix("s")
+    row = UNIT_ROWS.get(plural)
+    is_whole = len(plural) > 2 or (row is not None and not row.prefixes)
+    is_plural = plural != symbol and is_whole and unit_symbol(plural) is not None
+    once = _TWICE.sub(r"\1", symbol)
+    # `ms` is a unit, `ss` a slip of the finger
+    is_twice = once != symbol and unit_symbol(once) is not None
+    return [plural] * is_plural + [once] * is_twice
+
+
+def _other_case(symbol: str) -> list[str]:
+    """The symbols that differ from this one in small and capital letters alone."""
+    rows = [row for row in UNIT_ROWS if row.casefold() == symbol.casefold()]
+    return rows + [
+        prefix + row
+        for prefix in PREFIXES
+        for row, of in UNIT_ROWS.items()
+        if of.prefixes and (prefix + row).casefold() == symbol.casefold()
+    ]
+
+
+def _products(symbol: str) -> list[str]:
+    """Two units without `*` between them, as in `As`."""
+    ends = range(1, len(symbol))
+    pairs = [(symbol[:end], symbol[end:]) for end in ends]
+    return [f"{a}*{b}" for a, b in pairs if unit_symbol(a) and unit_symbol(b)]
