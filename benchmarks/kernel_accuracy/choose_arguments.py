@@ -12,6 +12,7 @@ import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +81,8 @@ def chosen_arguments(name: str, real: RealName) -> Chosen:
     right = routine(name, real)
     random = np.random.Generator(np.random.Philox(7))
     plain = np.array(plain_points(name, real), right.format.dtype)
-    first = _drawn(name, right, _FIRST, random)
+    zeros = np.array([*product((0.0, -0.0), repeat=plain.shape[1])], right.format.dtype)
+    first = np.concatenate([_drawn(name, right, _FIRST, random), zeros])
     if real == "float" and (shown := shown_arguments(name)):
         first = np.concatenate([first, np.array(shown, right.format.dtype)])
     later = [_drawn(name, right, count, random) for count in _THEN]
@@ -132,7 +134,9 @@ def _first_of(right: Routine, changed: Routine, sets: list[Array]) -> Array | No
 def _differs(right: Routine, changed: Routine, points: Array) -> NDArray[np.bool_]:
     (expected,) = run_routine(right, tuple(points.T))
     (given,) = run_routine(changed, tuple(points.T))
-    return (given != expected) & ~(np.isnan(given) & np.isnan(expected))
+    # zeros are told by their signs, as the self-test does
+    other = (given != expected) | (np.signbit(given) != np.signbit(expected))
+    return other & ~(np.isnan(given) & np.isnan(expected))
 
 
 def _drawn(name: str, right: Routine, count: int, random: np.random.Generator) -> Array:

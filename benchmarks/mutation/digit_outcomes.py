@@ -21,8 +21,9 @@ from pydantic import TypeAdapter
 from backends.c_kernels.sources import c_sources
 from backends.files.atomic_write import write_text
 from benchmarks.mutation.every_argument import first_shown
-from benchmarks.mutation.math_functions import Function, functions_of, needed, text_hash
+from benchmarks.mutation.math_functions import PREFIX, Function, functions_of, needed, text_hash
 from benchmarks.mutation.mutants import last_digit_mutants
+from benchmarks.mutation.sign_equivalents import SIGNS
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 
 OUTCOMES = Path(__file__).with_suffix(".json")
@@ -117,6 +118,8 @@ def _decide(
         key = text_hash(right, changed)
         inner = next((one for one in right if right[one].text != changed[one].text), None)
         if inner is None or _is_same_inside(outcomes, right, changed, inner, name):
+            continue
+        if (mutant.line, mutant.change) in SIGNS.get(inner.removeprefix(f"{PREFIX}_"), {}):
             continue
         if key not in outcomes or not (outcomes[key].shown or outcomes[key].every):
             outcome = Outcome(mutant.function, mutant.line, mutant.change, (), every=False)

@@ -18,7 +18,7 @@ Point = tuple[float, float]
 _FLAGS = ("-std=c11", "-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-w")
 _CONSTANT = re.compile(r"(?<![\w.])(?:0x[0-9a-f.]+p[-+]\d+|\d+\.\d*(?:e[-+]?\d+)?)(?=f?\b)")
 _STATEMENT = re.compile(
-    r"if \((?P<condition>[^;{}]*)\) \{|(?<=\n) +static const [^;]*;"
+    r"if \((?P<condition>[^;{}]*)\) \{|(?<=\n) +static const \w+ (?P<table>\w+)[^;]*;"
     r"|(?<=\n) +(?:const \w+ )?\*?\w+ = (?P<value>[^;{}]*);"
 )
 """One that a constant can be in."""
@@ -143,6 +143,10 @@ def _note(number: int, right: str, changed: str) -> tuple[int, str]:
         return found.start("condition"), f"{differ}, "
     if found["value"] is not None:
         return found.end(), f" NOTE({number}, {found['value']}, {other['value']});"
+    reads = [*re.finditer(rf" = {found['table']}\[([^\[\];]*)\];", right)]
+    if len(reads) == 1 and right.count(f"{found['table']}[") == 2:
+        entry = right[found.start() : at].count(",")
+        return reads[0].end(), f" noted[{number}] |= (({reads[0][1]}) == {entry}U);"
     return found.end(), f" noted[{number}] = 1U;"
 
 

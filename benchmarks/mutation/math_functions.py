@@ -12,10 +12,13 @@ _FUNCTION = re.compile(
     re.DOTALL | re.MULTILINE,
 )
 PREFIX = "own"
-_MIRRORED = re.compile(r"fabsf\(x\)|result = x;|x - x;|\(x < 0\.0f\) \? \(-(\w+)\) : \1;")
+_MIRRORED = re.compile(
+    r"fabsf\(x\)|result = x;|\(x - x\) / \(x - x\);|x - x;|\(x < 0\.0f\) \? \(-(\w+)\) : \1;"
+    r"|= x \* x;|result = x \+ \(x \* "
+)
 """What reads an argument so that the result of -x is that of x, or its negative.
 
-Infinities and NaN alone are subtracted from themselves.
+Infinities and NaN alone are subtracted from themselves. Of `x + (x * …)` the rest has no x.
 """
 
 

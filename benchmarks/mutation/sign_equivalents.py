@@ -9,7 +9,7 @@ _INFINITE = "it is divided by a zero or NaN, of which it keeps sign and size"
 _NEAREST = "the reciprocal of the float nearest to 0 is infinite with the same sign"
 _NEVER_0 = "what is compared is no zero: it is a number that is none, or the reciprocal of a zero"
 _ZERO_OVER = "0 over the float nearest to 0 is 0, as said there for 0 over 0"
-_LARGE = "smaller arguments were returned above, and what is left is 2⁻¹² at least"
+_LARGE = "of smaller sizes another branch is taken; here they are 2⁻¹² at least, or NaN"
 
 _UP, _DOWN = "0x1.0000000000000p-149f", "-0x1.0000000000000p-149f"
 _ABOVE_1, _BELOW_1 = "0x1.0000020000000p+0f", "0x1.fffffe0000000p-1f"
@@ -29,11 +29,23 @@ SIGNS: dict[str, dict[tuple[str, str], str]] = {
         ("sign = 1.0f / y;", f"1.0f -> {_BELOW_1}"): _INFINITE,
         ("const float t5 = (sign < 0.0f) ? (-t4) : t4;", f"0.0f -> {_UP}"): _NEVER_0,
     },
-    "atan": {
-        ("result = (x < 0.0f) ? (-t4) : t4;", f"0.0f -> {limit}"): _LARGE for limit in (_UP, _DOWN)
-    },
-    "sin": {
-        ("result = (x < 0.0f) ? (-t9) : t9;", f"0.0f -> {limit}"): _LARGE for limit in (_UP, _DOWN)
+    **{
+        name: {(line, f"0.0f -> {limit}"): _LARGE for line in lines for limit in (_UP, _DOWN)}
+        for name, lines in {
+            "acos": ("result = (x < 0.0f) ? t12 : t13;",),
+            "asin": ("result = (x < 0.0f) ? (-t12) : t12;",),
+            "atan": ("result = (x < 0.0f) ? (-t4) : t4;",),
+            "sin": ("result = (x < 0.0f) ? (-t9) : t9;",),
+            "sinh": ("result = (x < 0.0f) ? (-outer) : outer;",),
+            "sigmoid": ("} else if (x < 0.0f) {", "result = (x > 0.0f) ? 1.0f : x;"),
+            "softplus": ("} else if (x < 0.0f) {",),
+            "tan": (
+                "const float t16 = (high < 0.0f) ? (-low) : low;",
+                "const float t27 = (high < 0.0f) ? (-t26) : t26;",
+                "const float t28 = (high < 0.0f) ? (-t26) : t26;",
+                "result = (x < 0.0f) ? (-value) : value;",
+            ),
+        }.items()
     },
 }
 """By function, line and change."""

@@ -46,4 +46,5 @@ def test_what_arguments_at_random_show_the_chosen_ones_show(name: str, real: Rea
 def _differs(right: Routine, changed: Routine, points: Array) -> bool:
     (expected,) = run_routine(right, tuple(points))
     (given,) = run_routine(changed, tuple(points))
-    return bool(((given != expected) & ~(np.isnan(given) & np.isnan(expected))).any())
+    other = (given != expected) | (np.signbit(given) != np.signbit(expected))
+    return bool((other & ~(np.isnan(given) & np.isnan(expected))).any())

@@ -43,8 +43,14 @@ class RandomSpec:
         """Specs with less in them, those with much less first; few of them are right."""
         # from the end: what is computed names what is declared, which then goes with it
         sections = {name: self.sections[name] for name in reversed(list(self.sections))}
+        # a fault that stands in one of the files needs no other
+        for part in self.parts.values():
+            yield replace(part, sections={**part.sections, "name": self.sections["name"]})
         for less in chain(
-            _entries_left_out(sections), _with_plain_terms(sections), _inlined(sections)
+            _without_a_part(sections),
+            _entries_left_out(sections),
+            _with_plain_terms(sections),
+            _inlined(sections),
         ):
             yield self._with(less)
         for name, part in self.parts.items():
@@ -110,6 +116,18 @@ def _json(value: Any) -> str:
     return json.dumps(value, default=str)
 
 
+def _without_a_part(sections: Mapping[str, Section]) -> Iterator[Mapping[str, Section]]:
+    """With a number in place of all that is read of a part."""
+    for part in sections.get("use", {}):
+        used = {name: entry for name, entry in sections["use"].items() if name != part}
+        fed = sections.get("connect", {})
+        fed = {name: term for name, term in fed.items() if not name.startswith(f"{part}.")}
+        less = {name: entries for name, entries in sections.items() if name != "connect"}
+        kept = {"use": used, **({"connect": fed} if fed else {})}
+        left = {name: entry for name, entry in {**less, **kept}.items() if entry != {}}
+        yield _replaced(left, re.compile(rf"\b{part}\.\w+"), Term("0.3"))
+
+
 def _entries_left_out(sections: Mapping[str, Section]) -> Iterator[Mapping[str, Section]]:
     for name, entries in sections.items():
         if isinstance(entries, dict):
@@ -139,10 +157,10 @@ def _inlined(sections: Mapping[str, Section]) -> Iterator[Mapping[str, Section]]
         said = entry.get("expr") if isinstance(entry, dict) else entry
         if isinstance(said, Term):
             left = {key: each for key, each in sections["equations"].items() if key != name}
-            yield _replaced({**sections, "equations": left}, name, said)
+            yield _replaced({**sections, "equations": left}, re.compile(re.escape(name)), said)
 
 
-def _replaced(value: Any, name: str, term: Term) -> Any:
+def _replaced(value: Any, name: re.Pattern[str], term: Term) -> Any:
     if isinstance(value, Term):
         return value.with_in_place_of(name, term)
     if isinstance(value, dict):

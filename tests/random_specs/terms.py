@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -55,10 +56,10 @@ class Term:
                 operands = (*self.operands[:number], less, *self.operands[number + 1 :])
                 yield Term(self.pattern, operands)
 
-    def with_in_place_of(self, name: str, other: Term) -> Term:
+    def with_in_place_of(self, name: re.Pattern[str], other: Term) -> Term:
         """With another term wherever a name stands alone."""
         if not self.operands:
-            return other if self.pattern == name else self
+            return other if name.fullmatch(self.pattern) else self
         return Term(self.pattern, tuple(o.with_in_place_of(name, other) for o in self.operands))
 
 

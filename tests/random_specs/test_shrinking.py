@@ -40,6 +40,32 @@ def test_what_an_equation_says_comes_in_place_of_its_name() -> None:
     assert any('y: "2 * tan(u)"' in text and "e:" not in text for text in texts)
 
 
+def test_a_fault_in_one_of_two_files_needs_no_other() -> None:
+    part = RandomSpec(
+        {
+            "name": "part",
+            "inputs": {"u": {}},
+            "outputs": {"y1": Term("tan({0})", (Term("u"),))},
+        }
+    )
+    spec = RandomSpec(
+        {
+            "name": "random",
+            "use": {"inner": {"spec": "part.msnn.yaml"}},
+            "inputs": {"u": {}},
+            "connect": {"inner.u": Term("cosh({0})", (Term("u"),))},
+            "outputs": {"y": Term("sinh({0})", (Term("inner.y1"),))},
+        },
+        {"part.msnn.yaml": part},
+    )
+    whole = {"name": "random"}
+    alone = {"inputs": {"u": {}}, "outputs": {"y1": Term("tan({0})", (Term("u"),))}}
+    without = {"inputs": {"u": {}}, "outputs": {"y": Term("sinh({0})", (Term("0.3"),))}}
+    smaller = [(dict(less.sections), dict(less.parts)) for less in spec.smaller()]
+    assert ({**whole, **alone}, {}) in smaller
+    assert ({**whole, **without}, {}) in smaller
+
+
 def test_a_fault_of_layers_is_found_small_within_few_trials() -> None:
     """As if every right spec that calls a fuzzify layer in an output or a state were wrong."""
     trials = 0

@@ -46,6 +46,29 @@ def test_a_change_that_no_float_shows_is_not() -> None:
     assert _found("own_outer", [signed, added]) == [None, None]
 
 
+def test_an_entry_of_a_table_shows_where_it_is_read() -> None:
+    """The last entry never is."""
+    source = """\
+float own_power(float x)
+{
+    static const float powers[3] = {
+        0x1p+0f, 0x1p+1f, 0x1p+2f
+    };
+    const uint32_t place = (x < 0x1p-130f) ? 0U : 1U;
+    const float power = powers[place];
+    return power;
+}
+"""
+    entries = ("0x1p+0f", "0x1p+1f", "0x1p+2f")
+    changed = [source.replace(entry, "0x1.8p+0f") for entry in entries]
+    first, second, last = _found("own_power", changed, source)
+    assert first is not None
+    assert first < 2.0**-130
+    assert second is not None
+    assert second >= 2.0**-130
+    assert last is None
+
+
 def test_texts_are_the_same_wherever_their_lines_break() -> None:
     right = functions_of(_SOURCE)
     broken = functions_of(
@@ -56,10 +79,10 @@ def test_texts_are_the_same_wherever_their_lines_break() -> None:
     assert text_hash(right, right) != text_hash(right, other)
 
 
-def _found(name: str, changed: list[str]) -> list[float | None]:
+def _found(name: str, changed: list[str], source: str = _SOURCE) -> list[float | None]:
     if not GCC.is_there:
         miss(f"gcc is not installed: apt-get install {GCC.package}")
-    right = needed(functions_of(_SOURCE), name)
+    right = needed(functions_of(source), name)
     every: list[Mapping[str, Function]] = [needed(functions_of(c), name) for c in changed]
     points = dict(first_shown(name, right, every, ("every", "0", str(2**20))))
     return [points[n][0] if n in points else None for n in range(len(changed))]

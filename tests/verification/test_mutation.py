@@ -19,6 +19,16 @@ def test_the_test_program_sees_changes_of_the_reference_model(tmp_path: Path) ->
     assert len(score.seen) > 12
 
 
+def test_last_digits_of_a_kernel_are_seen_unless_no_float_shows_them(tmp_path: Path) -> None:
+    """One of them shows at -0 alone: the hyperbolic tangent of it is 0 with the other sign."""
+    if not GCC.is_there:
+        miss(f"gcc is not installed: apt-get install {GCC.package}")
+    export_with_drawn_weights("reference", tmp_path)
+    score = mutation_score(tmp_path, "reference", kinds=("last digit",))
+    assert not score.missed
+    assert {mutant.function for mutant in score.seen} == {"reference_tanh"}
+
+
 def test_each_statement_that_tells_of_an_infinite_slope_is_needed(tmp_path: Path) -> None:
     if not GCC.is_there:
         miss(f"gcc is not installed: apt-get install {GCC.package}")

@@ -131,6 +131,10 @@ def kernels_function(
     prefix: str, cases: Mapping[str, Sequence[tuple[tuple[float, ...], float]]]
 ) -> c.Function:
     """Writes the test of kernels' bits: a table of arguments and value for each kernel."""
+
+    def reciprocal(x: c.Expression) -> c.Expression:
+        return c.Binary("/", c.Real(1.0), x)
+
     scope = BlockScope(LocalNames(prefix))
     scope.reserve("differ")
     scope.add(c.Declare(c.CType.BOOL, "differ", c.Truth(False)))
@@ -144,7 +148,10 @@ def kernels_function(
             row = [
                 c.Element(c.Name(table), begin.plus(Index(n)).expression()) for n in range(width)
             ]
-            called = c.Call(f"{prefix}_{kernel}", tuple(row[:-1]))
-            inner.add(c.If(c.Call(f"{prefix}_differs", (called, row[-1], c.Real(0.0))), DIFFER))
+            value = inner.constant("value", c.Call(f"{prefix}_{kernel}", tuple(row[:-1])))
+            # -0 is within 0 of 0; their reciprocals are infinities of both signs
+            both = ((value, row[-1]), (reciprocal(value), reciprocal(row[-1])))
+            numbers, signs = (c.Call(f"{prefix}_differs", (*two, c.Real(0.0))) for two in both)
+            inner.add(c.If(c.Binary("||", numbers, signs), DIFFER))
     scope.add(c.Return(c.Name("differ")))
     return scope.function(f"{prefix}_kernels_differ", "bool", ())
