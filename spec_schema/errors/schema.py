@@ -1,8 +1,8 @@
 """E02xx: the schema of a spec, its sections, keys and plain values."""
 
-import re
 from collections.abc import Iterable
 
+from spec_schema.diagnostics.decimal_commas import with_decimal_point
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
@@ -11,7 +11,6 @@ from spec_schema.names import similar_name
 
 # The keys of a layer are worth listing, those of a whole spec are in the documentation.
 _SHORT_LIST = 12
-_DECIMAL_COMMA = re.compile(r"([+-]?\d+),(\d+)((?:[^\d,][^,]*)?)")
 
 
 def unknown_key(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagnostic:
@@ -129,15 +128,6 @@ def unknown_language(text: str, span: Span) -> Diagnostic:
 def empty_section(owner: str, span: Span) -> Diagnostic:
     """E0215: a section that must hold something."""
     return error("E0215", span, f"{owner} must not be empty", "nothing in it")
-
-
-def with_decimal_point(text: str) -> str | None:
-    """`0.05 s` for `0,05 s`; None without a comma, or with one that may part thousands."""
-    found = _DECIMAL_COMMA.fullmatch(text.strip())
-    # `1,500` is fifteen hundred to some and one and a half to others
-    if found is None or (len(found[2]) == 3 and found[1].lstrip("+-") != "0"):
-        return None
-    return f"{found[1]}.{found[2]}{found[3]}"
 
 
 def malformed_length(text: str, span: Span, *, may_be_date: bool = False) -> Diagnostic:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 
+from spec_schema.diagnostics.decimal_commas import with_decimal_point
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.errors import schema as errors
 from spec_schema.yaml_tree.nodes import Scalar, kind
@@ -16,7 +17,7 @@ def no_number(wanted: str, found: Scalar) -> Diagnostic:
     """E0204 for a scalar that is no number, or no integer where one is `wanted`."""
     # what is in quotes is text to YAML
     said = kind(found)
-    number = errors.with_decimal_point(found.text) or found.text.strip()
+    number = with_decimal_point(found.text) or found.text.strip()
     if found.quoted and _number(number) is not None:
         repair = "remove the quotes" if number == found.text.strip() else f"write `{number}`"
         return errors.wrong_kind(wanted, said, found.span, repair, number)
@@ -35,7 +36,7 @@ def _meant(text: str, *, is_integer: bool) -> str | None:
         return f"{number} #{comment}"
     # digits grouped by underscores, and what ends a line elsewhere
     plain = re.sub(r"(?<=\d)_(?=\d)", "", text).rstrip(";, ")
-    plain = errors.with_decimal_point(plain) or plain
+    plain = with_decimal_point(plain) or plain
     # a share is written as a number here: `%` is a unit, of quantities alone
     percent = re.fullmatch(r"([\d.]+)\s*%", plain)
     value = _number(plain if percent is None else percent[1])
