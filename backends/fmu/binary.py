@@ -68,11 +68,6 @@ def this_platform() -> Platform | None:
     return found and replace(found, fmi2=PLATFORMS[f"x86_64-{system}"].fmi2)
 
 
-def zig_compiler(target: Platform) -> tuple[str, ...]:
-    """The command of the wheel `ziglang` for a kind of machine."""
-    return (sys.executable, "-m", "ziglang", "cc", "-target", target.target)
-
-
 def binary(sources: Mapping[str, str], compiler: Sequence[str], name: str) -> bytes:
     """A shared library of these files, of that name. Raises CompilerFailedError."""
     with tempfile.TemporaryDirectory(prefix="msnn-fmu-") as place:

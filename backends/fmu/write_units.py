@@ -11,10 +11,11 @@ from pathlib import Path
 from backends.files.atomic_write import write_bytes, write_text
 from backends.files.c_compiler import CompilerMissingError, find_compiler
 from backends.fmu.archive import archive
-from backends.fmu.binary import HEADERS, PLATFORMS, Platform, binary, this_platform, zig_compiler
+from backends.fmu.binary import HEADERS, PLATFORMS, Platform, binary, this_platform
 from backends.fmu.description import description2, description3
 from backends.fmu.description.facts import UnitFacts
 from backends.fmu.sources import VERSIONS, Version
+from backends.fmu.zig import zig_compiler
 
 _HEADERS_OF: dict[Version, tuple[str, ...]] = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),

@@ -23,6 +23,8 @@ from tests.conditions import require_package
 
 LINKERS_OWN = {"__dso_handle", "_mh_dylib_header"}
 """What zig's linker defines in a dylib."""
+OF_WINDOWS = {f"api-ms-win-crt-{part}-l1-1-0.dll" for part in ("heap", "string")}
+"""Parts of Windows' C library: memory and texts."""
 SPEC = """
 msnn: 1
 name: plant
@@ -58,6 +60,7 @@ def test_windows_and_macos_have_the_functions_of_fmi(
     assert set(third) == {"x86_64-windows/plant.dll", "aarch64-darwin/plant.dylib"}
     assert names_in_dll(second["win64/plant.dll"]) == defined(archives[0], 2)
     assert names_in_dll(third["x86_64-windows/plant.dll"]) == defined(archives[1], 3)
+    assert libraries_of_dll(second["win64/plant.dll"]) == OF_WINDOWS
     dylib = third["aarch64-darwin/plant.dylib"]
     assert names_in_dylib(dylib) - LINKERS_OWN == defined(archives[1], 3)
     assert libraries_of(dylib) == ["@rpath/plant.dylib", "/usr/lib/libSystem.B.dylib"]
@@ -105,20 +108,36 @@ def defined(path: Path, version: int) -> set[str]:
 
 def names_in_dll(data: bytes) -> set[str]:
     """What a PE file exports: the names of its export directory."""
+    directory = in_dll(data, directory_of_dll(data, 0))
+    count, names = unsigned(data, directory + 24), in_dll(data, unsigned(data, directory + 32))
+    return {text(data, in_dll(data, unsigned(data, names + 4 * n))) for n in range(count)}
+
+
+def libraries_of_dll(data: bytes) -> set[str]:
+    """The libraries that a PE file needs: those of its import directory."""
+    entry = in_dll(data, directory_of_dll(data, 1))
+    found = set[str]()
+    while name := unsigned(data, entry + 12):
+        found.add(text(data, in_dll(data, name)))
+        entry += 20
+    return found
+
+
+def directory_of_dll(data: bytes, number: int) -> int:
+    """The address of one of the directories of a PE file."""
+    return unsigned(data, unsigned(data, 0x3C) + 24 + 112 + 8 * number)
+
+
+def in_dll(data: bytes, address: int) -> int:
+    """Where in a PE file lies what is loaded to an address."""
     header = unsigned(data, 0x3C)
     sections, optional = unsigned(data, header + 6, "H"), unsigned(data, header + 20, "H")
-    table = header + 24 + optional
-
-    def at(address: int) -> int:
-        for number in range(sections):
-            size, begin, _, raw = struct.unpack_from("<4I", data, table + 40 * number + 8)
-            if begin <= address < begin + size:
-                return raw + address - begin
-        raise AssertionError(address)
-
-    directory = at(unsigned(data, header + 24 + 112))
-    count, names = unsigned(data, directory + 24), at(unsigned(data, directory + 32))
-    return {text(data, at(unsigned(data, names + 4 * number))) for number in range(count)}
+    for number in range(sections):
+        section = header + 24 + optional + 40 * number + 8
+        size, begin, _, raw = struct.unpack_from("<4I", data, section)
+        if begin <= address < begin + size:
+            return raw + address - begin
+    raise AssertionError(address)
 
 
 def names_in_dylib(data: bytes) -> set[str]:

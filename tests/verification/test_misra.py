@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+from backends.c_kernels.sources import c_sources
+from compiler.kernels.table import KERNELS
 from msnn.verification.host import host_checks
 from msnn.verification.host.host_checks import misra_check
 from msnn.verification.proof_step import Result
@@ -61,3 +64,16 @@ def test_an_addon_that_cannot_run_has_not_found_nothing(
     result = judged(BREACH, tmp_path)
     assert result.verdict == "found"
     assert said in result.detail
+
+
+def test_what_is_for_clang_alone_is_a_pragma() -> None:
+    """The addon does not read it."""
+    exported = sorted((Path(__file__).parents[1] / "golden").glob("c_*/*.c"))
+    texts = [path.read_text(encoding="utf-8") for path in exported]
+    texts.append(c_sources(list(KERNELS), "float", "own").source)
+    for text in texts:
+        found = re.findall(r"#ifdef __clang__\n(.*?)#endif", text, re.DOTALL)
+        assert {*found} <= {"#pragma STDC FP_CONTRACT OFF\n"}
+        assert text.count("__clang__") == len(found)
+    assert "__clang__" in texts[0]
+    assert "__clang__" in texts[-1]

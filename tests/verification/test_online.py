@@ -60,9 +60,10 @@ def verified(
 
 
 def test_nothing_is_found_in_a_controller_and_its_filter(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     require(GCC, CLANG, LIBFUZZER, ARM_GCC, ARM_QEMU)
+    monkeypatch.setattr(levels, "LEVELS", ("-O0", "-O2"))
     folder = exported(tmp_path)
     code, said = verified(capsys, folder, "--targets", "host,m4,m0", "--fuzz", "1", "--proof")
     assert code == 0, said
@@ -173,9 +174,11 @@ FAULTS = {
 
 
 @pytest.fixture(autouse=True)
-def two_levels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All five have their turn in `test_verify.py` and where controllers are compiled."""
-    monkeypatch.setattr(levels, "LEVELS", ("-O0", "-O2"))
+def one_level(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All five have their turn in `test_verify.py`; bits of other levels are looked at where
+    controllers and windows are compiled.
+    """
+    monkeypatch.setattr(levels, "LEVELS", ("-O0",))
 
 
 @pytest.mark.parametrize("name", FAULTS)

@@ -70,7 +70,9 @@ def link_library(
             copy = Path(place) / f"{path.stem}.o"
             copy.write_bytes(_object(source, tuple(head), installed))
             objects.append(str(copy))
-        return compiled([*head, "-shared", *flags, *objects], library, "-lm")
+        # who links no C library names the ones that he wants
+        usual = () if "-nostdlib" in head else ("-lm",)
+        return compiled([*head, "-shared", *flags, *objects], library, *usual)
 
 
 @dataclass(frozen=True, slots=True)

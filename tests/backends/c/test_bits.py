@@ -23,24 +23,33 @@ from tests.programs import SAMPLES
 STEPS = 2000
 LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os")
 COMPILERS = ("gcc", "clang")
+BUILDS = [(compiler, level) for level in LEVELS for compiler in COMPILERS]
+EVERY_BUILD = ("joint_arm", "fuzzy_local_models")
+"""A network, and fuzzy sets that weigh filters: they get all builds. The others get four each,
+their neighbours others."""
+
+
+def builds_of(name: str) -> list[tuple[str, str]]:
+    if name in EVERY_BUILD:
+        return BUILDS
+    number = list(SAMPLES).index(name)
+    return [BUILDS[(4 * number + k) % len(BUILDS)] for k in range(4)]
 
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_float32_has_no_differing_bit_for_any_compiler_and_level(name: str, tmp_path: Path) -> None:
-    compilers = [require_tool(tool, install=f"apt install {tool}") for tool in COMPILERS]
     program, options = closed_sample(name), COptions()
     vectors = golden(program, options, STEPS, seed=3)
     built(program, tmp_path, options)
-    for number, compiler in enumerate(compilers):
-        for level in LEVELS:
-            library = tmp_path / f"{number}{level}.so"
-            step = CStep.of_folder(
-                tmp_path, build_library(tmp_path, library, (compiler,), (level,))
-            )
-            outputs, status = replay(step, vectors)
-            assert_same_bits(outputs, vectors.outputs)
-            assert np.array_equal(status, vectors.status)
-            assert step.selftest() == 0
+    for compiler, level in builds_of(name):
+        require_tool(compiler, install=f"apt install {compiler}")
+        library = tmp_path / f"{compiler}{level}.so"
+        built_by = build_library(tmp_path, library, (compiler,), (level,))
+        step = CStep.of_folder(tmp_path, built_by)
+        outputs, status = replay(step, vectors)
+        assert_same_bits(outputs, vectors.outputs)
+        assert np.array_equal(status, vectors.status)
+        assert step.selftest() == 0
 
 
 @pytest.mark.parametrize("name", SAMPLES)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -95,13 +94,21 @@ def test_in_double_precision_it_is_the_filter_in_python(name: str, tmp_path: Pat
         np.testing.assert_allclose(library.covariance, judge.covariance, rtol=1e-10, atol=1e-13)
 
 
+BUILDS: dict[Dtype, tuple[tuple[str, str], ...]] = {
+    "float64": (("gcc", "-O0"), ("clang", "-O3")),
+    "float32": (("clang", "-O0"), ("gcc", "-O3")),
+}
+ALL_BUILDS = tuple(build for builds in BUILDS.values() for build in builds)
+
+
 @pytest.mark.parametrize("name", SPECS)
 def test_compilers_and_levels_give_the_bits_that_were_recorded(name: str, tmp_path: Path) -> None:
-    for dtype in ("float64", "float32"):
+    for dtype, builds in BUILDS.items():
         out, _ = _written(name, tmp_path / dtype, dtype)
         text = (out / "src" / "plant_ekf_selftest.c").read_text(encoding="utf-8")
         assert "if (hash != 0x" in text
-        for compiler, level in itertools.product(("gcc", "clang"), ("-O0", "-O3")):
+        # every build of each spec, and of one of them in both precisions
+        for compiler, level in ALL_BUILDS if name == "pendulum" else builds:
             require_tool(compiler, install=f"apt install {compiler}")
             path = build_library(out, out / f"{compiler}{level}.so", [compiler], (level,))
             assert FilterLibrary.of_folder(out, path).selftest() == 0, (compiler, level, dtype)

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from backends.c.host.build import compiled
 from backends.files.c_compiler import find_compiler
-from backends.fmu.binary import HEADERS, PLATFORMS, Platform, this_platform, zig_compiler
+from backends.fmu.binary import HEADERS, PLATFORMS, Platform, this_platform
+from backends.fmu.zig import zig_compiler, zig_libraries
 from tests.conditions import require_package, require_tool
 
 HOST = Path(__file__).with_name("unit_host.c")
@@ -18,8 +19,17 @@ LONGEST = 600
 """Seconds: what hangs is a failure."""
 
 BARE = "-s"
-"""Programs without symbols, as units are: zig compiles the C library of a system once for those
-with and once for those without, a minute of a processor each for Windows."""
+"""Programs without symbols, as units are: zig compiles its runtime once for those with and once
+for those without."""
+
+ENTRY = HOST.with_name("windows_entry.c")
+PARTS = ("stdio", "runtime", "convert", "utility", "environment")
+"""What programs call of Windows' C library beside what units do."""
+PRINTING = (
+    *("printf", "vprintf", "snprintf", "scanf"),
+    *("__local_stdio_printf_options", "__local_stdio_scanf_options"),
+)
+"""What MinGW has a function for that Windows' C library has under another name."""
 
 
 @dataclass(frozen=True)
@@ -29,14 +39,14 @@ class Machine:
     platform: Platform
     compiler: Sequence[str]
     emulator: Sequence[str] = ()
+    linked: Sequence[str] = ("-ldl", "-lm")
+    """With programs; Linux has had its loader in a library of its own."""
 
     def unit_host(self, folder: Path) -> Path:
         """The program that loads units, which `unit_script.py` writes scripts for."""
-        # Linux has had its loader in a library of its own
-        loader = () if self.platform.suffix == "dll" else ("-ldl",)
         options = ["-std=c99", "-O1", BARE, "-D_POSIX_C_SOURCE=200809L", f"-I{HEADERS}"]
         program = folder / f"{self.platform.fmi3}.exe"
-        return compiled([*self.compiler, *options, str(HOST)], program, *loader)
+        return compiled([*self.compiler, *options, str(HOST)], program, *self.linked)
 
     def self_test(self, folder: Path, program: Path) -> Path:
         """The test program of exported C."""
@@ -46,7 +56,7 @@ class Machine:
     def program(self, folder: Path, texts: Sequence[Path], program: Path) -> Path:
         """A program of files that include headers of exported C."""
         options = ["-std=c99", "-O2", BARE, "-ffp-contract=off", f"-I{folder / 'include'}"]
-        return compiled([*self.compiler, *options, *map(str, texts)], program, "-lm")
+        return compiled([*self.compiler, *options, *map(str, texts)], program, *self.linked)
 
     def said(self, program: Path, *arguments: str, script: str = "") -> str:
         """What a program prints, and a last line with its exit code where that is not 0."""
@@ -74,9 +84,13 @@ def windows() -> Machine:
     """x86-64 by Wine."""
     require_package("ziglang", "make setup")
     platform = PLATFORMS["x86_64-windows"]
-    return Machine(
-        platform, zig_compiler(platform), (require_tool("wine", "apt install wine64 wine"),)
-    )
+    emulator = require_tool("wine", "apt install wine64 wine")
+    libraries = (f"-lapi-ms-win-crt-{part}-l1-1-0" for part in PARTS)
+    printing = (str(zig_libraries() / "mingw" / "stdio" / f"ucrt_{name}.c") for name in PRINTING)
+    entry = (str(ENTRY), "-Wl,--entry=mainCRTStartup")
+    linked = (*entry, *printing, "-lkernel32", *libraries)
+    compiler = (*zig_compiler(platform), "-D__USE_MINGW_ANSI_STDIO=0")
+    return Machine(platform, compiler, (emulator,), linked)
 
 
 def aarch64() -> Machine:

@@ -1,0 +1,36 @@
+"""The commands of zig, which brings headers and libraries for other machines."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+from backends.fmu.binary import Platform
+
+
+def zig_compiler(target: Platform) -> tuple[str, ...]:
+    """The command of the wheel `ziglang` for a kind of machine."""
+    command = (sys.executable, "-m", "ziglang", "cc", "-target", target.target)
+    return (*command, *_without_mingw()) if target.suffix == "dll" else command
+
+
+def zig_libraries() -> Path:
+    """The folder of the wheel with the headers and sources of C libraries."""
+    wheel = importlib.util.find_spec("ziglang")
+    assert wheel is not None
+    assert wheel.origin is not None
+    return Path(wheel.origin).parent / "lib" / "libc"
+
+
+def _without_mingw() -> tuple[str, ...]:
+    """Links what Windows brings itself: zig has MinGW's C library as source alone.
+
+    To compile that takes a minute, and units call nothing of it (decisions/0395).
+    """
+    headers = zig_libraries() / "include" / "any-windows-any"
+    libraries = (f"-lapi-ms-win-crt-{part}-l1-1-0" for part in ("heap", "string", "math"))
+    # zig's own runtime has what compilers call: memcpy, and the probes of large stacks. Loading
+    # prepares nothing, so that there is no function for it
+    linking = ("-nostdlib", "-rtlib=compiler-rt", "-Wl,--no-entry", *libraries)
+    return ("-isystem", str(headers), *linking)
