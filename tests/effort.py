@@ -47,7 +47,8 @@ _LEVEL, _LARGEST = build.LEVEL, golden_singles._LARGEST
 _STEPS = selftest_text._TEST_STEPS
 _LEAST = ("-O0",)
 _FEW_STEPS = 6
-"""More than the lag of the test program's second instance, and than the kinds of invalid samples."""
+"""More than the second instance of the test program lags behind, and more than there are kinds of
+invalid samples."""
 
 
 def is_quick(file: str) -> bool:
