@@ -6,6 +6,7 @@ from pathlib import Path
 
 from backends.c.host import build
 from backends.c.selftest import golden_singles
+from backends.c.selftest.text import selftest_text
 from backends.fmu import binary
 from backends.native import compile_kernel
 
@@ -33,7 +34,8 @@ QUICK = (
 )
 """Rooms and files that look at what models compute, which levels of optimisation leave as it is to
 the bit (tests/native/test_reproducible_bits.py, tests/backends/c/test_bits.py), and not at the test
-program that exported C brings along: to search its steps takes longer than the rest of an export.
+program that exported C brings along: to search its steps takes longer than the rest of an export,
+and its golden steps are half of that.
 """
 
 AS_FOR_USERS = (
@@ -44,7 +46,11 @@ AS_FOR_USERS = (
 
 _UNITS, _LANES, _FAST = binary.FLAGS, compile_kernel.LANES_BY_GCC, compile_kernel.FAST
 _LEVEL, _LARGEST = build.LEVEL, golden_singles._LARGEST
+_STEPS = selftest_text._TEST_STEPS
 _LEAST = ("-O0",)
+_FEW_STEPS = 6
+"""More than the second instance of the test program lags behind, and more than there are kinds of
+invalid samples."""
 
 
 def is_quick(file: str) -> bool:
@@ -61,3 +67,4 @@ def set_effort(test: Path) -> None:
     build.LEVEL = "-O0" if quick else _LEVEL
     binary.FLAGS = tuple("-O0" if quick and flag == "-O2" else flag for flag in _UNITS)
     golden_singles._LARGEST = 0 if quick else _LARGEST
+    selftest_text._TEST_STEPS = _FEW_STEPS if quick else _STEPS

@@ -9,6 +9,7 @@ import pytest
 
 from backends.c.host import build
 from backends.c.selftest import golden_singles
+from backends.c.selftest.text import selftest_text
 from backends.fmu import binary
 from backends.native import compile_kernel
 from tests.effort import AS_FOR_USERS, QUICK, TESTS, set_effort
@@ -36,9 +37,11 @@ def test_what_is_not_quick_has_the_flags_and_searches_of_users(file: str) -> Non
     assert "-O0" in binary.FLAGS
     assert build.LEVEL == "-O0"
     assert golden_singles._LARGEST == 0
+    assert selftest_text._TEST_STEPS == 6
     set_effort(TESTS / file)
     assert "-ftree-vectorize" in compile_kernel.kernel_flags(("gcc",), on_lanes=True)
     assert compile_kernel.kernel_flags(("gcc",), on_lanes=False)[0] == "-O3"
     assert "-O2" in binary.FLAGS
     assert build.LEVEL == "-O2"
     assert golden_singles._LARGEST > 0
+    assert selftest_text._TEST_STEPS == 16

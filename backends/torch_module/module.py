@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,6 +23,7 @@ from backends.torch_module.lowering import (
     static_nodes,
 )
 from backends.torch_module.parameters import physical_value
+from backends.torch_module.zero_tangents import stays_finite
 from compiler.ir import ops
 from compiler.ir.program import Graph, NodeId, Program
 
@@ -149,6 +151,30 @@ class TorchModel(nn.Module):
         """The frame of physical values that are not those of the module."""
         return Frame(physical, self._step.prepare(physical), self._start.prepare(physical))
 
+    @contextmanager
+    def constants_with_tangents(self, zero: Tensor) -> Generator[None]:
+        """Gives constants the tangents of a 0, for a forward mode that differentiates by others.
+
+        Torch computes the shape of each missing tangent in Python, in every operation. Graphs with
+        something that can be infinite are left as they are (decision 0396).
+        """
+        program = self.program
+        constants = [
+            (code.module, name, value)
+            for graph, evaluator in ((program.step, self._step), (program.start, self._start))
+            if stays_finite(graph)
+            for code in evaluator.codes
+            for name, value in code.module.named_buffers()
+            if value.is_floating_point()
+        ]
+        try:
+            for module, name, value in constants:
+                setattr(module, name, value - zero)  # -0.0 + 0.0 would be 0.0
+            yield
+        finally:
+            for module, name, value in constants:
+                setattr(module, name, value)
+
     def start(self, log: Mapping[str, Tensor], t: Tensor) -> dict[str, Tensor]:
         """The states before the step at rows `t`."""
         return self.start_on(gathered(log, t), self.frame(), len(t))
@@ -215,9 +241,9 @@ class _Evaluator:
         )
         self._before = lower_graph(graph, self._shared, dtype) if self._shared else None
         self._main = lower_graph(graph, roots, dtype, given=frozenset(self._shared))
-        for code in (self._before, self._main):
-            if code is not None:
-                code.module.to(device)
+        self.codes = [self._main] if self._before is None else [self._before, self._main]
+        for code in self.codes:
+            code.module.to(device)
         # a static result is repeated for each member of the batch at last
         self._shapes = [graph[root].type.shape if static[root] else None for root in roots]
 

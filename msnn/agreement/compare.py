@@ -43,7 +43,8 @@ def compare(subject: Subject, loaded: Loaded, record: AgreementRecord) -> Agreem
     # steps tells as much
     free = _free_run(loaded, same, same.steps if exact else FREE_STEPS)
     single = _start_and_steps(subject, loaded, same.beginning, wanted, record)
-    slopes = measured_slopes(subject, loaded.slopes, same)
+    exported = loaded.slopes()
+    slopes = measured_slopes(subject, exported, same)
     if exact:
         counts = {**single.measured.bits, **slopes.bits}
         for name, count in labelled(bits_of_each(free, same.outputs), {}).items():
@@ -63,7 +64,7 @@ def compare(subject: Subject, loaded: Loaded, record: AgreementRecord) -> Agreem
         else max(single.measured.deviations.values(), default=0.0),
         free_run=worst_deviation(beginning, wanted.outputs),
         jacobian=None
-        if exact or loaded.slopes is None
+        if exact or exported is None
         else max(slopes.deviations.values(), default=0.0),
         bits=bits,
         faults=faults,

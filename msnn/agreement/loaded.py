@@ -31,6 +31,11 @@ class ExportedSlopes:
     """Matrices (steps, rows, columns) by name, for inputs and states (steps, *shape)."""
 
 
+def no_slopes() -> ExportedSlopes | None:
+    """Of an export without a Jacobian, or of a vast one."""
+    return None
+
+
 @dataclass(frozen=True, slots=True)
 class Loaded:
     """An export that was loaded from its files, without the program that they came from."""
@@ -40,10 +45,13 @@ class Loaded:
     """None where states are not seen."""
     step: Step | None = None
     """None where states cannot be set: such a target can promise bits only."""
-    slopes: ExportedSlopes | None = None
+    slopes: Callable[[], ExportedSlopes | None] = no_slopes
+    """Asked for where they are compared: to derive a step takes longer than to run it."""
 
 
-def loaded_by_steps(start: Start, step: Step, slopes: ExportedSlopes | None = None) -> Loaded:
+def loaded_by_steps(
+    start: Start, step: Step, slopes: Callable[[], ExportedSlopes | None] = no_slopes
+) -> Loaded:
     """An export with explicit states, which is run step by step."""
 
     def run(beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:

@@ -41,9 +41,10 @@ def test_casadi_differentiates_empty_tanks_as_linearize_does(tmp_path: Path) -> 
     inputs, states = {"pump": np.array(0.0)}, {"upper": np.array(1e-9), "lower": np.array(1e-9)}
     wanted = msnn.linearize(msnn.load(TWO_TANKS), inputs, states).matrices
     with load_export(plan, write_export(plan, {}, tmp_path)) as loaded:
-        assert loaded.slopes is not None
+        slopes = loaded.slopes()
+        assert slopes is not None
         one = {name: value[np.newaxis] for name, value in inputs.items()}
-        found = loaded.slopes.at(one, {n: v[np.newaxis] for n, v in states.items()}, 1)
+        found = slopes.at(one, {n: v[np.newaxis] for n, v in states.items()}, 1)
     for name, matrix in wanted.items():
         np.testing.assert_allclose(found[name][0], matrix, rtol=1e-12, err_msg=name)
         assert np.isfinite(matrix).all()

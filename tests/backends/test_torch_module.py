@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 import torch
 
-from backends.torch_module.module import build_module
+from backends.torch_module.module import TorchModel, build_module, gathered
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Relation
@@ -138,3 +139,49 @@ def test_nan_propagates_through_extrema(operation: str, first: bool) -> None:
         return getattr(b, operation)(*pair)
 
     assert np.isnan(slope_at(float("nan"), build)[0])
+
+
+# what torch says of its own modules when it first loads its forward mode
+@pytest.mark.filterwarnings("ignore::FutureWarning")
+@pytest.mark.parametrize("name", SAMPLES)
+def test_tangents_of_constants_change_no_bit_of_values_and_slopes(name: str) -> None:
+    program = to_step_form(SAMPLES[name]().program)
+    log = {key: torch.from_numpy(value) for key, value in SAMPLES[name]().log(60, 3).items()}
+    model, t = build_module(program), torch.tensor([6, 9, 20])
+    physical = {key: value.detach() for key, value in model.physical().items()}
+
+    def computed(factor: torch.Tensor, *, given: bool) -> dict[str, torch.Tensor]:
+        zero = torch.where(torch.tensor(False), factor, 0.0)
+        with model.constants_with_tangents(zero) if given else nullcontext():
+            frame = model.frame_of({key: factor * value for key, value in physical.items()})
+            windows = gathered(log, t)
+            found = model.step_on(windows, model.start_on(windows, frame, len(t)), frame, len(t))
+        return {**found.outputs, **{f"next {key}": v for key, v in found.next_states.items()}}
+
+    def both(*, given: bool) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]:
+        one = torch.tensor(1.0, dtype=torch.float64)
+        slopes = torch.func.jacfwd(lambda factor: computed(factor, given=given))(one)
+        return slopes, computed(one, given=False)
+
+    plain = both(given=False)
+    constants = [*map(id, _constants(model))]
+    shifted = both(given=True)
+    assert constants == [*map(id, _constants(model))]
+    for wanted, found in zip(plain, shifted, strict=True):
+        for key, value in wanted.items():
+            np.testing.assert_array_equal(found[key].numpy(), value.numpy(), err_msg=key)
+
+
+def _constants(model: TorchModel) -> list[torch.Tensor]:
+    return [value for code in model._step.codes for value in code.module.buffers()]
+
+
+def test_a_constant_keeps_the_sign_of_its_zero_while_it_has_a_tangent() -> None:
+    builder = GraphBuilder()
+    result = builder.divide(builder.constant(1.0), builder.constant(-0.0))
+    outputs = (Output("y", result),)
+    program = Program("zero", None, (), (), (), builder.graph(), GraphBuilder().graph(), outputs)
+    model = build_module(program)
+    with model.constants_with_tangents(torch.tensor(0.0, dtype=torch.float64)):
+        values = model.step({}, torch.tensor([0]), {}).outputs["y"]
+    assert values.item() == -np.inf

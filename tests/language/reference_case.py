@@ -74,7 +74,7 @@ class Case:
 def read_case(path: Path) -> Case:
     """The case of a file."""
     text = path.read_text(encoding="utf-8")
-    given = yaml.safe_load(text)["x-case"]
+    given = yaml.load(text, Loader=yaml.CSafeLoader)["x-case"]
     read = read_spec(path, text)
     program = replace(compile_spec(read.spec, used=read.used).program, losses=())
     expected = _arrays(given["expected"])

@@ -17,7 +17,7 @@ def loaded_c(step: CStep, interface: Interface) -> Loaded:
     model = _CModel(step, interface)
     matrices = interface.jacobian
     slopes = None if matrices is None else ExportedSlopes(matrices.jacobian, model.slopes)
-    return Loaded(model.run, model.start, model.step_each, slopes)
+    return Loaded(model.run, model.start, model.step_each, lambda: slopes)
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,7 +70,7 @@ def _write(plan: ExportPlan[CasadiOptions], weights: Weights, folder: Path) -> t
 @contextmanager
 def _load(plan: ExportPlan[CasadiOptions], written: Written) -> Generator[Loaded]:
     exported = _CasadiExport(written.folder, plan.prefix)
-    slopes = _slopes(plan.program, plan.options, exported)
+    slopes = partial(_slopes, plan.program, plan.options, exported)
     yield loaded_by_steps(exported.start, exported.step, slopes)
 
 

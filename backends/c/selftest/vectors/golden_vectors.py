@@ -21,7 +21,11 @@ from backends.c.selftest.vectors.drawn_inputs import (
 from backends.c.selftest.vectors.first_steps import emptied, filled_by_first
 from backends.c.selftest.vectors.golden_starts import GoldenStart, golden_start
 from backends.c.selftest.vectors.log_of_steps import log_of_steps
-from backends.c.selftest.vectors.policy_reference import apply_policy, first_held
+from backends.c.selftest.vectors.policy_reference import (
+    apply_policy,
+    first_held,
+    invalid_samples,
+)
 from backends.c.selftest.vectors.state_reference import (
     equation_bits,
     next_state_bits,
@@ -114,6 +118,12 @@ def golden_runs(
     status = np.zeros((len(runs), steps), np.uint32)
     slopes: list[dict[str, Array]] = []
     following: list[Mapping[str, Array]] = []
+
+    def bits_of(answers: Mapping[str, Array], next: Mapping[str, Array]) -> StatusBit:
+        """Set where any of them is out of its range."""
+        bits = equation_bits(program, answers, dtype) | saturation_bits(program, answers)
+        return bits | next_state_bits(interface, next)
+
     for k in range(steps):
         log = log_of_steps(interface, {n: values[:, k] for n, values in seen.items()}, len(runs))
         if linearized is not None:
@@ -127,13 +137,16 @@ def golden_runs(
         # bits are told of the states that were computed; those that start again replace them
         # afterwards
         after = {name: value.copy() for name, value in result.next_states.items()}
+        # hardly any step of any run leaves a range: each is looked at where one of them does
+        somewhere = bits_of(result.outputs, result.next_states)
         for row in range(len(runs)):
             # a slice keeps the axis of the batch, which the references expect
             one = slice(row, row + 1)
-            answers = {name: value[one] for name, value in result.outputs.items()}
             next = {name: value[one] for name, value in result.next_states.items()}
-            bits = policy_bits[row][k] | equation_bits(program, answers, dtype)
-            bits |= saturation_bits(program, answers) | next_state_bits(interface, next)
+            bits = policy_bits[row][k]
+            if somewhere:
+                answers = {name: value[one] for name, value in result.outputs.items()}
+                bits |= bits_of(answers, next)
             if row in from_init:
                 # the first sample fills buffers; what needs a record waits until `reset`
                 waits = interface.from_record - (interface.filled_by_first if k > 0 else set())
@@ -187,14 +200,14 @@ def _seen(
     seen: dict[str, Array] = {}
     for input in interface.inputs:
         name, signal = input.field.name, input.port.signal
-        accepted = np.stack([run[name] for run in inputs])
-        for row, run in enumerate(inputs):
-            before = first_held(signal, input.field.shape, dtype)
-            # in order: `hold` falls back to what it accepted before
-            for k in range(steps):
-                before, said = apply_policy(signal, run[name][k], before, dtype)
-                accepted[row, k] = before
-                bits[row][k] |= said
+        given = np.stack([run[name] for run in inputs])
+        accepted = given.copy()
+        start = first_held(signal, input.field.shape, dtype)
+        # in order: `hold` falls back to what it accepted before
+        for row, k in np.argwhere(invalid_samples(signal, given, dtype)).tolist():
+            before = accepted[row, k - 1] if k else start
+            accepted[row, k], said = apply_policy(signal, given[row, k], before, dtype)
+            bits[row][k] |= said
         seen[name] = accepted
     return seen, bits
 

@@ -22,9 +22,7 @@ def apply_policy(
 
     `previous` are the values that it saw in the step before; all arrays are of `dtype`.
     """
-    low, high = (np.dtype(dtype).type(limit) for limit in limits(signal, dtype))
-    # false for NaN
-    valid = (values >= low) & (values <= high)
+    low, high, valid = _judged(signal, values, dtype)
     if signal.on_invalid == "trust" or bool(np.all(valid)):
         return values, StatusBit(0)
     not_a_number = StatusBit.NOT_A_NUMBER if bool(np.any(np.isnan(values))) else StatusBit(0)
@@ -54,6 +52,19 @@ def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> tuple[A
         before, said = apply_policy(signal, rows[k], before, dtype)
         checked[k], bits = before, bits | said
     return checked, bits
+
+
+def invalid_samples(signal: Signal, series: Array, dtype: Dtype) -> NDArray[np.bool_]:
+    """Which of the samples (runs, steps, *shape) have elements that a policy looks at."""
+    _, _, valid = _judged(signal, series, dtype)
+    return ~np.asarray(valid.all(axis=tuple(range(2, series.ndim))))
+
+
+def _judged(signal: Signal, values: Array, dtype: Dtype) -> tuple[Any, Any, NDArray[np.bool_]]:
+    """The limits, and which elements are within."""
+    low, high = (np.dtype(dtype).type(limit) for limit in limits(signal, dtype))
+    # false for NaN
+    return low, high, (values >= low) & (values <= high)
 
 
 def first_held(signal: Signal, shape: tuple[int, ...], dtype: Dtype) -> Array:

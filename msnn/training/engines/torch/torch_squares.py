@@ -83,8 +83,11 @@ class TorchSquares:
         factors: dict[str, Tensor | None] = {}
 
         def errors(numbers: Tensor) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
-            frame = self._model.frame_of({**values, **self._parts(values, numbers)})
-            scored = scored_values(self._model, frame, self._train, runs)
+            # not a product with 0: a number may be infinite
+            zero = torch.where(torch.zeros_like(numbers[0], dtype=torch.bool), numbers[0], 0.0)
+            with self._model.constants_with_tangents(zero):
+                frame = self._model.frame_of({**values, **self._parts(values, numbers)})
+                scored = scored_values(self._model, frame, self._train, runs)
             found: dict[str, Tensor] = {}
             for name, one in scored.items():
                 factors[name] = None if one is None else one.factors
