@@ -8,6 +8,7 @@ Among them are the arguments that `python -m benchmarks.mutation.digit_outcomes`
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -152,7 +153,7 @@ def _drawn(name: str, right: Routine, count: int, random: np.random.Generator) -
 
 def _lines(numbers: list[str]) -> Iterator[str]:
     line = ""
-    for number in numbers:
+    for number in (re.sub(r"\.?0*(?=p)", "", number) for number in numbers):
         if len(line) + len(number) > 84:
             yield f'"{line}"'
             line = ""

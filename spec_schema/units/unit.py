@@ -129,7 +129,7 @@ class Unit:
         return _nearest(line.factor * meant(value) + (0 if is_distance else line.summand))
 
     def line_to(self, target: "Unit") -> "Line":
-        """How numbers of this unit become those of `target`, of the same dimension."""
+        """The line from numbers of this unit to those of `target`, of the same dimension."""
         if self.same_as(target):
             return UNCHANGED
         scale = _exact(target.scale)
@@ -152,7 +152,7 @@ class Line:
     summand: Fraction
 
     def after(self, scale: float, offset: float) -> "Line":
-        """Of scale * number + offset."""
+        """The line of scale * number + offset, then this."""
         return Line(self.factor * _exact(scale), self.factor * _exact(offset) + self.summand)
 
 

@@ -51,7 +51,7 @@ def _on_line(cells: FloatArray, factor: _Pair, summand: _Pair) -> FloatArray:
 
 
 def _decimal_rest(cells: FloatArray) -> FloatArray:
-    """What is missing to the decimal number of few digits that a cell was read from; else 0."""
+    """The rest to the decimal number of few digits that a cell was read from; else 0."""
     size = np.abs(cells)
     inside = (size > 10.0**-_REACH) & (size < 10.0**_REACH)
     at = DIGITS - 1 - np.floor(np.log10(np.where(inside, size, 1.0))).astype(np.int64)
@@ -69,7 +69,7 @@ def _decimal_rest(cells: FloatArray) -> FloatArray:
 
 
 def _product_rest(left: FloatArray, right: FloatArray | float, product: FloatArray) -> FloatArray:
-    """What rounding took from a product."""
+    """The rest that rounding took from a product."""
     left_high = left * _SPLIT - (left * _SPLIT - left)
     right_high = right * _SPLIT - (right * _SPLIT - right)
     left_low, right_low = left - left_high, right - right_high
