@@ -153,7 +153,8 @@ def _drawn(name: str, right: Routine, count: int, random: np.random.Generator) -
 
 def _lines(numbers: list[str]) -> Iterator[str]:
     line = ""
-    for number in (re.sub(r"\.?0*(?=p)", "", number) for number in numbers):
+    short = (re.sub(r"\.?0*(?=p)", "", float.fromhex(number).hex()) for number in numbers)
+    for number in short:
         if len(line) + len(number) > 84:
             yield f'"{line}"'
             line = ""
