@@ -55,7 +55,7 @@ def main() -> None:
             chosen = chosen_arguments(name, real)
             what = f"{len(chosen.points)} arguments, {chosen.told} told, {len(chosen.untold)} not"
             print(f"{name} {real}: {what}: {chosen.untold}", flush=True)
-            texts[name, real] = " ".join(_hexadecimal(x) for point in chosen.points for x in point)
+            texts[name, real] = " ".join(float(x).hex() for point in chosen.points for x in point)
     target = Path("compiler/kernels/tables/telling_arguments.py")
     before, _, rest = target.read_text(encoding="utf-8").partition(_BEGIN)
     rows: list[str] = []
@@ -66,11 +66,6 @@ def main() -> None:
             rows.append(f'    ("{name}", "{real}"): (\n{shown}\n    ),')
     after = rest.partition(_END)[2]
     target.write_text(before + _BEGIN + "\n".join(rows) + _END + after, encoding="utf-8")
-
-
-def _hexadecimal(number: float) -> str:
-    """Without the zeros that end it, of which a float has many."""
-    return re.sub(r"\.?0+p", "p", float(number).hex())
 
 
 _BEGIN, _END = "HEXADECIMAL: dict[tuple[str, RealName], str] = {\n", "\n}\n"
@@ -158,7 +153,8 @@ def _drawn(name: str, right: Routine, count: int, random: np.random.Generator) -
 
 def _lines(numbers: list[str]) -> Iterator[str]:
     line = ""
-    for number in numbers:
+    short = (re.sub(r"\.?0*(?=p)", "", float.fromhex(number).hex()) for number in numbers)
+    for number in short:
         if len(line) + len(number) > 84:
             yield f'"{line}"'
             line = ""

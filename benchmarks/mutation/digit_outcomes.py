@@ -20,10 +20,10 @@ from pydantic import TypeAdapter
 
 from backends.c_kernels.sources import c_sources
 from backends.files.atomic_write import write_text
+from benchmarks.mutation.digit_equivalents import DIGITS
 from benchmarks.mutation.every_argument import first_shown
 from benchmarks.mutation.math_functions import PREFIX, Function, functions_of, needed, text_hash
 from benchmarks.mutation.mutants import last_digit_mutants
-from benchmarks.mutation.sign_equivalents import SIGNS
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 
 OUTCOMES = Path(__file__).with_suffix(".json")
@@ -119,7 +119,7 @@ def _decide(
         inner = next((one for one in right if right[one].text != changed[one].text), None)
         if inner is None or _is_same_inside(outcomes, right, changed, inner, name):
             continue
-        if (mutant.line, mutant.change) in SIGNS.get(inner.removeprefix(f"{PREFIX}_"), {}):
+        if (mutant.line, mutant.change) in DIGITS.get(inner.removeprefix(f"{PREFIX}_"), {}):
             continue
         if key not in outcomes or not (outcomes[key].shown or outcomes[key].every):
             outcome = Outcome(mutant.function, mutant.line, mutant.change, (), every=False)

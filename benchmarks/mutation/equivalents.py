@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
+from benchmarks.mutation.digit_equivalents import DIGITS
 from benchmarks.mutation.leg_equivalents import LEG, NO_ZERO
 from benchmarks.mutation.mutants import Mutant
-from benchmarks.mutation.sign_equivalents import SIGNS
 from tests.verification.unreached import UNREACHED
 
 _FILLED = "the first step fills the samples anew"
@@ -257,7 +257,7 @@ at most 1 of a finite angle, and of another all slopes in the angle are NaN."""
 def reason(prefix: str, mutant: Mutant) -> str | None:
     """Why a change changes no answer; None where it is not known to be so."""
     if mutant.kind == "last digit":
-        return SIGNS.get(mutant.function.removeprefix(f"{prefix}_"), {}).get(
+        return DIGITS.get(mutant.function.removeprefix(f"{prefix}_"), {}).get(
             (mutant.line, mutant.change)
         )
     if mutant.line == "s->reserved = 0U;":

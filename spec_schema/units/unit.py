@@ -155,7 +155,7 @@ class Line:
     summand: Fraction
 
     def after(self, scale: float, offset: float) -> "Line":
-        """The line of scale * number + offset."""
+        """The line of scale * number + offset, then this."""
         return Line(self.factor * _exact(scale), self.factor * _exact(offset) + self.summand)
 
 

@@ -171,8 +171,10 @@ HEXADECIMAL: dict[tuple[str, RealName], str] = {
         "0x1.41073990a3a45p-9"
     ),
     ("sigmoid", "float"): (
-        "-0x1.38ec62p+5 -0x1.349e8ep+6 -0x1.191a32p+3 -0x1.a61808p+2 -0x1.1139c4p+2 "
-        "-0x1.5b4b58p+6 -0x1.42135p+6 -0x1.68695cp+4 -0x1.4739e6p+4 -0x1.26b9e2p+2"
+        "-0x1.38ec62p+5 0x1.3c57e8p-2 -0x1.3b1da6p+4 -0x1.42135p+6 -0x1.5453dp+3 "
+        "-0x1.640356p-6 -0x1.5b4b58p+6 -0x1.349e8ep+6 -0x1.ed8552p+4 -0x1.7e029p+4 "
+        "-0x1.472a5cp+4 -0x1.04bed2p+4 -0x1.191a32p+3 -0x1.e7f9c2p+1 -0x1.b8cd22p+1 "
+        "-0x1.0a2c6cp+1 -0x1.64a06ep-1 0x1.8aa3d8p-2"
     ),
     ("sigmoid", "double"): (
         "-0x1.37cc2d72f4f94p+6 -0x1.4a42dd0f9c04fp+8 -0x1.91e762faf7341p-2 "
@@ -240,10 +242,11 @@ HEXADECIMAL: dict[tuple[str, RealName], str] = {
         "-0x1.04bdd1e83f5fp+0 -0x1.70f6be32179adp+9"
     ),
     ("tan", "float"): (
-        "0x1.2fc97ap+91 -0x1.2abf4p-1 0x1.7d9a9p+3 -0x1.1607ecp+9 -0x1.921fb4p+7 "
-        "0x1.c2eab4p-1 -0x1.fffffep+127 -0x1.0887a6p+126 -0x1.fffffep+63 -0x1.fffffep+31 "
-        "-0x1.fffffep+22 -0x1.fffffep+15 -0x1.fffffep+7 -0x1.7c515cp+3 -0x1.584cf6p+3 "
-        "-0x1.0f0b4ap+3 0x1.bd51bcp+49"
+        "0x1.c2698ep+19 0x1.423714p-1 0x1.c0272ep+31 0x1.26ca36p-1 0x1.228c38p+13 "
+        "0x1.101d2ep+1 0x1.c463acp+3 0x1.57853p-1 0x1.c74dfcp-1 0x1.a4b158p+7 0x1.08d87cp+113 "
+        "-0x1.fffffep+127 -0x1.0887a6p+126 -0x1.fffffep+63 -0x1.fffffep+31 -0x1.fffffep+22 "
+        "-0x1.fffffep+15 -0x1.fffffep+11 -0x1.fffffep+9 -0x1.fffffep+7 0x1.f3c214p+0 "
+        "0x1.b237ecp+3 0x1.b9ab5ap+4 0x1.26a3c4p+8 0x1.a9adcep+18 0x1.bd51bcp+49"
     ),
     ("tan", "double"): (
         "-0x1.2de95f7d43171p+772 -0x1.34b9261d5a99bp+276 -0x1.32d194660edcbp+909 "
