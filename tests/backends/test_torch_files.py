@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 
 from backends.torch_module.files import write_torch
 from compiler.interpreter.interpreter import Interpreter
@@ -136,6 +137,22 @@ def test_bounds_hold_and_weights_are_physical(tmp_path: Path) -> None:
     optimizer.step()
     assert 0.1 <= model.mass.item() <= 10.0
     assert model.damping.item() >= 0.0
+
+
+def test_numbers_that_are_not_learned_are_buffers_of_a_model_that_names_its_spec(
+    tmp_path: Path,
+) -> None:
+    program = to_step_form(SAMPLES["spring_damper_rk4"]().program)
+    program = replace(program, spec_hash="a" * 64)
+    held = tuple(replace(p, learn=p.name != "damping") for p in program.parameters)
+    write_torch(replace(program, parameters=held), None, tmp_path, "plant")
+    model = imported(tmp_path / "plant.py").load()
+    assert "damping" in dict(model.named_buffers())
+    assert len(list(model.parameters())) == len(held) - 1
+    assert model.damping.item() == program.parameter("damping").initial[0]
+    with safe_open(tmp_path / "plant.safetensors", "np") as file:
+        about = {"program": program.name, "spec_sha256": "a" * 64}
+        assert file.metadata() == about
 
 
 def test_needs_torch_and_safetensors_only(tmp_path: Path) -> None:

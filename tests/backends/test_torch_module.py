@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,6 +78,18 @@ def test_weights_on_a_bound_are_moved_off_it_and_named() -> None:
     model = build_module(SAMPLES["spring_damper_rk4"]().program)
     assert model.load_physical({"mass": np.array(10.0), "damping": np.array(0.3)}) == ("mass",)
     assert 9.99 < model.weights()["mass"] < 10.0
+
+
+def test_numbers_that_are_not_learned_are_no_variables() -> None:
+    program = SAMPLES["spring_damper_rk4"]().program
+    held = tuple(replace(p, learn=p.name != "damping") for p in program.parameters)
+    model = build_module(replace(program, parameters=held))
+    names = {p.name for p in held}
+    assert {name for name, _ in model.named_parameters()} == names - {"damping"}
+    # as it was given, bounds or none: no map to a raw variable and back
+    (damping,) = model.buffers()
+    assert damping.numpy() == np.asarray(program.parameter("damping").initial)
+    assert model.physical()["damping"] is damping
 
 
 def slope_at(x: float, build: Callable[[GraphBuilder, NodeId], NodeId]) -> tuple[float, float]:
