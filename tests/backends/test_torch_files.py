@@ -139,7 +139,7 @@ def test_bounds_hold_and_weights_are_physical(tmp_path: Path) -> None:
     assert model.damping.item() >= 0.0
 
 
-def test_numbers_that_are_not_learned_are_buffers_of_a_model_that_names_its_spec(
+def test_numbers_that_are_not_learned_are_buffers_and_the_spec_is_named(
     tmp_path: Path,
 ) -> None:
     program = to_step_form(SAMPLES["spring_damper_rk4"]().program)
