@@ -7,7 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -88,6 +88,19 @@ def test_the_readmes_run(tmp_path: Path) -> None:
     ]
     for program, printed in zip(programs.values(), run_examples(readmes), strict=True):
         assert repr(program.outputs[0].name) in printed
+
+
+@pytest.mark.parametrize(("dtype", "other"), [("float32", "float64"), ("float64", "float32")])
+def test_module_and_readme_have_the_precision_that_was_asked_for(
+    dtype: Literal["float32", "float64"], other: str, tmp_path: Path
+) -> None:
+    program = to_step_form(SAMPLES["spring_damper_rk4"]().program)
+    write_torch(program, None, tmp_path, "plant", dtype)
+    model = imported(tmp_path / "plant.py").load()
+    assert {value.dtype for value in model.parameters()} == {getattr(torch, dtype)}
+    readme = (tmp_path / "plant_torch.md").read_text(encoding="utf-8")
+    assert f"dtype=torch.{dtype}" in readme
+    assert other not in readme
 
 
 @pytest.mark.parametrize("name", SAMPLES)
