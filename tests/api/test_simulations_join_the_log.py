@@ -119,6 +119,32 @@ def test_sets_are_those_of_the_rows_and_can_be_chosen(tmp_path: Path) -> None:
         msnn.simulate(plant, data_set="test")
 
 
+def test_elements_are_labelled_in_the_order_of_their_axes(tmp_path: Path) -> None:
+    path = tmp_path / "plant.yaml"
+    path.write_text("""
+msnn: 1
+name: plant
+sample_time: 0.1 s
+dims: {axle: [front, rear], side: [left, mid, right]}
+inputs: {u: {}}
+constants:
+  a: {value: [1, 10], dims: axle}
+  b: {value: [1, 2, 3], dims: side}
+outputs: {y: u * a * b}
+data: {source: {train: '*.csv'}, time: t}
+""")
+    for name in ("a.csv", "b.csv"):
+        write(tmp_path, name, log(5))
+    runs = msnn.simulate(plant := msnn.load(path))
+    # each counts the rows of its own record
+    assert [run.first for run in runs] == [0, 0]
+    found = table(tmp_path, plant, runs)
+    u = np.tile(log(5)["u"], 2)
+    for axle, a in (("front", 1), ("rear", 10)):
+        for side, b in (("left", 1), ("mid", 2), ("right", 3)):
+            np.testing.assert_allclose(found[f"y[{axle},{side}]"], u * a * b, rtol=1e-15)
+
+
 def test_rows_of_no_set_name_none(tmp_path: Path) -> None:
     write(tmp_path, "a.csv", log(40))
     sets = "split: {by: time, train: [100 s, 101 s], val: [102 s, 103 s]}"
