@@ -13,8 +13,13 @@ def unknown_name(
     known: Iterable[str],
     wanted: str = "an input, parameter, layer or equation",
     meant: str | None = None,
+    number: str | None = None,
 ) -> Diagnostic:
     """E0301: a name that nothing declares."""
+    # `np.pi`: `number` is one of the language
+    if number is not None:
+        repair = f"write `{number}`: numbers of the language stand without a prefix"
+        return error("E0301", span, f"unknown name `{name}`", f"not {wanted}", help=repair)
     # the caller's guess first: it knows of habits from other languages, distance knows letters only
     meant = meant or nearest(name, known)
     message, repair = f"unknown name `{name}`", did_you_mean(meant)

@@ -1,4 +1,4 @@
-"""Spellings of units that people use, and the units that they mean: words, other letters, slips."""
+"""Finds the unit that is meant by words, other letters and slips."""
 
 import re
 
@@ -71,7 +71,7 @@ def guessed_symbol(symbol: str) -> str | None:
 
 
 def _kilo(symbol: str) -> list[str]:
-    """Units that begin with a K in place of the k of kilo: no file joins kelvins to units so."""
+    """The units with kilo that begin with a K here: no file joins kelvins to units so."""
     return [unit for unit in _other_case(symbol) if unit[0] == "k" and symbol[0] == "K"]
 
 

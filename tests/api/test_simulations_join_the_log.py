@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +119,56 @@ def test_sets_are_those_of_the_rows_and_can_be_chosen(tmp_path: Path) -> None:
         msnn.simulate(plant, data_set="test")
 
 
+def test_elements_are_labelled_in_the_order_of_their_axes(tmp_path: Path) -> None:
+    path = tmp_path / "plant.yaml"
+    path.write_text("""
+msnn: 1
+name: plant
+sample_time: 0.1 s
+dims: {axle: [front, rear], side: [left, mid, right]}
+inputs: {u: {}}
+constants:
+  a: {value: [1, 10], dims: axle}
+  b: {value: [1, 2, 3], dims: side}
+outputs: {y: u * a * b}
+data: {source: {train: '*.csv'}, time: t}
+""")
+    for name in ("a.csv", "b.csv"):
+        write(tmp_path, name, log(5))
+    runs = msnn.simulate(plant := msnn.load(path))
+    # each counts the rows of its own record
+    assert [run.first for run in runs] == [0, 0]
+    found = table(tmp_path, plant, runs)
+    u = np.tile(log(5)["u"], 2)
+    for axle, a in (("front", 1), ("rear", 10)):
+        for side, b in (("left", 1), ("mid", 2), ("right", 3)):
+            np.testing.assert_allclose(found[f"y[{axle},{side}]"], u * a * b, rtol=1e-15)
+
+
+def test_rows_of_no_set_name_none(tmp_path: Path) -> None:
+    write(tmp_path, "a.csv", log(40))
+    sets = "split: {by: time, train: [100 s, 101 s], val: [102 s, 103 s]}"
+    plant = model(tmp_path, f"{{source: {{train: a.csv}}, time: t, {sets}}}")
+    found = table(tmp_path, plant, msnn.simulate(plant))
+    named = np.full(40, "", dtype=object)
+    named[:10], named[20:30] = "train", "val"
+    assert found["set"].fillna("").tolist() == named.tolist()
+
+
+def test_a_long_run_is_written_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path, "a.csv", log(40))
+    plant = model(tmp_path, "{source: {train: a.csv}, time: t}")
+    runs = msnn.simulate(plant)
+    widths = {"y": np.arange(40.0)}
+    runs = Simulations(tuple(replace(run, bands=widths) for run in runs))
+    monkeypatch.setattr("msnn.simulation.table._ROWS", 7)
+    found = table(tmp_path, plant, runs)
+    check_rows(found, lambda name: pd.read_csv(tmp_path / name))
+    assert found["row"].tolist() == list(range(40))
+    np.testing.assert_array_equal(found["y.low"], found["y"] - widths["y"])
+    np.testing.assert_array_equal(found["y.high"], found["y"] + widths["y"])
+
+
 def test_rows_that_every_leaves_keep_their_numbers(tmp_path: Path) -> None:
     write(tmp_path, "a.csv", log(41, step=0.05))
     plant = model(tmp_path, "{source: {train: a.csv}, time: t, every: 2, from: 1}")
@@ -200,12 +251,13 @@ def test_lines_that_are_no_data_are_not_counted(tmp_path: Path) -> None:
     check_rows(table(tmp_path, plant, msnn.simulate(plant)), lambda _: frame)
 
 
-def test_what_a_file_does_not_measure_is_empty(tmp_path: Path) -> None:
-    write(tmp_path, "a.csv", log(20))
-    write(tmp_path, "b.csv", log(20).drop(columns="z"))
+@pytest.mark.parametrize("bare", ["a.csv", "b.csv"])
+def test_what_a_file_does_not_measure_is_empty(tmp_path: Path, bare: str) -> None:
+    for name in ("a.csv", "b.csv"):
+        write(tmp_path, name, log(20).drop(columns=["z"] if name == bare else []))
     plant = model(tmp_path, "{source: {train: '*.csv'}, time: t}")
     found = table(tmp_path, plant, msnn.simulate(plant))
-    assert found["y.log"].notna().tolist() == [True] * 20 + [False] * 20
+    np.testing.assert_array_equal(found["y.log"].notna(), found["file"] != bare)
 
 
 def test_given_files_are_laid_out_like_a_set_that_is_named(

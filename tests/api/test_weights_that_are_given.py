@@ -12,13 +12,17 @@ import torch
 
 import msnn
 from msnn.model.weights.weights_file import write_weights
+from tests.backends.test_torch_files import imported
 
 SPEC = """
 msnn: 1
 name: plant
 sample_time: 0.1 s
 inputs: {x: m, u: N}
-parameters: {gain: 0.5, force: {init: 0.1, unit: m/N}, rest: {init: 0, unit: m}}
+parameters:
+  gain: {init: 0.5, min: -1, max: 0.6}
+  force: {init: 0.1, unit: m/N}
+  rest: {init: 0, unit: m}
 layers: {h: {fir: {window: 3}}}
 outputs: {x_next: {expr: gain*x + force*u + h(x) + rest, predicts: "x[t+1]"}}
 train:
@@ -65,6 +69,8 @@ MISTAKES = {
     "empty": ({}, "E0911", "complete it"),
     "misshapen": ({**WEIGHTS, "h.weight": [1.0, 2.0]}, "E0912", None),
     "not finite": ({**WEIGHTS, "rest": np.nan}, "E0923", None),
+    "too large": ({**WEIGHTS, "gain": 0.61}, "E1119", "widen `min` and `max`"),
+    "too small": ({**WEIGHTS, "gain": -1.001}, "E1119", "widen `min` and `max`"),
     "no numbers": ({**WEIGHTS, "rest": "much"}, "E0924", None),
     "ragged": ({**WEIGHTS, "h.weight": [[1.0], [2.0, 3.0]]}, "E0912", None),
 }
@@ -157,3 +163,15 @@ def test_a_mapping_is_completed_by_the_initial_values(model: msnn.Model) -> None
 def test_other_things_are_no_weights(model: msnn.Model) -> None:
     with pytest.raises(TypeError, match="a mapping, a result of training or a path, not float"):
         msnn.validate(model, 3.0, DATA)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("bound", [-1.0, 0.6, float(np.float32(0.6))])
+def test_a_bound_and_what_single_precision_made_of_it_are_inside(
+    model: msnn.Model, bound: float, tmp_path: Path
+) -> None:
+    files = msnn.export(model, "torch", tmp_path, {**WEIGHTS, "gain": bound})
+    (source,) = [path for path in files if path.suffix == ".py"]
+    gain = imported(source).load().gain
+    assert gain.item() == pytest.approx(bound, abs=3e-8)
+    # −1 + 1.6 is rounded up
+    assert -1.0 <= gain.item() <= np.nextafter(0.6, 1.0)

@@ -7,11 +7,12 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 
 from backends.torch_module.files import write_torch
 from compiler.interpreter.interpreter import Interpreter
@@ -89,6 +90,19 @@ def test_the_readmes_run(tmp_path: Path) -> None:
         assert repr(program.outputs[0].name) in printed
 
 
+@pytest.mark.parametrize(("dtype", "other"), [("float32", "float64"), ("float64", "float32")])
+def test_module_and_readme_have_the_precision_that_was_asked_for(
+    dtype: Literal["float32", "float64"], other: str, tmp_path: Path
+) -> None:
+    program = to_step_form(SAMPLES["spring_damper_rk4"]().program)
+    write_torch(program, None, tmp_path, "plant", dtype)
+    model = imported(tmp_path / "plant.py").load()
+    assert {value.dtype for value in model.parameters()} == {getattr(torch, dtype)}
+    readme = (tmp_path / "plant_torch.md").read_text(encoding="utf-8")
+    assert f"dtype=torch.{dtype}" in readme
+    assert other not in readme
+
+
 @pytest.mark.parametrize("name", SAMPLES)
 def test_the_code_computes_nothing_unused(name: str, tmp_path: Path) -> None:
     program = to_step_form(SAMPLES[name]().program)
@@ -136,6 +150,22 @@ def test_bounds_hold_and_weights_are_physical(tmp_path: Path) -> None:
     optimizer.step()
     assert 0.1 <= model.mass.item() <= 10.0
     assert model.damping.item() >= 0.0
+
+
+def test_numbers_that_are_not_learned_are_buffers_and_the_spec_is_named(
+    tmp_path: Path,
+) -> None:
+    program = to_step_form(SAMPLES["spring_damper_rk4"]().program)
+    program = replace(program, spec_hash="a" * 64)
+    held = tuple(replace(p, learn=p.name != "damping") for p in program.parameters)
+    write_torch(replace(program, parameters=held), None, tmp_path, "plant")
+    model = imported(tmp_path / "plant.py").load()
+    assert "damping" in dict(model.named_buffers())
+    assert len(list(model.parameters())) == len(held) - 1
+    assert model.damping.item() == program.parameter("damping").initial[0]
+    with safe_open(tmp_path / "plant.safetensors", "np") as file:
+        about = {"program": program.name, "spec_sha256": "a" * 64}
+        assert file.metadata() == about
 
 
 def test_needs_torch_and_safetensors_only(tmp_path: Path) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
 from backends.torch_module.module import TorchModel, build_module, gathered
+from backends.torch_module.parameters import physical_value
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Relation
@@ -78,6 +81,36 @@ def test_weights_on_a_bound_are_moved_off_it_and_named() -> None:
     model = build_module(SAMPLES["spring_damper_rk4"]().program)
     assert model.load_physical({"mass": np.array(10.0), "damping": np.array(0.3)}) == ("mass",)
     assert 9.99 < model.weights()["mass"] < 10.0
+
+
+def test_numbers_that_are_not_learned_are_no_variables() -> None:
+    program = SAMPLES["spring_damper_rk4"]().program
+    held = tuple(replace(p, learn=p.name != "damping") for p in program.parameters)
+    model = build_module(replace(program, parameters=held))
+    names = {p.name for p in held}
+    assert {name for name, _ in model.named_parameters()} == names - {"damping"}
+    # as it was given, bounds or none: no map to a raw variable and back
+    (damping,) = model.buffers()
+    assert damping.numpy() == np.asarray(program.parameter("damping").initial)
+    assert model.physical()["damping"] is damping
+
+
+@pytest.mark.parametrize("x", [-40.0, -3.0, 0.0, 19.5, 20.5, 36.0])
+def test_half_bounded_parameters_have_exact_tails(x: float) -> None:
+    """torch's own softplus is a straight line from 20 on: off by 1e-9 there, in its slope too."""
+    above = Parameter("p", initial=(1.0,), minimum=1.0, scale=2.0)
+    below = Parameter("p", initial=(1.0,), maximum=1.0, scale=2.0)
+    soft, slope = math.log1p(math.exp(x)), 2.0 / (1.0 + math.exp(-x))
+    for parameter, raw, expected in (
+        (above, x, 1.0 + 2.0 * soft),
+        (below, -x, 1.0 - 2.0 * soft),
+    ):
+        variable = torch.tensor(raw, dtype=torch.float64, requires_grad=True)
+        value = physical_value(parameter, variable)
+        value.backward()
+        assert value.item() == pytest.approx(expected, rel=1e-14)
+        assert variable.grad is not None
+        assert variable.grad.item() == pytest.approx(slope, rel=1e-14)
 
 
 def slope_at(x: float, build: Callable[[GraphBuilder, NodeId], NodeId]) -> tuple[float, float]:

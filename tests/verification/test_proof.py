@@ -33,6 +33,27 @@ outputs:
   y: kept + grown
 """
 
+VECTOR = """
+msnn: 1
+name: leaks
+sample_time: 1 s
+dims: {j: 3}
+constants: {c: {value: [0.5, 0.5, 2], dims: j}}
+inputs: {u: {range: [-1, 1]}, v: {}}
+states: {s: {next: c * s, dims: j, init: 0, range: [-1, 1]}}
+outputs: {y: s, z: "sum(u[t-9:t]) + v"}
+export:
+  c: {ring: double}
+"""
+
+POLE = """
+msnn: 1
+name: leaks
+sample_time: 1 s
+inputs: {u: {range: [-1, 1], on_invalid: clamp}}
+outputs: {y: 1 / (1.25 - u)}
+"""
+
 HOT = """
 msnn: 1
 name: leaks
@@ -87,16 +108,55 @@ def test_the_report_says_which_states_stay_in_their_range(
     assert "any number and infinities taken at u, h" in step["notes"]
 
 
+@pytest.mark.parametrize(("beyond", "end"), [("x > high", "high"), ("x < low", "low")])
 def test_inputs_that_are_clamped_are_drawn_from_all_numbers(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    beyond: str, end: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     verified(LEAKS, tmp_path, capsys)
     source = tmp_path / "c" / "src" / "leaks.c"
     text = source.read_text(encoding="utf-8")
-    assert "if (x > high) {\n        result = high;" in text
-    source.write_text(text.replace("result = high;", "result = x;"), encoding="utf-8")
+    assert f"if ({beyond}) {{\n        result = {end};" in text
+    source.write_text(text.replace(f"result = {end};", "result = x;"), encoding="utf-8")
     assert run(["verify", str(tmp_path / "c"), "--targets", "", "--proof"]) == 1
     assert "kept may be NaN or infinite after a step" in capsys.readouterr().out
+
+
+def test_inputs_just_beyond_their_range_are_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = verified(POLE, tmp_path, capsys)
+    assert code == 0, said
+    source = tmp_path / "c" / "src" / "leaks.c"
+    text, limit = source.read_text(encoding="utf-8"), "<= 1.0f"
+    assert text.count(limit) == 1
+    # values up to 1.5 are no longer clamped: 1.25 is the pole
+    source.write_text(text.replace(limit, "<= 1.5f"), encoding="utf-8")
+    assert run(["verify", str(tmp_path / "c"), "--targets", "", "--proof"]) == 1
+
+
+def test_every_element_of_a_state_is_looked_at(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = verified(VECTOR, tmp_path, capsys)
+    assert code == 0, said
+    (step,) = said["results"]
+    assert "inductive: no: a step takes s from -1 .. 1 to -2 .. 2" in step["notes"]
+    assert "assumed |v| <= 1e+06: the spec has no range" in step["notes"]
+
+
+def test_heads_of_rings_are_any_bits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    verified(VECTOR, tmp_path, capsys)
+    source = tmp_path / "c" / "src" / "leaks.c"
+    text, guard = source.read_text(encoding="utf-8"), "(s->u_history_head < 10U)"
+    assert guard in text
+    # a comparison with a sign lets through what is 2^31 or more
+    signed = text.replace(guard, "((int32_t)s->u_history_head < 10)")
+    source.write_text(signed, encoding="utf-8")
+    assert run(["verify", str(tmp_path / "c"), "--targets", "", "--proof"]) == 1
+    said = capsys.readouterr().out
+    # where a sample and its copy are written: every alarm is counted
+    assert "out of bounds index" in said
+    assert "2 alarms" in said
 
 
 @pytest.mark.parametrize(
@@ -166,6 +226,15 @@ def test_a_state_stays_where_both_analyses_say_so(
     assert (found.verdict, found.findings) == ("ok", ())
     assert f"inductive: {expected}" in found.notes
     assert "proved y in -5 .. 5" in found.notes
+
+
+def test_a_state_that_may_be_nan_does_not_stay_in_its_range(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = PossibleValues(-2.0, 2.0, nan=True)
+    found = said_of(tmp_path, monkeypatch, {"left_kept": left}, {})
+    assert found.findings == ("kept may be NaN or infinite after a step: -2 .. 2 or NaN",)
+    assert "inductive: no: a step takes kept from -2 .. 2 to -2 .. 2 or NaN" in found.notes
 
 
 @pytest.mark.parametrize(

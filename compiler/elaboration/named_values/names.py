@@ -123,23 +123,23 @@ class Elaboration:
                 )
                 raise LoweringFailed
 
-    def declared(self, name: str, span: Span) -> Declaration:
-        """The declaration of a name; reports an unknown one."""
+    def declared(self, name: str, span: Span, member: str = "") -> Declaration:
+        """The declaration of a name, of which a `member` is wanted; reports an unknown one."""
         found = self.context.scope.get(name)
         if found is None:
             if name in SIGNATURES:
                 self.context.findings.report(names.not_a_value(name, "a builtin", span))
             else:
                 known = (*self.context.scope, "dt", *NUMBERS)
-                self.context.findings.report(names.unknown_name(name, span, known))
+                number = member if member in NUMBERS else None
+                self.context.findings.report(names.unknown_name(name, span, known, number=number))
             raise LoweringFailed
         self.context.used.add(name)
         return found
 
     def member(self, member: Member, environment: Environment) -> NodeId:
         """`s.meas`: the log of a signal or state, whatever the step sees (R6); `phi.centers`."""
-        # members of sub-models have dots in their names, so the last dot need not be the one before
-        # `meas`
+        # names of members of sub-models have dots: the last one need not be that before `meas`
         base, _, rest = member.base.rpartition(".")
         if member.base not in self.context.scope and base in self.context.scope:  # `x.meas.meas`
             member = Member(base, f"{rest}.{member.name}", member.span)
@@ -149,7 +149,7 @@ class Elaboration:
 
             self.context.findings.report(unknown_member(*robot, member))
             raise LoweringFailed
-        entry = self.declared(member.base, member.span).entry
+        entry = self.declared(member.base, member.span, member.name).entry
         if isinstance(entry, Use):
             unknown = f"{member.base}.{member.name}"
             self.context.findings.report(

@@ -1,8 +1,9 @@
-"""E0910-E0912, E0923, E0924, E0959, E0994, W0902: weights, read from files or given."""
+"""E0910-E0912, E0923, E0924, E0959, E0994, E1119, W0902: weights, read from files or given."""
 
 from collections.abc import Sequence
 from shlex import quote
 
+from compiler.ir.program import Parameter
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import nearest
@@ -67,6 +68,15 @@ def weights_not_floating(file: str, name: str, kind: str) -> Diagnostic:
     """E0924: an array of integers or truth values where a parameter's values belong."""
     message = f"`{name}` in {file} holds {kind} values, not floating point numbers"
     return error("E0924", None, message, help="write the array as float64")
+
+
+def weights_outside_bounds(file: str, parameter: Parameter, found: float) -> Diagnostic:
+    """E1119: weights that the bounds of the spec exclude."""
+    name, low, high = parameter.name, parameter.minimum, parameter.maximum
+    ends = [f"at least {low:g}"] * (low is not None) + [f"at most {high:g}"] * (high is not None)
+    message = f"`{name}` in {file} is {found:g}, and the spec wants {' and '.join(ends)}"
+    repair = "train with these bounds, or widen `min` and `max`"
+    return error("E1119", parameter.span, message, "its bounds", help=repair)
 
 
 def moved_off_bound(names: Sequence[str]) -> Diagnostic:

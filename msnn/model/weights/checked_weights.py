@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.ir.program import Program
+from compiler.ir.program import Parameter, Program
 from msnn.data.dataset import FloatArray
 from msnn.errors.learning import weights as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+
+_ROUNDING = float(np.finfo(np.float32).eps)
 
 GIVEN = "the given mapping of weights"
 """What messages call weights that are no file."""
@@ -47,6 +49,23 @@ def checked_weights(
     wild = [name for name, array in found.items() if not np.all(np.isfinite(array))]
     if wild:
         faults.append(errors.weights_not_finite(origin, wild))
+    for parameter in program.parameters:
+        outside = _outside(parameter, found.get(parameter.name))
+        if outside is not None:
+            faults.append(errors.weights_outside_bounds(origin, parameter, outside))
     if faults:
         raise SpecError(faults)
     return found
+
+
+def _outside(parameter: Parameter, array: FloatArray | None) -> float | None:
+    """The value that is furthest outside the bounds of its parameter; None where none is."""
+    low = -np.inf if parameter.minimum is None else parameter.minimum
+    high = np.inf if parameter.maximum is None else parameter.maximum
+    if array is None or not array.size or not np.all(np.isfinite(array)):
+        return None
+    beyond = np.maximum(low - array, array - high)
+    worst = np.unravel_index(np.argmax(beyond), beyond.shape)
+    # a bound that single precision rounded may lie outside itself
+    nearest = np.clip(array[worst], low, high)
+    return float(array[worst]) if beyond[worst] > _ROUNDING * abs(nearest) else None
