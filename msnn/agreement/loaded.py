@@ -32,7 +32,7 @@ class ExportedSlopes:
 
 
 def no_slopes() -> ExportedSlopes | None:
-    """Of an export without a Jacobian, or of a vast one."""
+    """The slopes of an export without a Jacobian, or of a vast one."""
     return None
 
 

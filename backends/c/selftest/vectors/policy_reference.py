@@ -55,7 +55,7 @@ def apply_policy_to_window(signal: Signal, rows: Array, dtype: Dtype) -> tuple[A
 
 
 def invalid_samples(signal: Signal, series: Array, dtype: Dtype) -> NDArray[np.bool_]:
-    """Which of the samples (runs, steps, *shape) have elements that a policy looks at."""
+    """True for the samples (runs, steps, *shape) with elements that a policy looks at."""
     _, _, valid = _judged(signal, series, dtype)
     return ~np.asarray(valid.all(axis=tuple(range(2, series.ndim))))
 
