@@ -10,7 +10,6 @@ digit_outcomes.json under the hash of both texts. Needs gcc; Ctrl-C keeps what w
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
