@@ -223,9 +223,9 @@ HEXADECIMAL: dict[tuple[str, RealName], str] = {
     ),
     ("softplus", "float"): (
         "0x1.d0bb66p-3 -0x1.5d0332p-5 -0x1.38ec62p+5 -0x1.3b1da6p+4 -0x1.576f7p+3 "
-        "-0x1.349e8ep+6 -0x1.632feep+0 0x1.28291cp+0 -0x1.5b4b58p+6 -0x1.094c6ap+1 "
-        "-0x1.472a5cp+4 -0x1.7e029p+4 -0x1.ed8552p+4 -0x1.42135p+6 0x1.4ab772p-3 "
-        "0x1.62e432p-2 0x1.cd44eap-1"
+        "-0x1.349e8ep+6 0x1.bb6354p-2 0x1.16bf1ep+0 -0x1.5b4b58p+6 -0x1.d1fbc2p-2 "
+        "-0x1.632feep+0 -0x1.094c6ap+1 -0x1.472a5cp+4 -0x1.7e029p+4 -0x1.ed8552p+4 "
+        "-0x1.42135p+6 0x1.4ab772p-3 0x1.62e432p-2 0x1.28291cp+0"
     ),
     ("softplus", "double"): (
         "-0x1.37cc2d72f4f94p+6 -0x1.fffd87ee3b7fp-2 -0x1.4a42dd0f9c04fp+8 "
