@@ -77,8 +77,10 @@ def test_an_output_may_be_called_as_the_next_value_of_a_state():
 def test_names_of_a_spec_become_names_that_casadi_takes():
     b = GraphBuilder()
     x = b.state("x", Type())
-    program = _program(b, Output("jac", b.negate(x)), Output("ρ__1.β", x), next=x)
-    assert build_function(program).name_out()[:2] == ["jac_2", "rho_1_beta"]
+    kept = [Output(name, b.negate(x)) for name in ("jac", "hess", "null")]
+    program = _program(b, *kept, Output("ρ__1.β", x), next=x)
+    named = build_function(program).name_out()[:4]
+    assert named == ["jac_2", "hess_2", "null_2", "rho_1_beta"]
 
 
 def test_a_window_stays_one_product():

@@ -152,6 +152,22 @@ def test_bounds_hold_and_weights_are_physical(tmp_path: Path) -> None:
     assert model.damping.item() >= 0.0
 
 
+@pytest.mark.parametrize("bounds", [{"minimum": 2.0}, {"maximum": 2.0}])
+def test_what_rounding_put_beyond_a_bound_is_loaded_on_it(
+    bounds: dict[str, float], tmp_path: Path
+) -> None:
+    program = to_step_form(SAMPLES["spring_damper_rk4"]().program)
+    free: dict[str, float | None] = {"minimum": None, "maximum": None}
+    held = tuple(
+        replace(p, initial=(2.0,), **{**free, **bounds}) if p.name == "damping" else p
+        for p in program.parameters
+    )
+    beyond = 2.0 - 1e-7 if "minimum" in bounds else 2.0 + 1e-7
+    program = replace(program, parameters=held)
+    write_torch(program, {"damping": beyond}, tmp_path, "plant")
+    assert imported(tmp_path / "plant.py").load().damping.item() == 2.0
+
+
 def test_numbers_that_are_not_learned_are_buffers_and_the_spec_is_named(
     tmp_path: Path,
 ) -> None:

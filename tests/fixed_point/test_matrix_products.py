@@ -3,6 +3,7 @@
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from backends.fixed_point.matrix_products import matrix_products
@@ -25,6 +26,15 @@ sample_time: 10 ms
 inputs: {a: {range: [-1, 1]}, b: {range: [-2, 1]}, c: {range: [0, 3]}}
 layers: {net: {mlp: {hidden: [16, 16]}}}
 outputs: {y: "net(a, b, c)"}
+"""
+
+FILTER = """\
+msnn: 1
+name: net
+sample_time: 10 ms
+inputs: {u: {range: [-1, 1]}}
+layers: {h: {fir: {window: 20}}}
+outputs: {y: "h(u)"}
 """
 
 
@@ -64,6 +74,14 @@ def test_loops_have_the_words_of_the_integers(compiler: str, dtype: str, tmp_pat
     flags = ("-O2", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-fsanitize=undefined")
     said = run_test_program(tmp_path / "c", "net", compiler, (*flags, "-fno-sanitize-recover"))
     assert "golden steps agree" in said
+
+
+def test_a_sum_of_two_weights_has_a_table_of_them(tmp_path: Path) -> None:
+    require_tool("gcc", "apt-get install gcc")
+    plan = planned(fixed_model(tmp_path, FILTER, "q15"))
+    weights = {"h.weight": np.repeat([0.3, 0.7], 10)}
+    write_export(plan, weights, tmp_path / "c")
+    assert "golden steps agree" in run_test_program(tmp_path / "c", "net", "gcc", ("-O2",))
 
 
 def test_a_network_takes_less_than_its_terms_written_out(tmp_path: Path) -> None:
