@@ -55,7 +55,8 @@ def meant_symbol(symbol: str) -> str | None:
     alike = _other_case(symbol)
     # `Mpa` are megapascals; `mpa` may be, and millipascals as well
     mega = [unit for unit in alike if unit[0] == symbol[0] and symbol[0].isupper()]
-    exact = _products(symbol) + mega
+    # `Nm`, `mAh`; without a capital letter it may be a word, as `cmd` is
+    exact = [unit for unit in _products(symbol) if unit != unit.lower()] + mega
     readings = _kilo(symbol) or exact or alike
     return readings[0] if len(readings) == 1 else None
 

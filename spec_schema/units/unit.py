@@ -113,7 +113,7 @@ class Unit:
 
     def in_si(self, value: float) -> float:
         """The number in SI units, rounded once: 10 us is 1e-05 s, which 10 · 1e-06 is not."""
-        return _nearest(meant(value) * _exact(self.scale)) + self.offset
+        return nearest_float(meant(value) * _exact(self.scale)) + self.offset
 
     def convert(self, value: float, target: "Unit", *, is_distance: bool = False) -> float:
         """The number in `target` that means `value` in this unit; ValueError if not comparable.
@@ -129,7 +129,7 @@ class Unit:
         if not math.isfinite(value):
             return value
         line = self.line_to(target)
-        return _nearest(line.factor * meant(value) + (0 if is_distance else line.summand))
+        return nearest_float(line.factor * meant(value) + (0 if is_distance else line.summand))
 
     def line_to(self, target: "Unit") -> "Line":
         """The line from numbers of this unit to those of `target`, of the same dimension."""
@@ -144,7 +144,7 @@ class Unit:
         if not self.same_dimension(target):
             message = f"{self.text} does not convert to {target.text}"
             raise ValueError(message)
-        return _nearest(_exact(self.scale) / _exact(target.scale))
+        return nearest_float(_exact(self.scale) / _exact(target.scale))
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,8 @@ def _exact(number: float) -> Fraction:
     return Fraction(Decimal(repr(number)))
 
 
-def _nearest(number: Fraction) -> float:
+def nearest_float(number: Fraction) -> float:
+    """The float nearest to an exact number; infinite beyond the largest."""
     try:
         return float(number)
     except OverflowError:

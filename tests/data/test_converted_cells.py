@@ -35,3 +35,11 @@ def test_scale_and_offset_are_decimals_too() -> None:
     line = parse_unit("mm").line_to(parse_unit("m")).after(0.1, 0.3)
     cells = np.array([3.0, 7.0, math.nan])
     np.testing.assert_array_equal(converted_cells(cells, line), [0.0006, 0.001, math.nan])
+
+
+def test_factors_and_summands_beyond_the_floats_are_infinite() -> None:
+    line = parse_unit("km").line_to(parse_unit("m"))
+    cells = np.array([-2.0, 1.0, 3.0])
+    expected = [-math.inf, math.inf, math.inf]
+    np.testing.assert_array_equal(converted_cells(cells, line.after(1e308, 0.0)), expected)
+    np.testing.assert_array_equal(converted_cells(cells, line.after(1.0, 1e308)), [math.inf] * 3)

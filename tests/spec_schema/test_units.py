@@ -236,6 +236,8 @@ def test_bad_text(text: str, start: int, end: int, repair: str | None) -> None:
         ("kgg", None, "kg"),
         ("ss", None, "s"),
         ("kmph", None, "mph"),
+        # a word in brackets, as of a column `u (cmd)`, and centimetres by days
+        ("cmd", None, "cm*d"),
         ("Foo", None, None),
     ],
 )

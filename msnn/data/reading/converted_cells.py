@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from functools import cache
 from typing import TypeAlias
@@ -9,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from spec_schema.units.unit import DIGITS, UNCHANGED, Line
+from spec_schema.units.unit import DIGITS, UNCHANGED, Line, nearest_float
 
 _REACH = 280
 """Powers of ten between which no step below leaves the floats."""
@@ -86,5 +87,5 @@ def _powers_of_ten() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _pair(number: Fraction) -> _Pair:
-    nearest = float(number)
-    return nearest, float(number - Fraction(nearest))
+    nearest = nearest_float(number)
+    return nearest, float(number - Fraction(nearest)) if math.isfinite(nearest) else 0.0
