@@ -30,8 +30,13 @@ OUTCOMES = Path(__file__).with_suffix(".json")
 _TOGETHER = 32
 """Changes that meet all floats in one program, after which what was found is kept."""
 _DRAWN = ("drawn", "600", "-12", "12", "-12", "12")
-_EVERY = {"own_reduce_angle": ("every", "0", str(0x7F7FFFFF))}
+_WITHIN = {
+    "own_log_words": ("1", str(0x7F7FFFFF)),
+    "own_reduce_angle": ("0", str(0x7F7FFFFF)),
+}
 """Where not every float is an argument: the callers give a size, and treat infinities and NaN."""
+_BESIDE = ("beside", "8192", "-12", "12", "-12", "12")
+"""Where a called function differs at an x, which of many y shows it."""
 _ALL = ("every", "0", str(0xFFFFFFFF))
 _UPPER_HALF = ("every", "0", str(0x7FFFFFFF))
 """Where f(-x) is f(x) or -f(x), in the changed text too; zeros of both signs are corners."""
@@ -112,6 +117,7 @@ def _decide(
     """Of each change of a function, or of those that it calls and that change their results."""
     outcomes, right = known(), needed(functions, name)
     left, corners = dict[str, tuple[Outcome, Mapping[str, Function]]](), {*at}
+    places = dict[str, tuple[float, ...]]()
     for mutant in last_digit_mutants(source):
         changed = needed(functions_of(mutant.text), name)
         key = text_hash(right, changed)
@@ -125,13 +131,21 @@ def _decide(
             left[key] = outcome, changed
             # where a called function differs its caller may
             called = outcomes.get(text_hash(needed(right, inner), needed(changed, inner)))
-            corners |= set(map(float.fromhex, called.shown if called else ()))
-    first = _DRAWN if name not in _EVERY else ("every", "0", "0")
-    _try(name, right, left, first, corners)
+            places[key] = tuple(map(float.fromhex, called.shown if called else ()))
+            corners |= {*places[key]}
+    within = _WITHIN.get(name)
+    _try(name, right, left, ("corners", *within) if within else _DRAWN, corners)
+    if len(right[name].arguments) > 1:
+        for key in [key for key in left if places[key]]:
+            alone = {key: left[key]}
+            _try(name, right, alone, _BESIDE, places[key])
+            if not alone:
+                del left[key]
     if not quick:
         mirrored = {k: row for k, row in left.items() if _is_mirrored(right, row[1], name)}
         others = {key: row for key, row in left.items() if key not in mirrored}
-        for rows, every in ((mirrored, _UPPER_HALF), (others, _EVERY.get(name, _ALL))):
+        whole = ("every", *within) if within else _ALL
+        for rows, every in ((mirrored, _UPPER_HALF), (others, whole)):
             for begin in range(0, len(rows), _TOGETHER):
                 own = dict([*rows.items()][begin : begin + _TOGETHER])
                 _try(name, right, own, every)
@@ -169,7 +183,7 @@ def _try(
         return
     points = dict(first_shown(name, right, [left[key][1] for key in keys], arguments, corners))
     outcomes, arity = known(), len(right[name].arguments)
-    every = arguments in (_ALL, _UPPER_HALF, _EVERY.get(name))
+    every = arguments[0] == "every"
     for number, key in enumerate(keys):
         outcome = replace(left[key][0], every=every)
         if number in points:

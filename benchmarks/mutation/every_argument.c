@@ -1,8 +1,9 @@
 /* Looks for an argument at which a changed function gives another result than the right one.
  *
  * Includes what every_argument.py writes: the right function, its changed copies, the corners.
- * Arguments: `every`, the first and the last pattern of bits; or `drawn`, how many blocks, and the
- * ends of the domain of each argument. Prints the number of each change that shows, and where. A
+ * Arguments: `every` or `corners`, the first and the last pattern of bits that an argument has; or
+ * `drawn` or `beside`, where the first argument is a given one, how many blocks, and the ends of the
+ * domain of each argument. Prints the number of each change that shows, and where. A
  * copy that leaves its tables and crashes has shown itself.
  */
 #define _POSIX_C_SOURCE 200809L
@@ -82,11 +83,14 @@ static void try_block(void)
     }
 }
 
-static void try_corners(void)
+static void try_corners(word first_bits, word last_bits)
 {
     const int seconds = (ARITY == 1) ? 1 : CORNERS;
     int filled = 0;
     for (int first = 0; first < CORNERS; first++) {
+        if ((bits(corners[first]) < first_bits) || (bits(corners[first]) > last_bits)) {
+            continue;
+        }
         for (int second = 0; second < seconds; second++) {
             x[filled] = corners[first];
             y[filled] = corners[second];
@@ -97,9 +101,10 @@ static void try_corners(void)
             }
         }
     }
+    /* what is left over meets 1 */
     while (filled < BLOCK) {
-        x[filled] = corners[0];
-        y[filled] = corners[0];
+        x[filled] = (real)1.0;
+        y[filled] = (real)1.0;
         filled++;
     }
     try_block();
@@ -122,16 +127,22 @@ int main(int count, char **arguments)
     const struct sigaction guard = {.sa_handler = leave_copy};
     (void)sigaction(SIGSEGV, &guard, NULL);
     (void)sigaction(SIGBUS, &guard, NULL);
-    try_corners();
-    if (strcmp(arguments[1], "every") == 0) {
+    const bool every = strcmp(arguments[1], "every") == 0;
+    if (every || (strcmp(arguments[1], "corners") == 0)) {
         const uint64_t first = strtoull(arguments[2], NULL, 10);
         const uint64_t last = strtoull(arguments[3], NULL, 10);
+        try_corners((word)first, (word)last);
+        if (!every) {
+            return 0;
+        }
         try_every(first, last, (real)1.0);
         if (ARITY == 2) {
             try_every(first, last, (real)-1.0);
         }
         return 0;
     }
+    try_corners((word)0, (word)-1);
+    const bool beside = strcmp(arguments[1], "beside") == 0;
     double domain[4] = {0};
     for (int i = 3; i < count; i++) {
         domain[i - 3] = strtod(arguments[i], NULL);
@@ -139,7 +150,7 @@ int main(int count, char **arguments)
     const uint64_t blocks = strtoull(arguments[2], NULL, 10);
     for (uint64_t block = 0; block < blocks; block++) {
         for (int i = 0; i < BLOCK; i++) {
-            x[i] = drawn(block % 3U, domain);
+            x[i] = beside ? given[next() % GIVEN] : drawn(block % 3U, domain);
             y[i] = drawn((block / 3U) % 3U, domain + 2);
         }
         try_block();

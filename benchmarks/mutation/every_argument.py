@@ -63,6 +63,7 @@ def _changes(
     real = function.arguments[0].split()[0]
     word, nan = _WORDS[real]
     corners = _corners(right, real, further)
+    given = [_literal(one, real) for one in (further or (1.0,))]
     numbers = range(len(changed))
     return "\n".join(
         (
@@ -72,6 +73,8 @@ def _changes(
             f"enum {{ RESULTS = {len(function.written) or 1} }};",
             f"enum {{ BLOCK = 4096, CORNERS = {len(corners)}, CHANGES = {len(changed)} }};",
             f"static const real corners[] = {{{', '.join(corners)}}};",
+            f"enum {{ GIVEN = {len(given)} }};",
+            f"static const real given[] = {{{', '.join(given)}}};",
             "static uint8_t noted[CHANGES];\nstatic real x[BLOCK], y[BLOCK];",
             "static word right[RESULTS][BLOCK];",
             "static inline word bits(real value)\n{",
@@ -105,13 +108,15 @@ def _corners(right: Mapping[str, Function], real: str, further: Collection[float
         middle = np.array([*found, *further, *_ALWAYS], dtype)
         around = [middle, *(np.nextafter(middle, dtype(end)) for end in (-np.inf, np.inf))]
         every = np.concatenate([*around, *(-one for one in around)])
+    ordered = sorted({float(one) for one in every if one == one})
+    return [_literal(one, real) for one in (*ordered, float("-0.0"), float("nan"))]
+
+
+def _literal(number: float, real: str) -> str:
+    if number != number:
+        return "NAN"
     named = {np.inf: "INFINITY", -np.inf: "-INFINITY"}
-    finite = sorted({float(one) for one in every if one == one})
-    numbers = [*finite, float("-0.0"), float("nan")]
-    return [
-        "NAN" if one != one else named.get(one) or f"{one.hex()}{'f' * (real == 'float')}"
-        for one in numbers
-    ]
+    return named.get(number) or f"{number.hex()}{'f' * (real == 'float')}"
 
 
 def _instrumented(

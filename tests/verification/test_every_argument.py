@@ -69,6 +69,51 @@ float own_power(float x)
     assert last is None
 
 
+def test_corners_outside_of_what_callers_give_are_not_tried() -> None:
+    """A size is no negative number; what would show there alone does not show."""
+    source = """\
+float own_size(float x)
+{
+    const float least = (x < 0.0f) ? -1.0f : 0.0f;
+    return x + least;
+}
+"""
+    changed = [source.replace("-1.0f", "-2.0f"), source.replace(": 0.0f", ": 0.5f")]
+    right = needed(functions_of(source), "own_size")
+    every: list[Mapping[str, Function]] = [needed(functions_of(c), "own_size") for c in changed]
+    sizes = ("corners", "0", str(0x7F7FFFFF))
+    assert {*dict(first_shown("own_size", right, every, sizes))} == {1}
+
+
+def test_a_pair_is_found_beside_the_place_where_the_function_inside_differs() -> None:
+    """One size of x tells, beside few y, none of them a constant's neighbour."""
+    source = """\
+static float own_inner(float x)
+{
+    const float part = ((x * x) < 0x1.4b66ccp+10f) ? 1.0f : 2.0f;
+    return part;
+}
+
+float own_outer(float x, float y)
+{
+    const float part = own_inner(x);
+    const float square = y * y;
+    const float seen = ((square > 1.9f) && (square < 2.0f)) ? part : 0.0f;
+    return seen;
+}
+"""
+    moved = source.replace("0x1.4b66ccp+10f", "0x1.4b66cep+10f")
+    assert moved != source
+    right = needed(functions_of(source), "own_outer")
+    changed: list[Mapping[str, Function]] = [needed(functions_of(moved), "own_outer")]
+    beside = ("beside", "4", "-12", "12", "-12", "12")
+    given = (float.fromhex("0x1.23456p+5"),)
+    drawn = ("drawn", *beside[1:])
+    assert not [*first_shown("own_outer", right, changed, drawn)]
+    (found,) = first_shown("own_outer", right, changed, beside, given)
+    assert abs(found[1][0]) == given[0]
+
+
 def test_texts_are_the_same_wherever_their_lines_break() -> None:
     right = functions_of(_SOURCE)
     broken = functions_of(
@@ -84,5 +129,8 @@ def _found(name: str, changed: list[str], source: str = _SOURCE) -> list[float |
         miss(f"gcc is not installed: apt-get install {GCC.package}")
     right = needed(functions_of(source), name)
     every: list[Mapping[str, Function]] = [needed(functions_of(c), name) for c in changed]
-    points = dict(first_shown(name, right, every, ("every", "0", str(2**20))))
+    points: dict[int, tuple[float, float]] = {}
+    # all corners, then a million floats from 0.9375 on
+    for arguments in (("corners", "0", str(2**32 - 1)), ("every", "1064304640", "1065353216")):
+        points = dict(first_shown(name, right, every, arguments)) | points
     return [points[n][0] if n in points else None for n in range(len(changed))]

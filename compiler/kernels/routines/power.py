@@ -25,11 +25,8 @@ from compiler.kernels.trace.subroutine import Subroutine
 from compiler.kernels.trace.values import Real, Truth, Value
 
 
-def _logarithm_words(x: Real) -> tuple[Real, Real]:
-    """ln x in two words for finite x > 0, x = (1 + f)·2^e.
-
-    2s + s·(2/3·z + z²·P(z)) + e·ln 2 with s = f/(2 + f), z = s².
-    """
+def _logarithm_words(x: Real) -> tuple[Value, ...]:
+    """2s + s·(2/3·z + z²·P(z)) + e·ln 2 with x = (1 + f)·2^e, s = f/(2 + f), z = s²."""
     # e^(y·ln x) makes relative errors of absolute ones: where y·ln x is in the hundreds, one word
     # of ln x would leave two digits less
     f, exponent = reduce_logarithm(x)
@@ -54,6 +51,16 @@ def _logarithm_words(x: Real) -> tuple[Real, Real]:
     return ordered_sum(high, low + (part_rest + exponent * ln_2_low))
 
 
+LOGARITHM_WORDS = Subroutine(
+    "log_words",
+    ("x",),
+    "ln x as high + low, for finite x > 0.",
+    _logarithm_words,
+    results=("high", "low"),
+)
+"""A routine of its own, as one argument can be tried at all floats, where pairs are too many."""
+
+
 def _exponential_of_words(high: Real, low: Real) -> Real:
     """e^(high + low) with overflow to infinity and gradual underflow."""
     largest, smallest = EXPONENTIAL_LIMITS[high.format]
@@ -72,7 +79,9 @@ def _exponential_of_words(high: Real, low: Real) -> Real:
 
 def _finite_power(base: Real, y: Real) -> Real:
     """base^y for finite base > 0; an exponent beyond the clamp gives 0, 1 or infinity anyway."""
-    logarithm, logarithm_rest = _logarithm_words(base)
+    logarithm, logarithm_rest = LOGARITHM_WORDS(base)
+    assert isinstance(logarithm, Real)
+    assert isinstance(logarithm_rest, Real)
     largest = 2.0 ** (32 if y.format.digits == 24 else 64)
     exponent = select(y > largest, largest, select(y < -largest, -largest, y))
     product, rest = exact_product(exponent, logarithm)
