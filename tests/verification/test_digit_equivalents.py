@@ -4,6 +4,7 @@ tried at all of them."""
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 _SINGLE = np.float32
 
@@ -31,7 +32,7 @@ def test_below_the_limit_of_powers_even_the_second_word_leaves_no_result() -> No
     assert float(beyond) + rest < -150.0 * np.log(2.0) - 3e-6
 
 
-def _digits(numbers: np.ndarray[tuple[int], np.dtype[np.float32]]) -> int:
+def _digits(numbers: NDArray[np.floating]) -> int:
     """The most binary digits of a significand."""
     significands = (np.frexp(numbers)[0] * 2.0**24).astype(np.int64)
     lowest = significands & -significands
