@@ -78,7 +78,7 @@ def chosen_arguments(name: str, real: RealName) -> Chosen:
     plain = np.array(plain_points(name, real), right.format.dtype)
     zeros = np.array([*product((0.0, -0.0), repeat=plain.shape[1])], right.format.dtype)
     first = np.concatenate([_drawn(name, right, _FIRST, random), zeros])
-    if real == "float" and (shown := shown_arguments(name)):
+    if shown := shown_arguments(name, real):
         first = np.concatenate([first, np.array(shown, right.format.dtype)])
     later = [_drawn(name, right, count, random) for count in _THEN]
     told, untold = 0, list[Site]()

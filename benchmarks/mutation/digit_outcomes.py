@@ -24,6 +24,7 @@ from benchmarks.mutation.every_argument import first_shown
 from benchmarks.mutation.math_functions import PREFIX, Function, functions_of, needed, text_hash
 from benchmarks.mutation.mutants import last_digit_mutants
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
+from compiler.kernels.tables.formats import RealName
 
 OUTCOMES = Path(__file__).with_suffix(".json")
 
@@ -99,15 +100,22 @@ def changes_no_result(source: str, changed: str, prefix: str) -> bool:
     return all(same(name) for name in public if not {*differ}.isdisjoint(needed(right, name)))
 
 
-def shown_arguments(kernel: str) -> list[tuple[float, ...]]:
-    """Where changes of a kernel in single precision show."""
-    source = c_sources([kernel], "float", "own").source
-    right, name, outcomes = functions_of(source), f"own_{kernel}", known()
+def shown_arguments(kernel: str, real: RealName) -> list[tuple[float, ...]]:
+    """Where changes of a kernel show: in single precision as kept, in double at corners and drawn
+    arguments that are tried anew."""
+    source = c_sources([kernel], real, "own").source
+    name = f"own_{kernel}"
+    right = needed(functions_of(source), name)
+    changed = (needed(functions_of(one.text), name) for one in last_digit_mutants(source))
+    differ = [each for each in changed if text_hash(right, each) != text_hash(right, right)]
     found = set[tuple[float, ...]]()
-    for mutant in last_digit_mutants(source):
-        outcome = outcomes.get(text_hash(right, needed(functions_of(mutant.text), name)))
-        if outcome is not None and outcome.shown:
-            found.add(tuple(map(float.fromhex, outcome.shown)))
+    if real == "float":
+        outcomes = known()
+        rows = (outcomes.get(text_hash(right, each)) for each in differ)
+        found |= {tuple(map(float.fromhex, row.shown)) for row in rows if row and row.shown}
+    else:
+        arity = len(right[name].arguments)
+        found |= {point[:arity] for _, point in first_shown(name, right, differ, _DRAWN)}
     return sorted(found, key=str)
 
 
