@@ -6,7 +6,6 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
-
 _AT_A_KINK = {
     "sign": "`sign` jumps",
     "sqrt": "the slope of `sqrt` is infinite, as its argument can be 0,",
