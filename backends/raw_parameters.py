@@ -1,7 +1,9 @@
 """Maps raw variables, which an optimiser moves freely, to bounded physical values and back.
 
 Without bounds physical = scale·raw; between two bounds minimum + (maximum − minimum)·sigmoid(raw);
-above one minimum + scale·softplus(raw); below one maximum − scale·softplus(−raw).
+above one minimum + scale·softplus(raw); below one maximum − scale·softplus(−raw). Between two it is
+counted from the nearer one, as maximum − (maximum − minimum)·sigmoid(−raw) where raw is above 0: no
+rounding passes a bound from which something that is not negative is taken away (decision 0400).
 """
 
 from __future__ import annotations
@@ -74,7 +76,8 @@ def physical_value(parameter: Parameter, raw: FloatArray) -> FloatArray:
         case None, float(high):
             return high - parameter.scale * _softplus(-raw)
         case float(low), float(high):
-            return low + (high - low) * _sigmoid(raw)
+            share = (high - low) * _sigmoid(-np.abs(raw))
+            return np.where(raw > 0.0, high - share, low + share)
         case _:
             raise AssertionError("bounds are floats or None")
 

@@ -22,6 +22,8 @@ LIMIT = 600.0
 class CompilerTooSlowError(Exception):
     """A compiler did not end within its limit, and was ended."""
 
+    remedy = "set CC to another compiler, or MSNN_COMPILER_SECONDS to the seconds that it needs"
+
     def __init__(self, limit: float) -> None:
         super().__init__(f"did not end within {limit:g} s")
 

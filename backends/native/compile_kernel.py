@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 
 from backends.files.c_compiler import CompilerMissingError, find_compiler, installed_as
+from backends.files.compiler_words import complaints
 from backends.files.run_compiler import CompilerTooSlowError, Finished, run_compiler
 from backends.native.kernel_cache.folders import candidates, has_room, opened
 from backends.native.kernel_cache.stored_kernel import StoredKernel
@@ -44,6 +45,9 @@ FAST = ("-O3", "-funroll-loops")
 BRIEF = ("-O0",)
 """For what is called some hundred times: the C of a controller takes gcc a tenth of what it takes
 at its highest level, and its golden solves are as quick (decision 393)."""
+
+_MOST_SAID = 10
+"""Lines of a compiler: the first mistake is followed by others that come of it."""
 
 LANES_BY_GCC = (
     "-O1",
@@ -151,9 +155,10 @@ def _compile(
         return
     has_room(folder)
     # a compiler that compiles nothing is the user's to mend, one that refuses only this source ours
+    said = complaints(done.errors) or [f"it ended with code {done.code}"]
     if run("int answer(void) { return 42; }\n").code != 0:
-        raise CompilerMissingError(f"`{shlex.join(compiler)}` compiles nothing")
-    raise KernelBuildError(done.errors[-2000:] or f"it ended with code {done.code}")
+        raise CompilerMissingError(f"`{shlex.join(compiler)}` compiles nothing ({said[0]})")
+    raise KernelBuildError("\n".join(said[:_MOST_SAID]))
 
 
 def _version(compiler: tuple[str, ...]) -> str:
@@ -173,10 +178,7 @@ def _ended(
     try:
         return run_compiler(command, source, folder)
     except CompilerTooSlowError as error:
-        raise CompilerMissingError(
-            f"`{shlex.join(compiler)}` {error}",
-            "set CC to another compiler, or MSNN_COMPILER_SECONDS to the seconds that it needs",
-        ) from None
+        raise CompilerMissingError(f"`{shlex.join(compiler)}` {error}", error.remedy) from None
 
 
 @cache

@@ -18,7 +18,10 @@ def physical_value(parameter: Parameter, raw: Tensor) -> Tensor:
         case None, float(high):
             return high - parameter.scale * _softplus(-raw)
         case float(low), float(high):
-            return low + (high - low) * torch.sigmoid(raw)
+            # a sigmoid for each side: the slope of |raw| at 0 would be that of neither
+            span = high - low
+            above, below = high - span * torch.sigmoid(-raw), low + span * torch.sigmoid(raw)
+            return torch.where(raw > 0, above, below)
         case _:
             raise AssertionError("bounds are floats or None")
 

@@ -117,8 +117,7 @@ DIGITS: dict[str, dict[tuple[str, str], str]] = {
             "softplus": ("} else if (x < 0.0f) {",),
             "tan": (
                 "const float t16 = (high < 0.0f) ? (-low) : low;",
-                "const float t27 = (high < 0.0f) ? (-t26) : t26;",
-                "const float t28 = (high < 0.0f) ? (-t26) : t26;",
+                "const float t25 = (high < 0.0f) ? (-t24) : t24;",
                 "result = (x < 0.0f) ? (-value) : value;",
             ),
         }.items()

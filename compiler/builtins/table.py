@@ -24,7 +24,11 @@ from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower, lower_all, lower_operands
 from compiler.lowering.failure import LoweringFailed
 from spec_schema.errors import names, shapes
+from spec_schema.expressions.text import expression_text
 from spec_schema.expressions.tree import Call, Name
+
+_LONGEST_SHOWN = 60
+"""Characters of a user's formula that a help line repeats."""
 
 Lower = Callable[[Context, Call, Environment], NodeId]
 
@@ -145,12 +149,19 @@ def _concat(context: Context, call: Call, environment: Environment) -> NodeId:
                     "a scalar, a list or a window",
                     describe_axes(type.axes),
                     argument.span,
-                    "a layer takes values side by side: `h(x, u)`",
+                    _side_by_side(call),
                 )
             )
             raise LoweringFailed
         parts.append(builder.reshape(node, (Axis(UNNAMED, type.size),)))
     return builder.concat(parts, UNNAMED) if len(parts) > 1 else parts[0]
+
+
+def _side_by_side(call: Call) -> str:
+    texts = [expression_text(argument) for argument in call.arguments]
+    given = ", ".join(texts)
+    repair = "where a layer is given them it takes values side by side: leave `concat` out"
+    return f"{repair}, `{given}`" if len(given) <= _LONGEST_SHOWN else repair
 
 
 def _stack(context: Context, call: Call, environment: Environment) -> NodeId:

@@ -1,9 +1,12 @@
-"""E1030-E1069: the command line, its settings, and what must be installed for a command."""
+"""E1030-E1069, E1132: the command line, its settings, and what must be installed for a command."""
 
 from collections.abc import Sequence
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.suggest import did_you_mean
+
+_MOST_SAID = 4
+"""Lines of a compiler: the first mistake of a source is followed by others that come of it."""
 
 
 def refused_by_system(path: str, reason: str) -> Diagnostic:
@@ -43,6 +46,14 @@ def not_trained(path: str, name: str, begun: str | None = None) -> Diagnostic:
 def missing_extra(what: str, install: str) -> Diagnostic:
     """E1037: an optional part that is not installed."""
     return error("E1037", None, f"{what} is not installed", help=install)
+
+
+def compiler_failed(compiler: str, said: Sequence[str], remedy: str) -> Diagnostic:
+    """E1132: a C compiler that is there and does not build an export."""
+    message = f"`{compiler}` did not build the export: {said[0]}"
+    more = len(said) - _MOST_SAID
+    notes = (*said[1:_MOST_SAID], *((f"{more} more lines",) if more > 0 else ()))
+    return error("E1132", None, message, notes=notes, help=remedy)
 
 
 def target_differs(target: str, dtype: str, of: str, difference: str) -> Diagnostic:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from msnn.errors.commands import missing_extra
+from collections.abc import Sequence
+
+from msnn.errors.commands import compiler_failed, missing_extra
 from spec_schema.diagnostics.diagnostic import Diagnostic, shown_whole
 
 
@@ -16,12 +18,22 @@ class MissingExtraError(Exception):
     def __init__(self, what: str, install: str) -> None:
         self.diagnostic: Diagnostic = missing_extra(what, install)
         super().__init__(self.diagnostic.message)
-        self._made_of = (what, install)
+        self._made_of: tuple[object, ...] = (what, install)
 
-    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
+    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[object, ...]]:
         """Crosses to another process as its arguments: a pool waits for ever on what cannot."""
-        return MissingExtraError, self._made_of
+        return type(self), self._made_of
 
     def _render_traceback_(self) -> list[str]:
         """Shows in a notebook the message and the line that installs it, not a traceback."""
         return shown_whole([self.diagnostic])
+
+
+class UnfitCompilerError(MissingExtraError):
+    """The C compiler that a command needs is installed, and does not build what it is given."""
+
+    def __init__(self, compiler: str, said: Sequence[str], remedy: str) -> None:
+        self.diagnostic = compiler_failed(compiler, said, remedy)
+        # past the parent, whose sentence is that of what is not there
+        Exception.__init__(self, self.diagnostic.message)
+        self._made_of = (compiler, said, remedy)

@@ -6,6 +6,13 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
+_AT_A_KINK = {
+    "sign": "`sign` jumps",
+    "sqrt": "the slope of `sqrt` is infinite, as its argument can be 0,",
+    "where": "`where` can jump, or its slope,",
+}
+"""What happens there, where it is not the slope alone that jumps."""
+
 
 def unknown_output(name: str, span: Span, outputs: Sequence[str]) -> Diagnostic:
     """E0950: an export of what is neither an output of the model nor an equation."""
@@ -32,7 +39,7 @@ def kink_within_ranges(
 ) -> Diagnostic:
     """W0955: a kink inside the declared ranges of what is exported for solvers."""
     ranges = " and ".join(f"`{n}` in [{low:g}, {high:g}]" for n, (low, high) in declared.items())
-    message = f"the slope of `{word}` jumps inside the declared ranges"
+    message = _AT_A_KINK.get(word, f"the slope of `{word}` jumps") + " inside the declared ranges"
     repairs = "`smooth: true` below `casadi:` rounds it off; `smooth: false` says that the solver"
     repair = f"{repairs} takes it as it is"
     if stays:

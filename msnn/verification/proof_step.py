@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from backends.files.compiler_words import complaints
 from msnn.verification.tools import Tool
 
 Verdict = Literal["ok", "found", "missing", "left out", "not done"]
@@ -127,8 +128,7 @@ class ToolFailedError(Exception):
     @property
     def complaints(self) -> list[str]:
         """The lines that name an error; all of them where none does."""
-        named = [line for line in self.lines if "error:" in line or "ERROR:" in line]
-        return named or self.lines or [str(self)]
+        return complaints("\n".join(self.lines)) or [str(self)]
 
 
 class UnansweredError(Exception):

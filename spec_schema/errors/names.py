@@ -13,17 +13,19 @@ def unknown_name(
     known: Iterable[str],
     wanted: str = "an input, parameter, layer or equation",
     meant: str | None = None,
-    number: str | None = None,
+    *,
+    repair: str | None = None,
+    otherwise: str | None = None,
 ) -> Diagnostic:
     """E0301: a name that nothing declares."""
-    # `np.pi`: `number` is one of the language
-    if number is not None:
-        repair = f"write `{number}`: numbers of the language stand without a prefix"
-        return error("E0301", span, f"unknown name `{name}`", f"not {wanted}", help=repair)
+    message = f"unknown name `{name}`"
+    # `np.pi`: what is meant is known, whatever `np` is near to
+    if repair is not None:
+        return error("E0301", span, message, f"not {wanted}", help=repair)
     # the caller's guess first: it knows of habits from other languages, distance knows letters only
     meant = meant or nearest(name, known)
-    message, repair = f"unknown name `{name}`", did_you_mean(meant)
-    return error("E0301", span, message, f"not {wanted}", help=repair, replacement=meant)
+    help = did_you_mean(meant) or otherwise
+    return error("E0301", span, message, f"not {wanted}", help=help, replacement=meant)
 
 
 def declared_twice(name: str, span: Span, first: Span, kind: str) -> Diagnostic:
@@ -70,13 +72,11 @@ def unknown_keyword(name: str, keyword: str, span: Span, known: Iterable[str]) -
     return error("E0306", span, message, "unknown keyword", help=repair)
 
 
-def no_member(base: str, member: str, span: Span, function: str | None = None) -> Diagnostic:
+def no_member(base: str, member: str, span: Span, repair: str | None = None) -> Diagnostic:
     """E0307: something after the dot that the thing before it does not have."""
-    # `function` is one of the language, where it is meant: `np.tanh`
     windows = "the log of a signal or state is `.meas`, its windows are `.past(…)`, `.future(…)`"
-    repair = f"write `{function}(…)`: functions of the language stand without a prefix"
     message = f"`{base}` has no member `{member}`"
-    return error("E0307", span, message, "unknown member", help=repair if function else windows)
+    return error("E0307", span, message, "unknown member", help=repair or windows)
 
 
 def no_value_of_layer(

@@ -100,9 +100,9 @@ def one_variant(owner: str, span: Span, found: Iterable[str], choices: Iterable[
     return error("E0209", span, message, "choose one")
 
 
-def out_of_range(text: str, span: Span, wanted: str) -> Diagnostic:
+def out_of_range(text: str, span: Span, wanted: str, repair: str | None = None) -> Diagnostic:
     """E0210: a number outside what the key allows."""
-    return error("E0210", span, f"`{text}` is out of range", f"must be {wanted}")
+    return error("E0210", span, f"`{text}` is out of range", f"must be {wanted}", help=repair)
 
 
 def old_boolean(text: str, span: Span) -> Diagnostic:
@@ -157,12 +157,12 @@ def malformed_sample_time(text: str, span: Span) -> Diagnostic:
     return error("E0217", span, message, label, help=repair, replacement=meant)
 
 
-def malformed_quantity(text: str, span: Span) -> Diagnostic:
+def malformed_quantity(text: str, span: Span, repair: str | None = None) -> Diagnostic:
     """E0218: neither a number nor a number with a unit."""
     message = f"`{text}` is not a quantity"
     label = "write a number, or a number and a unit such as `2 mm`"
     meant = with_decimal_point(text)
-    repair = f"write `{meant}`" if meant else None
+    repair = f"write `{meant}`" if meant else repair
     return error("E0218", span, message, label, help=repair, replacement=meant)
 
 

@@ -20,6 +20,8 @@ from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, kind
 _QUANTITY = re.compile(
     rf"\s*(?P<number>[+-]?{NUMBER_PATTERN})(?:\s*(?P<unit>[^\s\d+\-.].*?|1/.*?))?\s*"
 )
+_NAMED_NUMBER = re.compile(r"[+-]?(?:\w*\.)?(?:(?P<inf>inf(?:inity)?)|pi)", re.IGNORECASE)
+"""`.inf` of YAML, and what Python's libraries call it."""
 _UNIT_START = re.compile(r"[A-Za-zͰ-ϿΩ%°µ]|1/")
 
 
@@ -69,17 +71,26 @@ def read_quantity(node: Node, findings: Findings) -> Quantity:
     """A finite number, with or without a unit."""
     found = scalar(node, findings, "a quantity such as `2 mm`")
     if isinstance(found.value, float) and not math.isfinite(found.value):
-        findings.report(errors.out_of_range(found.text, found.span, "finite"))
+        findings.report(errors.out_of_range(found.text, found.span, "finite", _repair(found.text)))
         raise RefusedError
     parts = split_quantity(found)
     text = parts[0].text if parts else found.text.strip()
     match = _QUANTITY.fullmatch(text)
     # a number may be too large for a float: `1e999` is ∞
     if isinstance(found.value, bool) or match is None or not math.isfinite(float(match["number"])):
-        findings.report(errors.malformed_quantity(found.text[:60], found.span))
+        findings.report(errors.malformed_quantity(found.text[:60], found.span, _repair(text)))
         raise RefusedError
     unit = read_unit(parts[1], findings).value if parts else None
     return Quantity(float(match["number"]), unit, found.span)
+
+
+def _repair(text: str) -> str | None:
+    named = _NAMED_NUMBER.fullmatch(text)
+    if named is None:
+        return None
+    if named["inf"]:
+        return "leave a bound out where there is none"
+    return f"write `{'-' * text.startswith('-')}{math.pi}`: a quantity is digits and a unit"
 
 
 def read_length(node: Node, findings: Findings) -> Length:

@@ -20,7 +20,11 @@ static double physical_of(const struct variables *v, int i)
     const double raw = (double)v->raw[i];
     switch (v->kind[i]) {
 #if BOUNDED
-    case BETWEEN: return v->low[i] + (v->high[i] - v->low[i]) * double_sigmoid(raw);
+    case BETWEEN: {
+        /* from the nearer bound: rounding never passes it */
+        const double share = (v->high[i] - v->low[i]) * double_sigmoid(-fabs(raw));
+        return raw > 0.0 ? v->high[i] - share : v->low[i] + share;
+    }
     case ABOVE: return v->low[i] + v->scale[i] * double_softplus(raw);
     case BELOW: return v->high[i] - v->scale[i] * double_softplus(-raw);
 #endif

@@ -7,6 +7,7 @@ import pickle
 import pytest
 
 import msnn
+from msnn.errors.failures import UnfitCompilerError
 from msnn.training.training_result import TrainingResult
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
@@ -19,6 +20,7 @@ def _errors() -> list[Exception]:
     return [
         caught.value,
         msnn.MissingExtraError("matplotlib, which draws plots,", "pip install matplotlib"),
+        UnfitCompilerError("gcc", ["ld: cannot find -lvendor"], "set CC to another compiler"),
         msnn.TrainingDivergedError(first, result, is_latest=False, sources=caught.value.sources),
         msnn.TrainingInterruptedError(result),
     ]
@@ -38,8 +40,8 @@ def _carried(error: Exception) -> list[object]:
 
 
 def test_diagnostics_are_where_the_page_says() -> None:
-    spec, extra, diverged, _ = _errors()
+    spec, extra, unfit, diverged, _ = _errors()
     assert isinstance(spec, msnn.SpecError)
     assert all(isinstance(found, Diagnostic) for found in spec.diagnostics)
-    for error in (extra, diverged):
+    for error in (extra, unfit, diverged):
         assert isinstance(error.diagnostic, Diagnostic)  # pyright: ignore[reportAttributeAccessIssue]

@@ -152,6 +152,21 @@ def test_bounds_hold_and_weights_are_physical(tmp_path: Path) -> None:
     assert model.damping.item() >= 0.0
 
 
+def test_a_parameter_that_is_pushed_to_a_bound_ends_on_it(tmp_path: Path) -> None:
+    """The width of this range, rounded, reaches from its lower bound past the upper one."""
+    program = to_step_form(SAMPLES["spring_damper_rk4"]().program)
+    wide = tuple(
+        replace(p, initial=(-1.0,), minimum=-1e9, maximum=1e-7) if p.name == "damping" else p
+        for p in program.parameters
+    )
+    write_torch(replace(program, parameters=wide), None, tmp_path, "plant")
+    model = imported(tmp_path / "plant.py").load()
+    for raw, bound in ((1e9, 1e-7), (-1e9, -1e9)):
+        with torch.no_grad():
+            model.parametrizations.damping.original.fill_(raw)
+        assert model.damping.item() == bound
+
+
 @pytest.mark.parametrize("bounds", [{"minimum": 2.0}, {"maximum": 2.0}])
 def test_what_rounding_put_beyond_a_bound_is_loaded_on_it(
     bounds: dict[str, float], tmp_path: Path

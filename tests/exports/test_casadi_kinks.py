@@ -43,6 +43,32 @@ def test_every_line_with_a_kink_that_ranges_reach_is_named_once(tmp_path: Path) 
     assert "`force` in [-5, 5]" in found[2].notes[0]
 
 
+SHARP = """
+msnn: 1
+name: valve
+sample_time: 10 ms
+inputs: {om: {range: [-5, 5]}}
+equations:
+  a: abs(om)
+  b: sqrt(a)
+  c: sign(om)
+  d: where(om > 0, 2 * om, om)
+  e: max(om, 1)
+outputs: {y: a + b + c + d + e}
+export: {casadi: {}}
+"""
+
+
+def test_what_happens_at_a_kink_is_said_as_it_is(tmp_path: Path) -> None:
+    assert [one.message for one in said(SHARP, tmp_path)] == [
+        "the slope of `abs` jumps inside the declared ranges",
+        "the slope of `sqrt` is infinite, as its argument can be 0, inside the declared ranges",
+        "`sign` jumps inside the declared ranges",
+        "`where` can jump, or its slope, inside the declared ranges",
+        "the slope of `max` jumps inside the declared ranges",
+    ]
+
+
 @pytest.mark.parametrize("entry", ["export: {casadi: {smooth: false}}\n", ""])
 def test_nothing_is_said_where_kinks_are_accepted_or_casadi_is_not_asked_for(
     entry: str, tmp_path: Path

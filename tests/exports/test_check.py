@@ -77,6 +77,40 @@ def test_a_target_that_cannot_be_written_keeps_no_other_from_being_compared(
     assert said.out.splitlines()[-1].split()[::6] == ["casadi", "agrees"]
 
 
+@pytest.mark.parametrize("target", ["c", "fmu"])
+def test_a_library_that_does_not_link_is_named(
+    target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Sources compile, so that the compiler counts as installed: the linker's words say more."""
+    require_tool("gcc", install="apt install gcc")
+    monkeypatch.setenv("CC", "gcc -lno-such-library")
+    spec = tmp_path / "m.msnn.yaml"
+    spec.write_text(SPEC)
+    code = run(["export", str(spec), "--to", target, "--check", "-o", str(tmp_path / "x")])
+    _, message, *more = capsys.readouterr().err.splitlines()
+    assert code == ExitCode.MISSING_EXTRA
+    assert message.startswith("error[E1132]: `gcc -lno-such-library` did not build the export: ")
+    assert "cannot find -lno-such-library" in message
+    assert more == [" = help: cure what it complains of, or set CC to another compiler"]
+
+
+def test_a_compiler_that_does_not_end_is_told_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    slow = tmp_path / "slow"
+    slow.write_text("#!/bin/sh\nexec sleep 60\n")
+    slow.chmod(0o700)
+    monkeypatch.setenv("CC", str(slow))
+    monkeypatch.setenv("MSNN_COMPILER_SECONDS", "0.2")
+    spec = tmp_path / "m.msnn.yaml"
+    spec.write_text(SPEC)
+    code = run(["export", str(spec), "--to", "c", "--check", "-o", str(tmp_path / "x")])
+    said = capsys.readouterr().err
+    assert code == ExitCode.MISSING_EXTRA
+    assert f"error[E1132]: `{slow}` did not build the export: it did not end within 0.2 s" in said
+    assert "MSNN_COMPILER_SECONDS" in said
+
+
 def test_a_record_that_fails_is_a_failure_of_its_target(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,10 +7,12 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from backends.files.c_compiler import find_compiler, installed_as
+from backends.files.compiler_words import complaints
 from backends.files.run_compiler import CompilerTooSlowError, run_compiler
 
 LEVEL = "-O2"
@@ -20,11 +22,22 @@ _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*[<"]([^>"]+)', re.MULTILINE)
 
 
 class CompilerFailedError(Exception):
-    """The compiler rejected the sources or hung; `output` is what it wrote, or how long it had."""
+    """The compiler rejected the sources, could not work or hung.
 
-    def __init__(self, command: Sequence[str], output: str) -> None:
+    `compiler` is its command without our flags, `said` are its complaints or how long it had, at
+    least one, and `remedy` is what may help.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        output: str,
+        remedy: str = "cure what it complains of, or set CC to another compiler",
+    ) -> None:
         super().__init__(f"{shlex.join(command)}\n{output}")
-        self.output = output
+        self.compiler = shlex.join(takewhile(lambda word: not word.startswith("-std="), command))
+        self.said = complaints(output) or ["it said nothing"]
+        self.remedy = remedy
 
 
 def build_library(
@@ -113,7 +126,7 @@ def compiled(command: Sequence[str], result: Path, *libraries: str) -> Path:
     try:
         done = run_compiler(whole)
     except CompilerTooSlowError as error:
-        raise CompilerFailedError(whole, f"it {error}") from None
+        raise CompilerFailedError(whole, f"it {error}", error.remedy) from None
     if done.code != 0:
         raise CompilerFailedError(whole, done.errors + done.output)
     return result

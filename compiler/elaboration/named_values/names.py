@@ -12,6 +12,11 @@ from compiler.elaboration.named_values.functions import argument_value, inlined
 from compiler.elaboration.named_values.histories import Histories
 from compiler.elaboration.named_values.layer_calls import lower_layer, member_of_layer
 from compiler.elaboration.named_values.states import States
+from compiler.elaboration.named_values.unknown_names import (
+    unknown_function,
+    unknown_method,
+    unknown_value,
+)
 from compiler.ir.program import NodeId
 from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.ir.types import WINDOW, Axis, Type
@@ -29,7 +34,7 @@ from compiler.lowering.scope import Declaration, Kind, Scope
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import names, submodels
-from spec_schema.expressions.language import ELSEWHERE, LOSS_FUNCTIONS, NUMBERS, STATE_FUNCTIONS
+from spec_schema.expressions.language import LOSS_FUNCTIONS, NUMBERS, STATE_FUNCTIONS
 from spec_schema.expressions.tree import Call, LanguageName, Member, Name
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.layers.layer import Layer
@@ -39,7 +44,6 @@ from spec_schema.sections.values import Constant, Function, Parameter
 from spec_schema.units.parser import parse_unit
 
 _SECOND = parse_unit("s")
-_CALLABLE = (Kind.LAYER, Kind.FUNCTION)
 
 
 class Elaboration:
@@ -127,12 +131,7 @@ class Elaboration:
         """The declaration of a name, of which a `member` is wanted; reports an unknown one."""
         found = self.context.scope.get(name)
         if found is None:
-            if name in SIGNATURES:
-                self.context.findings.report(names.not_a_value(name, "a builtin", span))
-            else:
-                known = (*self.context.scope, "dt", *NUMBERS)
-                number = member if member in NUMBERS else None
-                self.context.findings.report(names.unknown_name(name, span, known, number=number))
+            self.context.findings.report(unknown_value(self.context, name, span, member))
             raise LoweringFailed
         self.context.used.add(name)
         return found
@@ -194,10 +193,7 @@ class Elaboration:
                 return lower_layer(
                     self.context, self.layers, function.base, owner.entry, call, environment
                 )
-            meant = function.name if owner is None and function.name in SIGNATURES else None
-            self.context.findings.report(
-                names.no_member(function.base, function.name, function.span, meant)
-            )
+            self.context.findings.report(unknown_method(self.context, function))
             raise LoweringFailed
         name = function.name
         if name in environment.arguments:
@@ -216,13 +212,7 @@ class Elaboration:
             raise LoweringFailed
         declared = self.declared(name, function.span) if is_declared else None
         if declared is None:
-            known = [n for n, d in self.context.scope.items() if d.kind in _CALLABLE]
-            losses = LOSS_FUNCTIONS if environment.part is EnvironmentPart.LOSS else ()
-            wanted, meant = "a layer or function", ELSEWHERE.get(name)
-            report = names.unknown_name(
-                name, function.span, (*known, *SIGNATURES, *losses), wanted, meant
-            )
-            self.context.findings.report(report)
+            self.context.findings.report(unknown_function(self.context, function, environment))
             raise LoweringFailed
         match declared.entry:
             case Layer() as layer:

@@ -8,7 +8,7 @@ from compiler.kernels.routines.angle_reduction import reduce_angle
 from compiler.kernels.routines.double_word import ordered_sum, polynomial, reciprocal
 from compiler.kernels.routines.hyperbolic import tiny, with_sign_of
 from compiler.kernels.tables.coefficients import COSINE, HALF_PI, SINE, TANGENT
-from compiler.kernels.trace.operations import branch, constant, select
+from compiler.kernels.trace.operations import branch, select
 from compiler.kernels.trace.subroutine import Subroutine
 from compiler.kernels.trace.values import Real, Value
 
@@ -32,10 +32,15 @@ def _cosine(high: Real, low: Real) -> Real:
 
 def _tangent(high: Real, low: Real) -> tuple[Real, Real]:
     """tan(high + low) on |high| ≤ π/4 in two words."""
-    square = high * high
-    cubic = high * (square * polynomial(square, TANGENT[high.format]))
+    cubic = _tangent_beyond(high)
     slope = 1.0 + (high + cubic) * (high + cubic)
     return ordered_sum(high, cubic + low * slope)
+
+
+def _tangent_beyond(x: Real) -> Real:
+    """tan(x) − x on |x| ≤ π/4."""
+    square = x * x
+    return x * (square * polynomial(square, TANGENT[x.format]))
 
 
 def _sin(x: Real) -> tuple[Value, ...]:
@@ -79,10 +84,10 @@ def _tan(x: Real) -> tuple[Value, ...]:
             # tan(π/4 − w) = 1 − 2t/(1 + t), its inverse 1 + 2t/(1 − t), t = tan w
             word, rest = (0.5 * part for part in HALF_PI[x.format])
             remaining = (word - abs(high)) + (rest - with_sign_of(high, low))
-            tangent, _ = _tangent(remaining, constant(x, 0.0))
+            tangent = remaining + _tangent_beyond(remaining)
             signed = select(odd, -tangent, tangent)
-            value = 1.0 - (signed + signed) / (1.0 + signed)
-            return select(odd, -with_sign_of(high, value), with_sign_of(high, value))
+            value = with_sign_of(high, 1.0 - (signed + signed) / (1.0 + signed))
+            return select(odd, -value, value)
 
         # near π/4 the rounding of the cubic term would show
         value = branch(abs(high) < 0.67, direct, from_diagonal, "value")

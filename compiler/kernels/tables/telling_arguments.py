@@ -263,19 +263,19 @@ HEXADECIMAL: dict[tuple[str, RealName], str] = {
         "-0x1.2d7331fc98904p+3"
     ),
     ("tan", "float"): (
-        "0x1.c2698ep+19 0x1.423714p-1 0x1.c0272ep+31 0x1.26ca36p-1 0x1.228c38p+13 "
-        "0x1.c463acp+3 0x1.101d2ep+1 0x1.57853p-1 0x1.c74dfcp-1 0x1.a4b158p+7 0x1.08d87cp+113 "
-        "-0x1.fffffep+63 -0x1.fffffep+9 -0x1.fffffep+7 -0x1.fffffep+127 -0x1.fffffep+11 "
-        "-0x1.fffffep+31 -0x1.fffffep+15 -0x1.0887a6p+126 -0x1.fffffep+22 0x1.f3c214p+0 "
-        "0x1.b237ecp+3 0x1.b9ab5ap+4 0x1.26a3c4p+8 0x1.a9adcep+18 0x1.bd51bcp+49"
+        "-0x1.c2698ep+19 -0x1.423714p-1 -0x1.c0272ep+31 -0x1.26ca36p-1 -0x1.228c38p+13 "
+        "-0x1.c74dfcp-1 -0x1.c463acp+3 -0x1.101d2ep+1 -0x1.57853p-1 -0x1.a4b158p+7 "
+        "-0x1.fffffep+63 -0x1.f3c214p+0 -0x1.fffffep+9 -0x1.b237ecp+3 -0x1.fffffep+7 "
+        "-0x1.b9ab5ap+4 -0x1.26a3c4p+8 -0x1.fffffep+127 -0x1.fffffep+11 -0x1.fffffep+31 "
+        "-0x1.a9adcep+18 -0x1.fffffep+15 -0x1.0887a6p+126 -0x1.fffffep+22 0x1.bd51bcp+49"
     ),
     ("tan", "double"): (
-        "-0x1.921fb54442d19p+10 -0x1.345f45a9b3db5p+262 -0x1.2de95f7d43171p+772 "
-        "-0x1.18bb5082d418ep+3 -0x1.fffffffffffffp+1023 -0x1.32d194660edcbp+909 "
-        "0x1.8c369276405b5p+153 -0x1.fffffffffffffp+511 0x1.7e4bdf94f8ac5p+722 "
-        "-0x1.921fb54442d17p+10 -0x1.9516a5540c4ddp+374 -0x1.fffffffffffffp+255 "
-        "-0x1.fffffffffffffp+63 -0x1.fffffffffffffp+19 -0x1.921fb54442d18p+10 "
-        "-0x1.fffffffffffffp+127 -0x1.a413778daae2dp+11 -0x1.fffffffffffffp+31 "
+        "-0x1.921fb54442d19p+10 -0x1.345f45a9b3db5p+262 0x1.35a3aca3beff1p+455 "
+        "-0x1.32d194660edcbp+909 -0x1.2de95f7d43171p+772 -0x1.18bb5082d418ep+3 "
+        "-0x1.9516a5540c4ddp+374 -0x1.fffffffffffffp+511 -0x1.921fb54442d17p+10 "
+        "0x1.1d9d1e9a3d8dp+217 -0x1.fffffffffffffp+255 -0x1.fffffffffffffp+63 "
+        "-0x1.fffffffffffffp+19 -0x1.921fb54442d18p+10 -0x1.fffffffffffffp+127 "
+        "-0x1.a413778daae2dp+11 -0x1.fffffffffffffp+31 -0x1.fffffffffffffp+15 "
         "0x1.65ffe04f5b028p+2 0x1.1c5269e02b5a2p+1023"
     ),
     ("tanh", "float"): (

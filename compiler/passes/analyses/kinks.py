@@ -1,4 +1,4 @@
-"""Finds operations whose slope jumps somewhere inside the ranges that a spec declares."""
+"""Finds operations that have no slope, or one that jumps, inside the ranges of a spec."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from backends.c.host.build import CompilerFailedError, build_library
 from backends.c.host.library import CStep
 from backends.files.c_compiler import CompilerMissingError
-from msnn.errors.failures import MissingExtraError
+from msnn.errors.failures import MissingExtraError, UnfitCompilerError
 from msnn.exports.target import Written
 
 
@@ -19,7 +19,7 @@ from msnn.exports.target import Written
 def built_c(written: Written) -> Generator[CStep]:
     """One instance of the model in the files that were written, ready to run.
 
-    Raises MissingExtraError without a C compiler.
+    Raises MissingExtraError without a C compiler that builds it.
     """
     with built_folder(written, "model.so") as folder:
         yield CStep.of_folder(folder, folder / "model.so")
@@ -29,7 +29,7 @@ def built_c(written: Written) -> Generator[CStep]:
 def built_folder(written: Written, library: str) -> Generator[Path]:
     """A folder of the files that were written alone, with the built `library`.
 
-    Raises MissingExtraError without a C compiler.
+    Raises MissingExtraError without a C compiler that builds it.
     """
     with tempfile.TemporaryDirectory() as place:
         alone = Path(place)
@@ -43,5 +43,5 @@ def built_folder(written: Written, library: str) -> Generator[Path]:
         except CompilerMissingError:
             raise MissingExtraError("a C compiler", "apt install gcc, or set CC") from None
         except CompilerFailedError as error:
-            raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
+            raise UnfitCompilerError(error.compiler, error.said, error.remedy) from None
         yield alone

@@ -12,7 +12,7 @@ from compiler.ir.types import Type
 from compiler.passes.retime import retime
 from compiler.passes.settle_zeros import settle_zeros
 from msnn.agreement.loaded import Loaded
-from msnn.errors.failures import MissingExtraError
+from msnn.errors.failures import UnfitCompilerError
 from msnn.exports.prepare import MOST_ENTRIES, c_options, name_prefix, step_program
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written, bits_in_single
 from msnn.packages import ZIGLANG
@@ -54,9 +54,7 @@ def _write(plan: ExportPlan[COptions], weights: Weights, folder: Path) -> tuple[
     try:
         return write_fmu(plan.program, weights, folder, c_options(plan), platforms)
     except CompilerFailedError as error:
-        # one that is there and fails is told as what it is: its flags or headers are not ours to
-        # mend
-        raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
+        raise UnfitCompilerError(error.compiler, error.said, error.remedy) from None
 
 
 def _tell(plan: ExportPlan[COptions], folder: Path) -> str:

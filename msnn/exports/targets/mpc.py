@@ -12,7 +12,7 @@ from compiler.ir.program import Program
 from compiler.optimal_control.problem import ControlProblem
 from compiler.state_estimation.problem import EstimationProblem
 from msnn.agreement.agreement import Agreement
-from msnn.errors.failures import MissingExtraError
+from msnn.errors.failures import UnfitCompilerError
 from msnn.errors.targets import predictive_control
 from msnn.exports.prepare import name_prefix
 from msnn.exports.target import ExportPlan, Request, Target, Weights, Written
@@ -129,7 +129,7 @@ def _write_units(
             unit = filter_unit(estimation, own, about)
             written += write_online_unit(estimation.program, unit, sources(name), place, platforms)
     except CompilerFailedError as error:
-        raise MissingExtraError("a C compiler that accepts the export", str(error)) from None
+        raise UnfitCompilerError(error.compiler, error.said, error.remedy) from None
     return (*written, *write_headers(place))
 
 

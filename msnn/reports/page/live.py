@@ -73,8 +73,7 @@ def live_model(
         except SpecError as error:
             return NotLive(error.diagnostics[0].message, error.diagnostics[0].help)
         except CompilerFailedError as error:
-            first = error.output.strip().partition("\n")[0]
-            return NotLive(f"zig did not compile its C to WebAssembly: {first}")
+            return NotLive(f"zig did not compile its C to WebAssembly: {error.said[0]}")
         # inside `with`: the folder is gone after it
         about = json.loads((folder / f"{exported.prefix}.json").read_text(encoding="utf-8"))
     expected = "\n".join(exported.expected)
