@@ -16,9 +16,7 @@ HEXADECIMAL: dict[tuple[str, RealName], str] = {
     ("acos", "double"): (
         "0x1.3ade2564ed5fp-1 0x1.01c78b480c5c3p-2 0x1.bd45125213f8p-2 0x1.77624305b494p-1"
     ),
-    ("asin", "float"): (
-        "0x1.0087a2p-1 -0x1.d674bap-2 0x1.b6c46p-2 0x1.001efap-1 0x1.39f8aap-1"
-    ),
+    ("asin", "float"): ("0x1.0087a2p-1 -0x1.d674bap-2 0x1.b6c46p-2 0x1.001efap-1 0x1.39f8aap-1"),
     ("asin", "double"): (
         "-0x1.2cd2378d1c63p-1 -0x1.4a81a57f010e5p-1 0x1.c55e878b73f9ap-2 0x1.ed303bd270f8p-2"
     ),
