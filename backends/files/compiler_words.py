@@ -20,7 +20,7 @@ def complaints(output: str) -> list[str]:
     """The lines that name an error, else those that are no warnings; the first says what is wrong.
 
     A linker writes no `error:` before what it misses, and the compiler that called it writes one
-    after it.
+    after it. None are found where nothing but that is left, as on a full disk.
     """
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     said = [line for line in lines if not _CLOSING.search(line)]
@@ -30,4 +30,4 @@ def complaints(output: str) -> list[str]:
     ):
         if chosen:
             return chosen
-    return lines
+    return []

@@ -19,6 +19,10 @@ LIMIT = 600.0
 """Seconds, where MSNN_COMPILER_SECONDS names no others: far more than the largest kernels take."""
 
 
+_ROOM = 1 << 20
+"""Bytes that must fit into a folder; most kernels and libraries are smaller."""
+
+
 class CompilerTooSlowError(Exception):
     """A compiler did not end within its limit, and was ended."""
 
@@ -77,6 +81,13 @@ def run_compiler(
                     _end(process)
         texts = [path.read_text(encoding="utf-8", errors="replace") for path in (output, errors)]
         return Finished(process.wait(), *texts)
+
+
+def has_room(folder: Path) -> None:
+    """Raises OSError, which names the folder, where what a compiler makes cannot be written."""
+    with naming(folder), tempfile.TemporaryFile(dir=folder, prefix=".room-") as file:
+        # random bytes: file systems that compress take zeros for nothing
+        file.write(os.urandom(_ROOM))
 
 
 def compiler_limit() -> float:

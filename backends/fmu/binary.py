@@ -11,6 +11,7 @@ from pathlib import Path
 
 import templates
 from backends.c.host.build import link_library
+from backends.files.atomic_write import naming
 from backends.fmu.sources import Version
 
 HEADERS = Path(templates.__path__[0]) / "fmu" / "headers"
@@ -73,7 +74,8 @@ def binary(sources: Mapping[str, str], compiler: Sequence[str], name: str) -> by
     with tempfile.TemporaryDirectory(prefix="msnn-fmu-") as place:
         folder = Path(place)
         for file, text in sources.items():
-            (folder / file).write_text(text, encoding="utf-8")
+            with naming(folder / file):
+                (folder / file).write_text(text, encoding="utf-8")
         texts = sorted(folder.glob("*.c"))
         linking = ["-s"]  # the symbols of a build have no place in an archive
         if name.endswith(".dylib"):

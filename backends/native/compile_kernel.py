@@ -15,8 +15,8 @@ from pathlib import Path
 
 from backends.files.c_compiler import CompilerMissingError, find_compiler, installed_as
 from backends.files.compiler_words import complaints
-from backends.files.run_compiler import CompilerTooSlowError, Finished, run_compiler
-from backends.native.kernel_cache.folders import candidates, has_room, opened
+from backends.files.run_compiler import CompilerTooSlowError, Finished, has_room, run_compiler
+from backends.native.kernel_cache.folders import candidates, opened
 from backends.native.kernel_cache.stored_kernel import StoredKernel
 
 FLAGS = (

@@ -103,7 +103,9 @@ def train(
             raise
         file, reason = str(error.filename), (error.strerror or str(error)).lower()
         kept = str(folder.weights) if folder.weights.is_file() else None
-        raise SpecError((run_ends.run_not_kept(file, reason, kept),)) from error
+        can_go_on = folder.checkpoint.is_file()
+        fault = run_ends.run_not_kept(file, reason, kept, can_go_on=can_go_on)
+        raise SpecError((fault,)) from error
     finally:
         # whatever ended it: a session in Python would hold the file open
         noted.close()

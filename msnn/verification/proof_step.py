@@ -128,7 +128,7 @@ class ToolFailedError(Exception):
     @property
     def complaints(self) -> list[str]:
         """The lines that name an error; all of them where none does."""
-        return complaints("\n".join(self.lines)) or [str(self)]
+        return complaints("\n".join(self.lines)) or self.lines or [str(self)]
 
 
 class UnansweredError(Exception):

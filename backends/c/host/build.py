@@ -11,9 +11,10 @@ from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from backends.files.atomic_write import naming
 from backends.files.c_compiler import find_compiler, installed_as
 from backends.files.compiler_words import complaints
-from backends.files.run_compiler import CompilerTooSlowError, run_compiler
+from backends.files.run_compiler import CompilerTooSlowError, has_room, run_compiler
 
 LEVEL = "-O2"
 """How libraries are optimised that run along the records of users."""
@@ -36,7 +37,7 @@ class CompilerFailedError(Exception):
     ) -> None:
         super().__init__(f"{shlex.join(command)}\n{output}")
         self.compiler = shlex.join(takewhile(lambda word: not word.startswith("-std="), command))
-        self.said = complaints(output) or ["it said nothing"]
+        self.said = complaints(output) or output.splitlines() or ["it said nothing"]
         self.remedy = remedy
 
 
@@ -81,7 +82,9 @@ def link_library(
             _read(path, folders, texts)
             source = _Source(tuple(texts.values()), path, tuple(folders))
             copy = Path(place) / f"{path.stem}.o"
-            copy.write_bytes(_object(source, tuple(head), installed))
+            made = _object(source, tuple(head), installed)
+            with naming(copy):
+                copy.write_bytes(made)
             objects.append(str(copy))
         # who links no C library names the ones that he wants
         usual = () if "-nostdlib" in head else ("-lm",)
@@ -121,12 +124,16 @@ def _object(source: _Source, head: tuple[str, ...], _installed: tuple[int, ...])
 
 
 def compiled(command: Sequence[str], result: Path, *libraries: str) -> Path:
-    """The file that a command of the compiler writes. Raises CompilerFailedError."""
+    """The file that a command of the compiler writes. Raises CompilerFailedError and OSError."""
     whole = [*command, "-o", str(result), *libraries]
     try:
         done = run_compiler(whole)
     except CompilerTooSlowError as error:
         raise CompilerFailedError(whole, f"it {error}", error.remedy) from None
     if done.code != 0:
-        raise CompilerFailedError(whole, done.errors + done.output)
+        output = done.errors + done.output
+        if not complaints(output):
+            # its words are kept where it writes: a full disk takes neither
+            has_room(result.parent)
+        raise CompilerFailedError(whole, output)
     return result

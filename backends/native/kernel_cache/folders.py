@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from backends.files.run_compiler import has_room
 from backends.native.kernel_cache.trust import why_folder_is_not_trusted
-
-_ROOM = 1 << 20
-"""Bytes that must fit into a folder; most kernels are smaller."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +75,6 @@ def opened(folder: Path) -> tuple[Path, str | None]:
             # one by one: `parents=True` would give the folders above the mode of the umask
             place.mkdir(mode=0o700)
     return real, why_folder_is_not_trusted(real)
-
-
-def has_room(folder: Path) -> None:
-    """Raises OSError where a kernel cannot be written."""
-    with tempfile.TemporaryFile(dir=folder, prefix=".room-") as file:
-        # random bytes: file systems that compress take zeros for nothing
-        file.write(os.urandom(_ROOM))
 
 
 @cache

@@ -4,15 +4,14 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
 
-def run_not_kept(file: str, reason: str, weights: str | None) -> Diagnostic:
+def run_not_kept(file: str, reason: str, weights: str | None, *, can_go_on: bool) -> Diagnostic:
     """E0927: a training that ends because the files of its run cannot be written."""
     kept = f"the best weights that could be written are in {weights}"
     message = f"training has ended: cannot write {file}: {reason}"
     notes = (kept if weights is not None else "no weights were written yet",)
-    repair = (
-        "make room or choose another folder with `--out`; `--resume` goes on where the last "
-        "checkpoint was written"
-    )
+    repair = "make room or choose another folder with `--out`, and train again"
+    if can_go_on:
+        repair = "make room; `--resume` goes on where the last checkpoint was written"
     return error("E0927", None, message, notes=notes, help=repair)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -10,6 +9,7 @@ from pathlib import Path
 
 from backends.c.host.build import CompilerFailedError, build_library
 from backends.c.host.library import CStep
+from backends.files.atomic_write import naming
 from backends.files.c_compiler import CompilerMissingError
 from msnn.errors.failures import MissingExtraError, UnfitCompilerError
 from msnn.exports.target import Written
@@ -37,7 +37,8 @@ def built_folder(written: Written, library: str) -> Generator[Path]:
         for file in written.files:
             copy = alone / file.relative_to(written.folder)
             copy.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, copy)
+            with naming(copy):
+                copy.write_bytes(file.read_bytes())
         try:
             build_library(alone, alone / library)
         except CompilerMissingError:

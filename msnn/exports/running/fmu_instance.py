@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backends.files.atomic_write import naming
 from msnn.errors.failures import MissingExtraError
 
 Array = NDArray[Any]
@@ -36,7 +37,8 @@ def fmu_instance(path: Path) -> Generator[FmuInstance]:
     if not {fmpy.platform, fmpy.platform_tuple} & set(fmpy.supported_platforms(str(path))):
         raise MissingExtraError("a C compiler", "apt install gcc, or set CC, and export again")
     with TemporaryDirectory(prefix="msnn-fmu-") as place:
-        fmpy.extract(str(path), place)
+        with naming(Path(place)):
+            fmpy.extract(str(path), place)
         instance = FmuInstance(fmpy.read_model_description(place, validate=False), place)
         try:
             yield instance

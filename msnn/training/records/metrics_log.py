@@ -5,37 +5,26 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from io import FileIO
 from pathlib import Path
 from typing import Any, cast
 
-from backends.files.atomic_write import naming
+from backends.files.appended_file import AppendedFile
 
 
-@dataclass(slots=True)
 class MetricsLog:
     """Lines of JSON, each handed to the system as it comes, so that others can follow them."""
 
-    path: Path
-    _file: FileIO | None = field(init=False, default=None)
+    def __init__(self, path: Path) -> None:
+        self._file = AppendedFile(path)
 
     def append(self, record: Mapping[str, Any]) -> None:
         """Adds one line; numbers that JSON has no word for become null."""
         line = json.dumps(finite(record), ensure_ascii=False) + "\n"
-        with naming(self.path):
-            if self._file is None:
-                # without a buffer: what a full disk did not take would be written again by `close`
-                self._file = self.path.open("ab", buffering=0)
-            rest = line.encode()
-            while rest:
-                rest = rest[self._file.write(rest) :]
+        self._file.write(line.encode())
 
     def close(self) -> None:
         """Lets the file go; a later line opens it again."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        self._file.close()
 
 
 def finite(value: Any) -> Any:

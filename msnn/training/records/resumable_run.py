@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from shutil import rmtree
 from typing import Any, Literal
 
 from compiler.ir.program import Program
@@ -38,7 +39,12 @@ def open_run(
             "settings": list(options.settings),
             "device": options.device.name,
         }
-        folder.write_description({**record, **begun}, options.spec_text, options.parts)
+        try:
+            folder.write_description({**record, **begun}, options.spec_text, options.parts)
+        except OSError:
+            # a run that does not say what it is of is none: nobody could go on with it or show it
+            rmtree(folder.path, ignore_errors=True)
+            raise
         return folder, None
     parent = options.runs / program.name
     if options.folder is not None:

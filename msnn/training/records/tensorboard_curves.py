@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import time
 from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from backends.files.appended_file import AppendedFile
 from msnn.data.dataset import FloatArray
 from msnn.packages import TENSORBOARD
 from msnn.training.records.progress import EpochEnd
@@ -21,7 +24,12 @@ class Curves:
 
     def __init__(self, folder: Path) -> None:
         writer, self._event, self._summary = _tensorboard()
-        self._writer = writer(str(folder))
+        # not its writer of event files: that has a thread, which prints a traceback where the disk
+        # is full
+        name = f"events.out.tfevents.{int(time.time()):010d}.{socket.gethostname()}.{os.getpid()}"
+        self._file = AppendedFile(folder / name)
+        self._writer = writer(self._file)
+        self._is_begun = False
 
     def epoch_ended(self, event: EpochEnd, weights: Mapping[str, FloatArray]) -> None:
         """Losses, learning rate and parameters after an epoch."""
@@ -31,16 +39,18 @@ class Curves:
             self._summary.Value(tag=f"{event.stage}{run}/{name}", simple_value=value)
             for name, value in scalars.items()
         ]
-        self._writer.add_event(
-            self._event(
-                wall_time=time.time(), step=event.epoch, summary=self._summary(value=values)
-            )
-        )
-        self._writer.flush()
+        if not self._is_begun:
+            self._add(file_version="brain.Event:2")
+            self._is_begun = True
+        self._add(step=event.epoch, summary=self._summary(value=values))
 
     def close(self) -> None:
-        """Writes what is left."""
-        self._writer.close()
+        """Lets the file go."""
+        self._file.close()
+
+    def _add(self, **content: Any) -> None:
+        record = self._event(wall_time=time.time(), **content)
+        self._writer.write(record.SerializeToString())
 
 
 def require_tensorboard() -> None:
@@ -49,11 +59,11 @@ def require_tensorboard() -> None:
 
 
 def _tensorboard() -> tuple[Any, Any, Any]:
-    """Writer of event files, `Event` and `Summary`, from the parts that stand alone."""
-    files = import_module("tensorboard.summary.writer.event_file_writer")
+    """Writer of records, `Event` and `Summary`, from the parts that stand alone."""
+    files = import_module("tensorboard.summary.writer.record_writer")
     events = import_module("tensorboard.compat.proto.event_pb2")
     summaries = import_module("tensorboard.compat.proto.summary_pb2")
-    return files.EventFileWriter, events.Event, summaries.Summary
+    return files.RecordWriter, events.Event, summaries.Summary
 
 
 def _scalars(event: EpochEnd) -> dict[str, float]:

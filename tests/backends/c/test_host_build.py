@@ -14,6 +14,7 @@ from backends.c.host import build
 from backends.c.host.build import CompilerFailedError, build_library
 from backends.files.run_compiler import Finished, run_compiler
 from tests.backends.c.c_programs import built, closed_sample
+from tests.full_disk import full_after
 
 
 def test_what_the_compiler_says_is_shown(tmp_path: Path) -> None:
@@ -21,6 +22,21 @@ def test_what_the_compiler_says_is_shown(tmp_path: Path) -> None:
     (tmp_path / "src" / "bad.c").write_text("int x = ;")
     with pytest.raises(CompilerFailedError, match=r"bad\.c"):
         build_library(tmp_path, tmp_path / "bad.so")
+
+
+def test_a_compiler_whose_words_a_full_disk_has_lost_is_not_blamed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it says is kept beside what it makes: neither fits."""
+    silent = tmp_path / "silent"
+    silent.write_text("#!/bin/sh\necho 'collect2: error: ld returned 1 exit status' >&2; exit 1\n")
+    silent.chmod(0o700)
+    with pytest.raises(CompilerFailedError) as caught:
+        build.compiled([str(silent)], tmp_path / "it.o")
+    assert caught.value.said == ["collect2: error: ld returned 1 exit status"]
+    with full_after(1000), pytest.raises(OSError, match="too large") as full:
+        build.compiled([str(silent)], tmp_path / "it.o")
+    assert full.value.filename == str(tmp_path)
 
 
 def test_a_header_that_changed_is_seen(tmp_path: Path) -> None:

@@ -10,12 +10,13 @@ from msnn.training.records.metrics_log import MetricsLog
 
 
 def test_a_line_is_there_before_the_file_is_closed(tmp_path: Path):
-    log = MetricsLog(tmp_path / "metrics.jsonl")
+    path = tmp_path / "metrics.jsonl"
+    log = MetricsLog(path)
     log.append({"epoch": 1, "total": float("nan")})
-    assert log.path.read_text() == '{"epoch": 1, "total": null}\n'
+    assert path.read_text() == '{"epoch": 1, "total": null}\n'
     log.close()
     log.append({"epoch": 2})
-    assert log.path.read_text().splitlines()[1:] == ['{"epoch": 2}']
+    assert path.read_text().splitlines()[1:] == ['{"epoch": 2}']
     log.close()
 
 

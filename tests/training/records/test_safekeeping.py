@@ -25,6 +25,7 @@ from msnn.training.stages.pace import Pace
 from msnn.training.train import train
 from msnn.training.training_result import TrainingResult
 from spec_schema.diagnostics.diagnostic import SpecError
+from tests.full_disk import full_after
 from tests.training.cases import dataset, gain, gain_series
 
 STAGES = {
@@ -223,6 +224,31 @@ def test_a_full_disk_ends_a_training_with_the_name_of_the_file(
         assert read_weights(folder / "weights.safetensors", gain()[0])
         resumed = run(STAGES["double"], tmp_path, resume=True)
         assert resumed.weights == undisturbed.weights
+
+
+@pytest.mark.parametrize("has_checkpoint", [False, True])
+def test_epochs_that_a_full_disk_does_not_take_end_a_training_with_whole_lines(
+    has_checkpoint: bool, tmp_path: Path
+) -> None:
+    many = "  - {epochs: 60, batch: 8}\n"  # more than other files of a run are long
+    undisturbed = run(many, tmp_path / "before")
+    assert undisturbed.folder is not None
+    length = (undisturbed.folder / METRICS).stat().st_size
+    room = length - 40  # the last line does not fit
+    with full_after(room), pytest.raises(SpecError) as caught:
+        run(many, tmp_path / "full", most_lost=0.0 if has_checkpoint else 1000.0)
+    (found,) = caught.value.diagnostics
+    (folder,) = (tmp_path / "full" / "gain").iterdir()
+    assert f"cannot write {folder / METRICS}" in found.message
+    assert metrics(folder) == metrics(undisturbed.folder)[:-1]
+    assert ("`--resume`" in (found.help or "")) == has_checkpoint
+    assert (folder / "checkpoint.safetensors").is_file() == has_checkpoint
+
+
+def test_a_run_that_cannot_say_what_it_is_of_leaves_no_folder(tmp_path: Path) -> None:
+    with full_after(100), pytest.raises(OSError, match=r"run\.json"):
+        run(STAGES["native"], tmp_path)
+    assert not list((tmp_path / "gain").iterdir())
 
 
 def test_the_time_that_is_left_counts_epochs_before_the_interruption(tmp_path: Path) -> None:

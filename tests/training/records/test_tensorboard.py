@@ -14,14 +14,18 @@ import pytest
 
 from msnn.errors.failures import MissingExtraError
 from msnn.packages import TENSORBOARD
+from msnn.training.records.tensorboard_curves import Curves
 from msnn.training.train import TrainingOptions, train
 from tests.conditions import require_tool
+from tests.full_disk import full_after
 from tests.training.cases import dataset, gain, gain_series
+from tests.training.stages.test_schedules import Epochs
 
 STAGES = "  - {name: fit, epochs: 3, batch: 16, schedule: {exponential: {factor: 0.5}}}\n"
 ALONE = """
 import sys
 from pathlib import Path
+from msnn.training.records.tensorboard_curves import Curves
 from msnn.training.train import TrainingOptions, train
 from tests.training.cases import dataset, gain, gain_series
 program, spec = gain("  - {epochs: 2, engine: native}\\n")
@@ -86,3 +90,27 @@ def test_without_it_nothing_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         run(tmp_path)
     assert caught.value.diagnostic.help == TENSORBOARD.install
     assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_leaves_whole_records_and_prints_nothing(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """TensorBoard's own writer has a thread, which prints a traceback then and names no file."""
+    pytest.importorskip("tensorboard")
+    heard = Epochs()
+    program, spec = gain(STAGES)
+    data = dataset(gain_series(100), train=[60], val=[30])
+    train(program, data, spec.train, TrainingOptions(runs=None), heard)
+    curves = Curves(tmp_path)
+
+    def many() -> None:
+        for event in heard.events * 10:
+            curves.epoch_ended(event, {})
+
+    with full_after(500), pytest.raises(OSError, match="too large") as caught:
+        many()
+    curves.close()
+    (cut,) = tmp_path.iterdir()
+    assert caught.value.filename == str(cut)
+    assert 300 < cut.stat().st_size == sum(len(each) + 16 for each in records(cut.read_bytes()))
+    assert capfd.readouterr().err == ""
