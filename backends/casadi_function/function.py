@@ -24,7 +24,7 @@ NATIVE = frozenset(name for name, row in SCALAR_FUNCTIONS.items() if row.casadi)
 _KEYWORDS = ("null", "jac", "hess")
 
 # an optimal control problem that holds many steps calls this one function, so that code generated
-# from it stays small
+# from it stays small, also where the problem is expanded to numbers
 _OPTIONS = {"never_inline": True}
 
 

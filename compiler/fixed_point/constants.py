@@ -16,6 +16,9 @@ from compiler.ir.ops import Constant, ReadParameter
 from compiler.ir.program import Graph, NodeId, Program
 from compiler.passes import run_passes
 
+_SMALLEST = 2.0**-96
+"""Of a range: finer scales are no numbers of float32, in which C converts words."""
+
 
 def with_numbers(program: Program, weights: Mapping[str, NDArray[Any]]) -> Program:
     """The program with its parameters as constants, folded."""
@@ -41,7 +44,7 @@ def finite(limits: tuple[float, float] | None) -> tuple[float, float] | None:
 def word_format(low: float, high: float, bits: int) -> tuple[int, int, int]:
     """Fraction and integer limits of values low … high in that many bits."""
     # what is always 0 has a format too
-    reach = max(abs(low), abs(high), 2.0**-bits)
+    reach = max(abs(low), abs(high), _SMALLEST) if low or high else 2.0**-bits
     # reach = m · 2^e with m in [1/2, 1): a bit for the sign, e before the point, the rest behind it
     fraction = bits - 1 - math.frexp(reach)[1]
     # just below a power of 2 rounding reaches it, one unit more than the bits can hold

@@ -276,12 +276,12 @@ def _places(program: Program, data: Dataset, record: Record, rows: range) -> Ste
         if piece.start < stop and first < piece.stop
     ]
     times = [piece.times(begin, end, program.sample_time) for piece, begin, end in pieces]
+    # files are joined by their times: only the one file of a record can be without
     known = [time for time in times if time is not None]
     codes: list[int] = data.set_of_row[first:stop].tolist()
     return StepPlaces(
         files=tuple(piece.file for piece, begin, end in pieces for _ in range(begin, end)),
         rows=np.concatenate([piece.file_rows(begin, end) for piece, begin, end in pieces]),
-        # of a record with files without time there is no common one
-        time=np.concatenate(known) if len(known) == len(times) else None,
+        time=np.concatenate(known) if known else None,
         sets=tuple("" if code == UNASSIGNED else data.sets[code] for code in codes),
     )

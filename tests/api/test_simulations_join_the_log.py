@@ -17,7 +17,7 @@ from asammdf import MDF, Signal
 import msnn
 from msnn.cli.application import run
 from msnn.simulation.simulate import Simulations, simulation_program
-from msnn.simulation.table import write_simulation
+from msnn.simulation.table import run_record, write_simulation
 
 SPEC = """
 msnn: 1
@@ -28,6 +28,15 @@ targets: {z: N}
 parameters: {a: 0.5, b: {init: 0.1, unit: m/N}}
 outputs:
   x_next: {expr: a*x + b*u, predicts: "x[t+1]"}
+  y: {expr: 2*u, predicts: "z[t]"}
+"""
+
+STATIC = """
+msnn: 1
+name: plant
+inputs: {u: N}
+targets: {z: N}
+outputs:
   y: {expr: 2*u, predicts: "z[t]"}
 """
 
@@ -52,9 +61,9 @@ def write(folder: Path, name: str, frame: Any) -> None:
         frame.to_csv(path, index=False)
 
 
-def model(folder: Path, data: str) -> msnn.Model:
+def model(folder: Path, data: str, spec: str = SPEC) -> msnn.Model:
     path = folder / "plant.yaml"
-    path.write_text(f"{SPEC}data:\n  {data}\n" if data else SPEC)
+    path.write_text(f"{spec}data:\n  {data}\n" if data else spec)
     return msnn.load(path)
 
 
@@ -73,6 +82,8 @@ def check_rows(found: Any, read: Callable[[str], Any], ahead: int = 1) -> None:
         np.testing.assert_array_equal(part["time"], file["t"].to_numpy()[rows])
         np.testing.assert_array_equal(part["y"], 2 * file["u"].to_numpy()[rows])
         np.testing.assert_array_equal(part["y.log"], file["z"].to_numpy()[rows])
+        if "x_next.log" not in part:
+            continue
         measured = part["x_next.log"].notna().to_numpy()
         np.testing.assert_array_equal(
             part["x_next.log"][measured], file["x"].to_numpy()[rows[measured] + ahead]
@@ -143,6 +154,29 @@ data: {source: {train: '*.csv'}, time: t}
     for axle, a in (("front", 1), ("rear", 10)):
         for side, b in (("left", 1), ("mid", 2), ("right", 3)):
             np.testing.assert_allclose(found[f"y[{axle},{side}]"], u * a * b, rtol=1e-15)
+
+
+def test_runs_of_files_without_time_have_rows_beside_those_that_have_both(tmp_path: Path) -> None:
+    """Without a sample time nobody knows the moments of rows of a file that does not say them."""
+    for name in ("a.csv", "b.csv"):
+        write(tmp_path, name, log(20))
+    data = "{source: {train: {files: a.csv, time: t}, val: b.csv}}"
+    plant = model(tmp_path, data, STATIC)
+    runs = msnn.simulate(plant)
+    found = table(tmp_path, plant, runs)
+    assert found.columns.tolist() == ["file", "set", "row", "time", "y", "y.log"]
+    timed, untimed = (found[found["file"] == name] for name in ("a.csv", "b.csv"))
+    check_rows(timed, lambda name: pd.read_csv(tmp_path / name))
+    assert untimed["time"].isna().all()
+    assert untimed["row"].tolist() == list(range(20))
+    np.testing.assert_array_equal(untimed["y"], timed["y"])
+    records = [run_record(run) for run in runs]
+    assert [record["time"] for record in records] == [[100.0, 101.9], None]
+    assert [record["rows"] for record in records] == [[0, 19]] * 2
+    for only in ("a.csv", "b.csv"):
+        one = [run for run in runs if run.record.file == only]
+        header = table(tmp_path, plant, Simulations(tuple(one))).columns.tolist()
+        assert ("time" in header) == (only == "a.csv")
 
 
 def test_rows_of_no_set_name_none(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from backends.casadi_function.function import build_function, build_initial_state, casadi_names
+from backends.casadi_function.options import Form
 from backends.ports.step_interface import step_interface
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.builder import GraphBuilder
@@ -105,20 +106,27 @@ def test_a_window_stays_one_product():
     assert len(operations) == 10
 
 
-def test_a_problem_of_many_steps_keeps_one_copy_of_the_step():
-    step = build_function(to_step_form(SAMPLES["joint_arm"]().program))
+@pytest.mark.parametrize(("form", "calls"), [("mx", 2), ("sx", 0)])
+def test_a_problem_of_many_steps_keeps_one_copy_of_the_step(form: Form, calls: int):
+    """Also where it is expanded to numbers, unless the step was made of such itself."""
+    step = build_function(to_step_form(SAMPLES["joint_arm"]().program), form=form)
     symbols = [casadi.MX.sym(name, *step.size_in(name)) for name in step.name_in()]
     first = step(*symbols)
     second = step(first[0], symbols[1], first[2], *symbols[3:])
     twice = casadi.Function("twice", symbols, [second[0]])
-    calls = [twice.instruction_id(i) for i in range(twice.n_instructions())]
-    assert calls.count(casadi.OP_CALL) == 2
+    assert _calls(twice) == 2
+    assert _calls(twice.expand()) == calls
 
 
 def test_building_leaves_casadi_as_it_was():
     before = casadi.GlobalOptions.getSimplificationOnTheFly()
     build_function(to_step_form(SAMPLES["spring_damper_rk4"]().program))
     assert casadi.GlobalOptions.getSimplificationOnTheFly() == before
+
+
+def _calls(function: casadi.Function) -> int:
+    operations = [function.instruction_id(i) for i in range(function.n_instructions())]
+    return operations.count(casadi.OP_CALL)
 
 
 def _program(b: GraphBuilder, *outputs: Output, next: int) -> Program:

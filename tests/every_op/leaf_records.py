@@ -26,6 +26,7 @@ def _constant() -> Record:
         r.expect("by_itself", r.graph.divide(x, x), r.logged("x") / r.logged("x"))
         none = np.where(np.isfinite(r.logged("x")), 0.0, np.nan).sum(1)
         r.expect("with_zeros", r.graph.contract(zeros, x), none)
+        r.expect("of_zeros", r.graph.contract(x, zeros), none)
     return r.record("Constant")
 
 

@@ -13,6 +13,41 @@ SPECS = ("reference", "battery", "heater", "engine_map", "quarter_car")
 STRICT = ("-O1", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
 SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
+EDGES = """\
+msnn: 1
+name: edges
+sample_time: 0.1 s
+inputs:
+  u: {range: [-1, 1]}
+  bent: {range: [-0.03124, 0.03124]}
+  last: {range: [-SMALL, SMALL]}
+  below: {range: [-0.2 * SMALL, 0.2 * SMALL]}
+states:
+  x: {next: "x + SLOW * (u + 24 * bent)", range: [-1, 1], init: 0.5}
+outputs:
+  shifted: {expr: "concat(u, last, below)"}
+  steep: {expr: tan(bent)}
+  kept: {expr: next(x)}
+"""
+
+
+@pytest.mark.parametrize(
+    ("dtype", "small", "slow"), [("q15", 1.5e-9, 3e-10), ("q31", 4e-19, 3e-10)]
+)
+def test_the_farthest_shifts_and_the_widest_cells(
+    dtype: str, small: float, slow: float, tmp_path: Path
+) -> None:
+    """A shift by 30 or 62 bits, a value that lies below it, in q15 a cell of 2^15 words."""
+    require_tool("gcc", "apt-get install gcc")
+    text = EDGES.replace("0.2 * SMALL", f"{0.2 * small:.5g}").replace("SMALL", repr(small))
+    plan = planned(fixed_model(tmp_path, text.replace("SLOW", repr(slow)), dtype))
+    write_export(plan, {}, tmp_path / "c")
+    source = (tmp_path / "c" / "src" / "edges.c").read_text(encoding="utf-8")
+    farthest = 30 if dtype == "q15" else 62
+    assert f"edges_rounded_{farthest}(" in source
+    said = run_test_program(tmp_path / "c", plan.prefix, "gcc", (*STRICT, *SANITIZED))
+    assert "golden steps agree" in said
+
 
 @pytest.mark.parametrize("dtype", ["q15", "q31"])
 @pytest.mark.parametrize("name", SPECS)

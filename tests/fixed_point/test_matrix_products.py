@@ -37,6 +37,16 @@ layers: {h: {fir: {window: 20}}}
 outputs: {y: "h(u)"}
 """
 
+MATRIX = """\
+msnn: 1
+name: net
+sample_time: 10 ms
+dims: {k: 8, row: 8}
+inputs: {u: {dims: k, range: [-1, 1]}}
+layers: {m: {linear: {out: row, bias: false}}}
+outputs: {y: "m(u + OFFSET)"}
+"""
+
 
 def _sums(rows: int, terms: int) -> list[IntegerNode]:
     words = [
@@ -81,6 +91,40 @@ def test_a_sum_of_two_weights_has_a_table_of_them(tmp_path: Path) -> None:
     plan = planned(fixed_model(tmp_path, FILTER, "q15"))
     weights = {"h.weight": np.repeat([0.3, 0.7], 10)}
     write_export(plan, weights, tmp_path / "c")
+    assert "golden steps agree" in run_test_program(tmp_path / "c", "net", "gcc", ("-O2",))
+
+
+@pytest.mark.parametrize(("offset", "numbers"), [(-0.5, 2), (-0.5, 4), (0.5, 2)])
+def test_rows_begin_with_numbers_of_their_own(offset: float, numbers: int, tmp_path: Path) -> None:
+    """W (u + d) begins with W d, at the scale of sums, which no word holds: also where all are
+    negative, or only two numbers."""
+    require_tool("gcc", "apt-get install gcc")
+    plan = planned(fixed_model(tmp_path, MATRIX.replace("OFFSET", str(offset)), "q15"))
+    # the sum of a row depends on which weight is negative alone
+    rows = [
+        np.linspace(0.1, 0.8, 8) * np.where(np.arange(8) == r % numbers, -1, 1) for r in range(8)
+    ]
+    matrix = np.array([np.roll(row, r) for r, row in enumerate(rows)])
+    weights = {**initial_weights(plan.program), "m.weight": matrix}
+    integers = integer_program(plan.program, weights, Q15)
+    (found,) = matrix_products(integers.step, Q15.largest_word).values()
+    begins = [op.constant for row in found if isinstance(op := integers.step[row].op, WeightedSum)]
+    assert len(begins) == 8
+    assert len(set(begins)) == numbers
+    assert min(map(abs, begins)) > Q15.largest_word
+    write_export(plan, weights, tmp_path / "c")
+    assert "golden steps agree" in run_test_program(tmp_path / "c", "net", "gcc", ("-O2",))
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_powers_of_two_that_no_word_holds_have_a_table_of_sums(sign: float, tmp_path: Path) -> None:
+    require_tool("gcc", "apt-get install gcc")
+    plan = planned(fixed_model(tmp_path, FILTER.replace("20", "16"), "q15"))
+    # at the scale of the least one these are 1 … 2^16
+    exponents = [8, 7, *range(5, -9, -1)]
+    write_export(plan, {"h.weight": sign * np.exp2(exponents)}, tmp_path / "c")
+    source = (tmp_path / "c" / "src" / "net.c").read_text(encoding="utf-8")
+    assert "static const net_sum_t table_1" in source
     assert "golden steps agree" in run_test_program(tmp_path / "c", "net", "gcc", ("-O2",))
 
 

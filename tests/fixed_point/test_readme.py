@@ -34,3 +34,13 @@ def test_headers_are_found_beside_the_sources_too(tmp_path: Path) -> None:
     (tmp_path / "sketch.c").write_text(source, encoding="utf-8")
     command = ["cc", "-std=c99", f"-I{tmp_path / 'c' / 'src'}", "-c", str(tmp_path / "sketch.c")]
     subprocess.run([*command, "-o", str(tmp_path / "sketch.o")], check=True)
+
+
+@pytest.mark.parametrize("dtype", ["q15", "q31"])
+def test_a_range_below_all_numbers_of_float32_builds(dtype: str, tmp_path: Path) -> None:
+    require_tool("cc", "apt-get install gcc")
+    text = "msnn: 1\nname: m\ninputs: {u: {range: [-1e-310, 1e-310]}}\noutputs: {y: 0.5 * u}\n"
+    plan = planned(fixed_model(tmp_path, text, dtype))
+    write_export(plan, {}, tmp_path / "c")
+    command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-fsyntax-only"]
+    subprocess.run([*command, str(tmp_path / "c" / "include" / "m_real.h")], check=True)

@@ -127,6 +127,23 @@ def test_limits_far_from_the_values_are_told(drawn: list[Any], tmp_path: Path):
     assert figure.get_supxlabel() == "not drawn: far limits of u: 400 V"
 
 
+@pytest.mark.parametrize("untimed", [(), (1,), (0, 1)])
+def test_runs_are_drawn_over_rows_unless_all_have_times(
+    untimed: tuple[int, ...], trained_run: Path, drawn: list[Any], tmp_path: Path
+):
+    model = msnn.load(trained_run)
+    runs = list(shown_first(msnn.simulate(model, weights=trained_run))[:2])
+    for index in untimed:
+        runs[index] = replace(runs[index], places=replace(runs[index].places, time=None))
+    plot_simulation(tmp_path / "a.png", simulation_program(model.program), runs)
+    (figure,) = drawn
+    said = {axis.get_xlabel() for axis in figure.axes} - {""}
+    assert ("row of the file" in said, "time / s" in said) == (bool(untimed), not untimed)
+    for axis, run in zip(figure.axes[:2], runs, strict=True):
+        along = run.places.rows if untimed else run.places.time
+        np.testing.assert_array_equal(axis.lines[1].get_xdata(), along)
+
+
 def test_a_validation_says_fit_and_draws_limits(
     trained_run: Path, drawn: list[Any], tmp_path: Path
 ):

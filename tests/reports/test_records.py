@@ -54,6 +54,7 @@ def laid_out(tmp_path: Path, lengths: Mapping[str, int]) -> Records:
 def _run(record: Record, data: Dataset) -> Simulation:
     steps = record.stop - record.start - 1
     x = data.series["x"][record.start + 1 : record.stop]
+    time = np.linspace(0.0, 0.1 * (steps - 1), steps)
     return Simulation(
         record=record,
         first=0,
@@ -63,11 +64,17 @@ def _run(record: Record, data: Dataset) -> Simulation:
         places=StepPlaces(
             files=(record.file,) * steps,
             rows=np.arange(steps),
-            time=np.linspace(0.0, 0.1 * (steps - 1), steps),
+            time=None if record.file.endswith("untimed") else time,
             sets=(record.file.partition("_")[0],) * steps,
         ),
         bands={},
     )
+
+
+def test_each_record_is_drawn_over_its_times_or_else_its_rows(tmp_path: Path):
+    timed, untimed = laid_out(tmp_path, {"test_timed": 100, "test_untimed": 50}).shown
+    assert (timed["timed"], timed["x"]) == (True, {"start": 0.0, "step": pytest.approx(0.1)})
+    assert (untimed["timed"], untimed["x"]) == (False, {"start": 0.0, "step": 1.0})
 
 
 def test_a_hundred_thousand_samples_stay_whole_and_below_3_mb(tmp_path: Path):

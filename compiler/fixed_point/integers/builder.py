@@ -123,25 +123,33 @@ class IntegerBuilder:
 
     def smaller(self, left: int, right: int) -> int:
         a, b = self[left], self[right]
-        # min and max move no farther than the operand that moves most
-        error = max(self.errors[left], self.errors[right])
         # decided by the bounds: no node, and the result keeps the narrower bounds
         if a.high <= b.low:
-            return self.allow(left, error)
+            return self._decided(left, right, b.low - a.high)
         if b.high <= a.low:
-            return self.allow(right, error)
+            return self._decided(right, left, a.low - b.high)
+        # min and max move no farther than the operand that moves most
+        error = max(self.errors[left], self.errors[right])
         bounds = min(a.low, b.low), min(a.high, b.high)
         return self.allow(self._emit(integer.Smaller(), (left, right), a.fraction, *bounds), error)
 
     def larger(self, left: int, right: int) -> int:
         a, b = self[left], self[right]
-        error = max(self.errors[left], self.errors[right])
         if a.low >= b.high:
-            return self.allow(left, error)
+            return self._decided(left, right, a.low - b.high)
         if b.low >= a.high:
-            return self.allow(right, error)
+            return self._decided(right, left, b.low - a.high)
+        error = max(self.errors[left], self.errors[right])
         bounds = max(a.low, b.low), max(a.high, b.high)
         return self.allow(self._emit(integer.Larger(), (left, right), a.fraction, *bounds), error)
+
+    def _decided(self, taken: int, other: int, apart: int) -> int:
+        """The extreme of two nodes that are so many units apart, or more.
+
+        What the other node stands for may still pass it, by its own error less that distance.
+        """
+        passed = self.errors[other] - math.ldexp(apart, -self[taken].fraction)
+        return self.allow(taken, passed)
 
     def saturated(self, node: int, low: int, high: int) -> int:
         """The value moved to the nearest limit; nothing where it cannot be outside."""
@@ -192,8 +200,9 @@ class IntegerBuilder:
 
     def lookup(self, node: int, table: integer.IntegerLookup, fraction: int) -> int:
         widest = max(abs(b - a) for a, b in pairwise(table.values))
-        # interpolation multiplies a step of the table by a distance below 2^bits, and rounds
-        self._check(0, widest * 2**table.bits + 2**table.bits)
+        # interpolation multiplies a step of the table by a distance below 2^bits, and adds half a
+        # unit to round
+        self._check(0, widest * (2**table.bits - 1) + 2**table.bits // 2)
         found = self[node]
         assert found.low >= table.first, "the table begins below"
         assert (found.high - table.first) >> table.bits < len(table.values) - 1, "and ends above"

@@ -100,11 +100,11 @@ class ElementwiseForms(Settler):
                 node = self.node(other)
                 found = self.builder[node]
                 scaled = math.ldexp(this.constant, found.fraction)
-                value = round(min(max(scaled, found.low - 1), found.high + 1))
-                error = abs(math.ldexp(value, -found.fraction) - this.constant)
-                if not found.low - 1 <= scaled <= found.high + 1:
-                    # beyond the node's bounds is as good as far beyond, but for the node's error
-                    error = min(error, 2.0 * self.builder.errors[node])
+                room = self._room(node)
+                value = round(min(max(scaled, found.low - room), found.high + room))
+                # beyond all that the node can stand for every number is alike
+                is_near = found.low - room <= scaled <= found.high + room
+                error = abs(math.ldexp(value, -found.fraction) - this.constant) if is_near else 0.0
                 literal = self.builder.literal(value, found.fraction, error + this.error)
                 return (literal, node) if this is left else (node, literal)
         a, b = self.node(left), self.node(right)
@@ -115,6 +115,14 @@ class ElementwiseForms(Settler):
                 return self.builder.to_fraction(a, fraction), self.builder.to_fraction(b, fraction)
             except CannotFitError:
                 fraction -= 1
+
+    def _room(self, node: int) -> int:
+        """Units beyond the bounds of a node that no value comes to for which it stands."""
+        found = self.builder[node]
+        units = math.ldexp(self.builder.errors[node], found.fraction)
+        # no more than a sum has bits for: nearer numbers decide the same, and may be in doubt
+        fits = self.builder.width.largest_sum - max(-found.low, found.high)
+        return max(math.floor(min(units, fits - 1)) + 1, 1)
 
     def selected(
         self, condition: IntegerCondition | Decided, then: PolynomialForm, otherwise: PolynomialForm

@@ -61,8 +61,9 @@ def fitted_table(
         points[(points >= low) & (points <= high)],
         values[(points >= low) & (points <= high)],
     )
-    # widest cells first: the first table that is close enough is the smallest
-    for bits in range((high - low).bit_length(), -1, -1):
+    # widest cells first: the first table that is close enough is the smallest; a cell narrower than
+    # the words keeps every product of interpolation within a sum
+    for bits in range(min((high - low).bit_length(), width.word - 1), -1, -1):
         # cells begin at multiples of their width, so that a shift finds the cell of a word
         first = (low >> bits) << bits
         cells = ((high - first) >> bits) + 1
