@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import grp
 import hashlib
 import os
+import pwd
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,6 +19,7 @@ from backends.native.compile_kernel import compiled_kernel
 from backends.native.kernel_cache.folders import kernel_folder
 from backends.native.kernel_cache.stored_kernel import StoredKernel
 from backends.native.kernel_cache.trust import why_folder_is_not_trusted
+from msnn.simulation.engines.kernel_trials import WrongKernelError, check_if_fresh
 from tests.backends.test_atomic_write import waits_for_disk
 from tests.cli.command_line import ROOT
 from tests.conditions import miss, require_tool
@@ -57,6 +61,8 @@ def planted(library: Path) -> None:
     """Another library under the name of a kernel, as somebody with access would leave it."""
     command = ["gcc", "-shared", "-fPIC", "-x", "c", "-", "-o", str(library)]
     subprocess.run(command, input=PLANTED, text=True, check=True)
+    digest = hashlib.sha256(library.read_bytes()).hexdigest()
+    library.with_suffix(".sha256").write_text(digest)
 
 
 @pytest.mark.parametrize("size", [0, 100, FEW_BYTES, 12_000])
@@ -90,6 +96,19 @@ def test_a_seal_is_that_of_the_bytes(tmp_path: Path) -> None:
     assert not compiled_kernel(SOURCE).is_checked
 
 
+def test_a_kernel_is_checked_until_it_was_found_right_and_never_again() -> None:
+    def wrong() -> None:
+        raise WrongKernelError
+
+    for _ in range(2):
+        with pytest.raises(WrongKernelError):
+            check_if_fresh(compiled_kernel(SOURCE), wrong)
+    checked: list[str] = []
+    for number in "abc":
+        check_if_fresh(compiled_kernel(SOURCE), lambda number=number: checked.append(number))
+    assert checked == ["a"]
+
+
 def test_a_library_is_on_the_disk_before_its_name_and_its_hash_after_both(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,8 +132,6 @@ def test_what_others_may_write_is_never_loaded(
     assert asked().stdout == "7\n"
     library = library_of(cache)
     planted(library)
-    digest = subprocess.run(["sha256sum", library], capture_output=True, text=True, check=True)
-    library.with_suffix(".sha256").write_text(digest.stdout[:64])
     assert asked().stdout == "13\n"  # whoever owns the folder may do as he likes
     opened = {"cache": cache, "above": cache.parent, "file": library}[place]
     opened.chmod(0o777)
@@ -128,7 +145,9 @@ def test_what_others_may_write_is_never_loaded(
     assert found.refused is not None
     assert found.refused.is_foreign
     assert found.refused.reason == f"others may write to {opened}"
-    assert library_of(tmp_path / "own" / "msnn" / "kernels").stat().st_mode & 0o77 == 0
+    made = library_of(tmp_path / "own" / "msnn" / "kernels")
+    # the folder too, whatever the umask leaves open
+    assert [place.stat().st_mode & 0o77 for place in (made, made.parent)] == [0, 0]
 
 
 def test_what_belongs_to_others_is_never_loaded(tmp_path: Path) -> None:
@@ -165,11 +184,61 @@ def test_a_link_is_judged_by_where_it_leads(
     assert kernel_folder().path == tmp_path / "open" / "link"
     assert asked().stdout == "7\n"
     library = library_of(tmp_path / "closed")
-    planted(tmp_path / "planted.so")
-    library.unlink()
+    # with a hash that is right
+    planted(library)
+    library.rename(tmp_path / "planted.so")
     library.symlink_to(tmp_path / "planted.so")
     assert asked().stdout == "7\n"
     assert not library.is_symlink()
+
+
+def test_nothing_is_made_in_a_folder_that_others_may_write_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "open").mkdir()
+    (tmp_path / "open").chmod(0o777)
+    monkeypatch.setenv("MSNN_CACHE", str(tmp_path / "open" / "new" / "cache"))
+    assert asked().stdout == "7\n"
+    assert list((tmp_path / "open").iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", [".so", ".sha256"])
+def test_a_pipe_under_the_name_of_a_kernel_holds_nobody_up(tmp_path: Path, suffix: str) -> None:
+    assert asked().stdout == "7\n"
+    file = library_of(tmp_path / "cache").with_suffix(suffix)
+    file.unlink()
+    os.mkfifo(file)
+    assert asked().stdout == "7\n"
+    assert file.is_file()
+
+
+@pytest.mark.parametrize(
+    ("primary", "name", "members", "is_trusted"),
+    [
+        (True, "me", [], True),
+        (True, "me", ["me"], True),
+        (True, "me", ["me", "other"], False),
+        (True, "users", [], False),
+        (False, "me", [], False),
+    ],
+)
+def test_a_group_may_write_where_it_is_the_user_alone(
+    primary: bool,
+    name: str,
+    members: list[str],
+    is_trusted: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (folder := tmp_path / "shared").mkdir()
+    folder.chmod(0o770)
+    group = folder.stat().st_gid
+    user = SimpleNamespace(pw_name="me", pw_gid=group if primary else group + 1)
+    monkeypatch.setattr(pwd, "getpwuid", lambda _: user)
+    found = SimpleNamespace(gr_name=name, gr_mem=members)
+    monkeypatch.setattr(grp, "getgrgid", lambda _: found)
+    expected = None if is_trusted else f"others may write to {folder}"
+    assert why_folder_is_not_trusted(folder) == expected
 
 
 def test_a_sticky_folder_protects_what_lies_in_it(tmp_path: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -133,9 +136,13 @@ def test_factors_depend_on_seed_stage_epoch_attempt_and_mask_only() -> None:
     for name, values in factors_of(plan, log, 7).items():
         np.testing.assert_array_equal(values, again[name])
         assert not np.array_equal(values, factors_of(plan, log, 8)[name])
-    other = plan_of("seed: 4")[1]
-    assert not np.array_equal(factors_of(other, log, 7)["dropout 1"], again["dropout 1"])
-    assert not np.array_equal(again["dropout 1"][:, 0], again["dropout 3"][:, 0])
+    for other in (plan_of("seed: 4")[1], replace(plan, index=1)):
+        assert not np.array_equal(factors_of(other, log, 7)["dropout 1"], again["dropout 1"])
+    # with the same draws what a smaller rate leaves out a larger one would leave out too
+    wide = [replace(mask, size=4, rate=0.2 + 0.1 * i) for i, mask in enumerate(plan.masks)]
+    lost = [values == 0 for values in factors_of(replace(plan, masks=wide), log, 7).values()]
+    for smaller, larger in combinations(lost, 2):
+        assert (smaller & ~larger).any()
 
 
 def test_the_expectation_is_kept() -> None:

@@ -42,7 +42,8 @@ def _compiler() -> None:
 @pytest.fixture(autouse=True)
 def _written_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """No source that was kept stands in for one that a test spoils, or outlives its test."""
-    monkeypatch.setattr(kernel_module, "_source", unwrap(vars(kernel_module)["_source"]))
+    for name in ("_source", "_source_of_losses"):
+        monkeypatch.setattr(kernel_module, name, unwrap(vars(kernel_module)[name]))
 
 
 def spoiled(*precisions: str) -> SourceOf:
@@ -167,6 +168,30 @@ def test_second_order_training_goes_on_on_torch(monkeypatch: pytest.MonkeyPatch)
     assert [w.code for w in heard.warnings] == ["W0950"]
 
 
+@pytest.mark.usefixtures("goes_on_without_kernels")
+@pytest.mark.parametrize(
+    ("optimizer", "writes", "times"),
+    [("levenberg_marquardt", "losses_source", 1), ("{torch: Rprop}", "kernel_source", 2)],
+)
+def test_whatever_steps_outside_of_a_kernel_goes_on_on_torch(
+    optimizer: str, writes: str, times: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Levenberg-Marquardt judges its steps by a kernel of the losses alone."""
+    expected = stepping_by(optimizer, "engine: torch")
+    right = vars(kernel_module)[writes]
+
+    def wrong(*args: object, **options: object) -> KernelSource:
+        made = right(*args, **options)
+        text = made.text.replace("sums[l] += (double)", "sums[l] += 1.01 * (double)")
+        assert text != made.text
+        return replace(made, text=text)
+
+    monkeypatch.setattr(kernel_module, writes, wrong)
+    heard = Heard()
+    assert_same(stepping_by(optimizer, "engine: auto", heard), expected)
+    assert [w.code for w in heard.warnings if w.code.startswith("W095")] == ["W0950"] * times
+
+
 def test_slopes_too_large_for_a_kernel_are_a_limit_and_no_mistake(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -185,7 +210,11 @@ def test_slopes_too_large_for_a_kernel_are_a_limit_and_no_mistake(
 
 
 def second_order(engine: str, heard: Heard | None = None) -> TrainingResult:
-    program, spec = gain(f"  - {{epochs: 4, optimizer: levenberg_marquardt, {engine}}}\n")
+    return stepping_by("levenberg_marquardt", engine, heard)
+
+
+def stepping_by(optimizer: str, engine: str, heard: Heard | None = None) -> TrainingResult:
+    program, spec = gain(f"  - {{epochs: 4, optimizer: {optimizer}, {engine}}}\n")
     series = dataset(gain_series(150), train=[70], val=[40])
     return train(program, series, spec.train, TrainingOptions(runs=None), heard)
 

@@ -12,6 +12,7 @@ from backends.gauss_newton_products import Products
 from compiler.interpreter.interpreter import Interpreter
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
+from msnn.training.engines.engine import EngineState
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.second_order.levenberg_marquardt import LevenbergMarquardtEngine
 from msnn.training.engines.torch.torch_engine import TorchEngine
@@ -235,6 +236,27 @@ def test_both_engines_take_the_same_steps(model: str) -> None:
     assert native == pytest.approx(torch, rel=1e-8)
     for name, weight in torch_weights.items():
         np.testing.assert_allclose(native_weights[name], weight, rtol=1e-6, atol=1e-8)
+
+
+def test_every_fact_of_its_state_is_restored() -> None:
+    program, plan = planned(MODELS["arm"][0], "rollout: 8, optimizer: levenberg_marquardt")
+    one, other = (
+        LevenbergMarquardtEngine(plan, log_of(program), initial(program), None, None, TorchSquares)
+        for _ in range(2)
+    )
+    one.train_batches(runs_of(8), 100)
+    structure = one.state().structure
+    assert isinstance(structure, dict)
+    structure |= {"damping": 3.0, "growth": 16.0, "finished": "converged"}
+    arrays = {name: values + 0.25 for name, values in one.state().arrays.items()}
+    arrays |= {"t0": np.array([4.0, 9.0]), "steps": np.array([8.0, 7.0])}
+    other.restore(EngineState(arrays, structure))
+    found = other.state()
+    assert found.structure == structure
+    assert other.finished == "converged"
+    assert found.arrays.keys() == arrays.keys()
+    for name, values in arrays.items():
+        np.testing.assert_array_equal(found.arrays[name], values)
 
 
 def test_missing_targets_frozen_parameters_and_unequal_rollouts(engine: str) -> None:

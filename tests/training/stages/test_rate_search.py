@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +15,7 @@ from msnn.data.dataset import FloatArray
 from msnn.training.records.progress import EpochEnd, Silent
 from msnn.training.stages.rate_search import RATIO, STEPS
 from msnn.training.train import TrainingOptions, TrainingResult, train
+from msnn.training.training_result import TrainingInterruptedError
 from tests.conditions import require_tool
 from tests.training.cases import compiled, dataset
 
@@ -38,10 +42,13 @@ class Rates(Silent):
 
 
 def run(
-    stage: str, size: float, options: TrainingOptions | None = None
+    stage: str,
+    size: float,
+    options: TrainingOptions | None = None,
+    hears: type[Rates] = Rates,
 ) -> tuple[TrainingResult, Rates]:
     program, spec = compiled(LINE.replace("STAGE", stage))
-    heard = Rates()
+    heard = hears()
     series: dict[str, FloatArray] = {"u": U, "y": size * (2 * U - 1)}
     data = dataset(series, train=[len(U)])
     return train(program, data, spec.train, options or TrainingOptions(runs=None), heard), heard
@@ -78,6 +85,34 @@ def test_a_run_keeps_what_was_found_and_the_stage_says_auto(tmp_path: Path) -> N
     assert record["stages"][0]["optimizer"]["sgd"]["lr"] == "auto"
     (rate,) = record["end"]["rates"].values()
     assert heard.rates == [rate, pytest.approx(0.1 * rate)]
+
+
+def test_a_run_that_goes_on_still_says_what_was_said_before(tmp_path: Path) -> None:
+    """Of stages that are over: a rate that was found, why they ended, that one learned nothing."""
+    require_tool("gcc", install="apt install gcc")
+    idle = "{optimizer: {sgd: {lr: 1e-30}}, epochs: 1}"
+    stages = f"optimizer: {{sgd: {{lr: auto}}}}, epochs: 1}}, {idle}, {{epochs: 9"
+    whole, _ = run(stages, 1.0, TrainingOptions(runs=tmp_path / "whole"))
+
+    class Stopping(Rates):
+        def epoch_ended(self, event: EpochEnd) -> None:
+            super().epoch_ended(event)
+            if event.stage == "stage_3":
+                os.kill(os.getpid(), signal.SIGINT)
+
+    options = TrainingOptions(runs=tmp_path / "parts")
+    with pytest.raises(TrainingInterruptedError):
+        run(stages, 1.0, options, Stopping)
+    parts, _ = run(stages, 1.0, replace(options, resume=True))
+    assert whole.folder is not None
+    assert parts.folder is not None
+    said, expected = (
+        json.loads((folder / "run.json").read_text())["end"]
+        for folder in (parts.folder, whole.folder)
+    )
+    assert (len(expected["rates"]), len(expected["stages"])) == (1, 3)
+    assert any("`stage_2` has learned nothing" in line for line in expected["warnings"])
+    assert said == expected
 
 
 def test_the_rates_that_are_tried_go_up_to_ten() -> None:

@@ -176,6 +176,31 @@ def test_starts_are_shuffled_anew_each_epoch() -> None:
     assert orders[0] != orders[1] != orders[2]
 
 
+def test_seed_stage_epoch_and_attempt_decide_the_order() -> None:
+    keys = [order_key(1, 0, 0, 0), order_key(0, 1, 0, 0), order_key(0, 0, 1, 0)]
+    assert len({*keys, order_key(0, 0, 0, 0), order_key(0, 0, 0, 1)}) == 5
+
+
+@pytest.mark.parametrize(("attempt", "index"), [(0, 0), (2, 0), (0, 1)])
+def test_a_stage_orders_its_starts_by_its_own_key(attempt: int, index: int) -> None:
+    program, spec = gain("  - {epochs: 2, batch: 8, seed: 5}\n" * 2)
+    plan = plan_stages(program, spec.train, Findings())[index]
+    engine = Counting()
+    runs = Runs(np.arange(21), np.ones(21, dtype=np.int64), 0, 22)
+    StageRun(
+        plan=plan,
+        engine=engine,
+        data=StageData(
+            train=runs, train_rows=None, watched=runs, watched_rows=None, watched_set="train"
+        ),
+        stop_asked=lambda: False,
+        epoch_ended=lambda event: None,
+        attempt=attempt,
+    ).run()
+    expected = [shuffled(21, order_key(5, index, epoch, attempt)).tolist() for epoch in range(2)]
+    assert sum(engine.batches, []) == sum(expected, [])  # noqa: RUF017  (short lists)
+
+
 def test_every_order_is_as_likely_as_any_other() -> None:
     """docs/language.md, Training (R12)."""
     counts = Counter(tuple(shuffled(4, key).tolist()) for key in range(24_000))

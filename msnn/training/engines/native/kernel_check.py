@@ -57,6 +57,7 @@ def check_sensitivities(
         for name, one in right.items():
             of_kernel = products[name]
             _compare(kernel.built, f"the loss `{name}`", of_kernel.cost, one.cost)
+            _compare(kernel.built, f"the elements of `{name}`", of_kernel.count, one.count)
             left_out = f"the elements left out of `{name}`"
             _compare(kernel.built, left_out, of_kernel.left_out, one.left_out)
             _compare(
