@@ -68,7 +68,8 @@ def test_both_engines_train_alike(name: str, dtype: str, gallery: Path) -> None:
     exact, trained = TOLERANCES[dtype]
     blur = blurred(plan, data.series, batch, begin, found.watched_rows, dtype)
     for name, value in torch_first.items():
-        assert first[name] == pytest.approx(value, rel=max(exact, blur[name]))
+        # each may be as far from the loss, on either side of it
+        assert first[name] == pytest.approx(value, rel=max(exact, 2.0 * blur[name]))
     for ours, theirs in zip(epochs, torch_epochs, strict=True):
         assert ours == pytest.approx(theirs, rel=trained)
 
