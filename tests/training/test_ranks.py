@@ -86,23 +86,8 @@ def alone(msnn: str, folder: Path, *options: str) -> subprocess.CompletedProcess
 
 def by_torchrun(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     # without `--standalone` all runs of a machine ask for one port
-    torchrun = "-m torch.distributed.run --standalone --nproc-per-node 2".split()
+    torchrun = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
     words = [sys.executable, *torchrun, "-m", "msnn", "train", "plant.yaml", *options]
-    return subprocess.run(
-        words, cwd=folder, env=environment(), text=True, capture_output=True, check=False
-    )
-
-
-def by_torchrun(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    torchrun = [
-        sys.executable,
-        "-m",
-        "torch.distributed.run",
-        "--standalone",
-        "--nproc-per-node",
-        "2",
-    ]
-    words = [*torchrun, "-m", "msnn", "train", "plant.yaml", *options]
     return subprocess.run(
         words, cwd=folder, env=environment(), text=True, capture_output=True, check=False
     )
