@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections import Counter
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -38,11 +39,11 @@ def main() -> int:
     folder: Path = arguments.findings
     first = arguments.first if arguments.first is not None else _next_seed(folder)
     began, kinds, refused = time.monotonic(), set[tuple[str, str]](), 0
-    last = first
+    last, compared = first, Counter[str]()
     with suppress(KeyboardInterrupt):
         for seed in range(first, first + arguments.count):
             spec = random_spec(seed)
-            fault = fault_of(spec, searches=seed % SEARCHED == 0)
+            fault = fault_of(spec, searches=seed % SEARCHED == 0, compared=compared)
             last = seed + 1
             write_text(folder / "next_seed", f"{last}\n")
             if fault is None:
@@ -56,6 +57,8 @@ def main() -> int:
             if new:
                 _keep(folder / f"seed_{seed}", spec, fault, arguments.shrink)
     seconds = time.monotonic() - began
+    # a backend that was left out finds nothing
+    print("compared: " + ", ".join(f"{name} {count}" for name, count in compared.items()))
     print(f"{last - first} specs ({refused} refused), {len(kinds)} kinds of fault, {seconds:.0f} s")
     return 1 if kinds else 0
 

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 import msnn
-from msnn.cli.interrupts import interrupt_on_signals
+from msnn.cli.interrupts import interrupt_on_signals, is_interrupt
 from msnn.data.dataset import Dataset
 from msnn.model.model import Model
 from msnn.model.model_data import measured
@@ -26,6 +26,7 @@ from msnn.training.records.checkpoint import read_checkpoint
 from msnn.training.records.run_folder import METRICS
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.train import train as train_stages
+from msnn.training.training_result import TrainingInterruptedError
 
 Kind = Literal["train", "folds", "export"]
 
@@ -45,6 +46,8 @@ train:
 
 _SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 _ROWS = 900
+_MISTAKE, _STOPPED = 1, 3
+"""Exit codes of processes that ended by an error, and since they were asked to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +60,10 @@ class Outcome:
     """Seconds of work, at most."""
     right: bool
     latest_stayed: bool
+
+    def is_good(self, most_lost: float) -> bool:
+        """Whether nothing was lost but so many seconds of work."""
+        return self.right and self.latest_stayed and self.lost <= most_lost
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,8 +160,12 @@ def killed(subject: Subject, folder: Path, seed: int) -> Outcome:
         moment = time.time()
         with suppress(ProcessLookupError):
             os.kill(process, number)
-        if _wait(process) == 0:
+        code = _wait(process)
+        if code == 0:
             break  # it was over before
+        if code == _MISTAKE:  # nobody killed that
+            whole = False
+            break
         kills += 1
         if subject.kind == "export":
             whole &= _is_whole(_left("export", folder), earlier, subject.left)
@@ -172,12 +183,14 @@ def _started(run: Callable[[Path, bool], None], folder: Path, resume: bool) -> i
     process = os.fork()
     if process:
         return process
-    code = 1
+    code = _MISTAKE
     try:
         interrupt_on_signals()
         run(folder, resume)
         code = 0
     except BaseException as error:  # noqa: BLE001  (whatever ends it)
+        if isinstance(error, TrainingInterruptedError) or is_interrupt(error):
+            code = _STOPPED
         (folder / "error.txt").write_text(repr(error))
     finally:
         os._exit(code)

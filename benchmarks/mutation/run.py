@@ -113,6 +113,12 @@ def mutation_score(
         outside = [mutant for mutant in changed if mutant.kind not in _INSIDE]
         folders = [Path(place) / str(number) for number in range(len(outside))]
 
+        # a source that is right must not be seen, else every change of it is
+        for name in sorted({mutant.file for mutant in outside}):
+            right = (export / "src" / name).read_text(encoding="utf-8")
+            unchanged = Mutant("none", name, "", right, "", "")
+            assert not _seen(unchanged, export, objects, Path(place) / f"right_{name}")
+
         def found(mutant: Mutant, folder: Path) -> bool | None:
             return _seen(mutant, export, objects, folder)
 

@@ -17,8 +17,9 @@ from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.torch.torch_engine import TorchEngine
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
-from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.sections.training.optimizers import Sgd
+from spec_schema.sections.training.training import Stage
 
 STARTS = 11
 """One group of lanes and a part of one."""
@@ -38,13 +39,41 @@ WEIGHTS = 1e-9
 """Of weights after two epochs of gradient descent, relative to their size or 0.01."""
 
 
-def kernel_fault(model: Model) -> tuple[str, str] | None:
-    """What is wrong with the training of the first stage, in a word and in words, or None."""
+_NAMES_NOTHING = "E0908"
+"""What is said of a stage that names a parameter which the model does not keep."""
+
+_NOTHING_LEARNED = {"E0904", "E0934"}
+"""What is said of a stage without a parameter, or without a loss that depends on one."""
+
+
+def stage_to_train(model: Model) -> StagePlan | None:
+    """The first stage, if there is something to learn in it. SpecError where it is refused."""
+    stage = model.spec.train[0]
+    plan, refused = _planned(model, stage)
+    if refused is not None and _NAMES_NOTHING in _codes(refused):
+        # what a model keeps of its parameters is not known when its spec is drawn
+        plan, refused = _planned(model, stage.model_copy(update={"freeze": (), "lr": {}}))
+    if refused is not None and not _codes(refused) <= _NOTHING_LEARNED:
+        raise refused
+    return plan
+
+
+def _planned(model: Model, stage: Stage) -> tuple[StagePlan | None, SpecError | None]:
     findings = Findings()
-    plans = plan_stages(model.program, model.spec.train, findings)
-    if findings.failed or not plans or not plans[0].trained:
-        return None
-    plan = plans[0]
+    plans = plan_stages(model.program, [stage], findings)
+    try:
+        findings.raise_errors()
+    except SpecError as error:
+        return None, error
+    return plans[0], None
+
+
+def _codes(error: SpecError) -> set[str]:
+    return {found.code for found in error.diagnostics if found.severity == "error"}
+
+
+def kernel_fault(plan: StagePlan) -> tuple[str, str] | None:
+    """What is wrong with the training of a stage, in a word and in words, or None."""
     weights, (series, runs) = initial_weights(plan.program), _record(plan)
     native = NativeEngine(plan, series, weights, None, None)
     native._kernel.built.mark_checked()  # here two others judge it

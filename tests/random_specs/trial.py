@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import traceback
 import warnings
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -39,7 +40,7 @@ from spec_schema.editors.format_spec import format_spec
 from spec_schema.editors.spec_data import spec_data
 from spec_schema.reading.reader import read_spec
 from spec_schema.yaml_tree.writer import yaml_text
-from tests.random_specs.kernel_trial import kernel_fault
+from tests.random_specs.kernel_trial import kernel_fault, stage_to_train
 
 STEPS = 24
 """Steps that are compared: four times the longest window."""
@@ -66,13 +67,20 @@ class Texts(Protocol):
 
 
 def fault_of(
-    spec: Texts, *, targets: Sequence[str] = NAMES, kernel: bool = True, searches: bool = True
+    spec: Texts,
+    *,
+    targets: Sequence[str] = NAMES,
+    kernel: bool = True,
+    searches: bool = True,
+    compared: Counter[str] | None = None,
 ) -> Fault | None:
     """The first thing that is wrong with the treatment of a spec; None where all is well.
 
     `searches`: whether steps are searched for the test program that an export of C brings along.
+    `compared` counts what was compared: targets, and `kernel` for a training.
     """
     largest = golden_singles._LARGEST if searches else 0
+    compared = Counter() if compared is None else compared
     with (
         TemporaryDirectory(prefix="msnn-spec-") as place,
         warnings.catch_warnings(),
@@ -96,12 +104,14 @@ def fault_of(
             _shown(model)
             if targets:
                 stage = "export"
-                fault = _exported(model, targets, folder)
+                fault = _exported(model, targets, folder, compared)
                 if fault is not None:
                     return fault
-            if kernel and model.spec.train:
-                stage = "train"
-                found = kernel_fault(model)
+            stage = "train"
+            plan = stage_to_train(model) if kernel and model.spec.train else None
+            if plan is not None:
+                found = kernel_fault(plan)
+                compared["kernel"] += 1
                 if found is not None:
                     return Fault(stage, *found)
         except SpecError as error:
@@ -154,7 +164,9 @@ def _shown(model: Model) -> None:
     assert yaml_text(spec_data(again.spec)) == resolved, "`show --resolved` reads differently"
 
 
-def _exported(model: Model, targets: Sequence[str], folder: Path) -> Fault | None:
+def _exported(
+    model: Model, targets: Sequence[str], folder: Path, compared: Counter[str]
+) -> Fault | None:
     findings = Findings()
     plans = plan_exports(model, targets, findings)
     findings.raise_errors()
@@ -165,6 +177,7 @@ def _exported(model: Model, targets: Sequence[str], folder: Path) -> Fault | Non
             written = write_export(plan, weights, folder / target)
             record = _record(plan)
             found = check_export(plan, weights, written, record)
+            compared[target] += 1
             if found.bits:
                 said = f"{found.bits} values differ in bits from the judge"
                 return Fault(target, "bits", said)
