@@ -81,8 +81,8 @@ STANDARD_OUTPUT = Path("-")
 _OWN_PLACES = {"out", "output"}
 """Parameters of verbs that have a place of their own for what they write."""
 
-_WRITTEN = {*_OWN_PLACES, "write_to", "plot", "junit"}
-"""Parameters of verbs that name what is replaced."""
+_WRITTEN = {*_OWN_PLACES, "write_to", "plot", "junit", "summary"}
+"""Parameters of verbs that name what is replaced or added to."""
 
 
 def with_manners(verb: Callable[..., None]) -> Callable[..., None]:

@@ -21,6 +21,7 @@ from tests.cli.test_check import SPEC
         ("check", SPEC, "-o", SPEC),
         ("show", SPEC, "-o", f"./{SPEC}"),
         ("validate", SPEC, "--initial", "--junit", SPEC),
+        ("validate", SPEC, "--initial", "--summary", SPEC),
     ],
     ids=" ".join,
 )
