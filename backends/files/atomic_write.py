@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import shutil
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from stat import S_ISLNK, S_ISREG
+from tempfile import TemporaryDirectory
+from typing import BinaryIO
 
 from backends.files.signals_wait import signals_wait
+
+_OPENED = re.compile(r"/dev/(?:stdout|stderr)|(?:/dev|/proc/self)/fd/(?P<number>\d+)")
+"""Names of what the shell has opened for a command."""
 
 
 def write_text(path: Path, text: str, *, durable: bool = False) -> Path:
@@ -44,10 +51,19 @@ def replacing(path: Path) -> Generator[Path]:
     """A temporary path for a writer that opens files itself; renamed to `path` if it succeeds.
 
     Missing folders are made. The name carries the process id, so that two processes that write the
-    same file do not mix; the last to finish wins.
+    same file do not mix; the last to finish wins. A device, a pipe or what a shell has opened gets
+    the bytes of the finished file.
     """
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if _is_stream(path):
+        with TemporaryDirectory(prefix="msnn-stream-") as place:
+            temporary = Path(place) / path.name
+            with naming(path, temporary):
+                yield temporary
+                with _stream(path) as stream:
+                    stream.write(temporary.read_bytes())
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = part_of(path)
     try:
@@ -57,6 +73,28 @@ def replacing(path: Path) -> Generator[Path]:
     finally:
         with suppress(OSError):  # what cannot be made cannot be removed; the first error counts
             temporary.unlink(missing_ok=True)
+
+
+def _is_stream(path: Path) -> bool:
+    """Whether bytes go to a path and do not stay in a file that is called so."""
+    if _OPENED.fullmatch(str(path)) is not None:
+        return True
+    try:
+        # not where a link leads: somebody may have planted it
+        mode = path.lstat().st_mode
+    except OSError:
+        return False
+    # a rename would put a file in the place of `/dev/null`, for everybody if root does it
+    return not S_ISREG(mode) and not S_ISLNK(mode)
+
+
+def _stream(path: Path) -> BinaryIO:
+    opened = _OPENED.fullmatch(str(path))
+    if opened is None:
+        return path.open("wb")
+    # what was opened itself: opened again it would begin at its start, where later lines go too
+    number = opened["number"] or (1 if path.name == "stdout" else 2)
+    return os.fdopen(os.dup(int(number)), "wb")
 
 
 @contextmanager

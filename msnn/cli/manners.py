@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import typer
 
@@ -81,6 +81,9 @@ STANDARD_OUTPUT = Path("-")
 _OWN_PLACES = {"out", "output"}
 """Parameters of verbs that have a place of their own for what they write."""
 
+_WRITTEN = {*_OWN_PLACES, "write_to", "plot", "junit", "summary"}
+"""Parameters of verbs that name what is replaced or added to."""
+
 
 def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
     """The verb with `-q`, `-v`, and `-o` where its own options name no place to write to."""
@@ -96,6 +99,7 @@ def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
     # typer takes help and name from what wraps copies
     @wraps(verb)
     def mannered(**arguments: Any) -> None:
+        refuse_to_overwrite(arguments)
         asked = [arguments.pop(option) for option in options]
         _behave(*asked)
         verb(**arguments)
@@ -111,6 +115,27 @@ def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
     mannered.__signature__ = Signature([*parameters, *added])  # pyright: ignore[reportAttributeAccessIssue]
     mannered.__annotations__ = {p.name: p.annotation for p in (*parameters, *added)}
     return mannered
+
+
+def refuse_to_overwrite(arguments: Mapping[str, object], read: Iterable[Path] = ()) -> None:
+    """A usage error where a file that a command writes is one that it reads.
+
+    These are paths among the values of its options, and those of `read`.
+    """
+    others = [*read]
+    for name, given in arguments.items():
+        several = cast("list[object]", given) if isinstance(given, list) else [given]
+        if name not in _WRITTEN:
+            others += [one for one in several if isinstance(one, Path)]
+    for name in _WRITTEN & arguments.keys():
+        path = arguments[name]
+        if isinstance(path, Path) and any(_is_one_file(path, other) for other in others):
+            raise typer.BadParameter(f"`{path}` is read here and would be overwritten")
+
+
+def _is_one_file(path: Path, other: Path) -> bool:
+    # neither a folder, into which much is written, nor a device or a pipe
+    return path.is_file() and other.is_file() and path.samefile(other)
 
 
 def _behave(is_quiet: bool, is_verbose: bool, output: Path | None = None) -> None:

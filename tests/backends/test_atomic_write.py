@@ -4,6 +4,7 @@ import errno
 import os
 import signal
 import stat
+import threading
 from pathlib import Path
 
 import pytest
@@ -162,3 +163,35 @@ def test_a_full_disk_is_told_with_the_name_of_the_file(
     with pytest.raises(OSError, match="No space left") as caught:
         write_text(tmp_path / "model.c", "text")
     assert caught.value.filename == str(tmp_path / "model.c")
+
+
+def test_a_pipe_gets_the_bytes_and_stays_a_pipe(tmp_path: Path) -> None:
+    """As a device does: `-o /dev/null` of root would else put a file in its place."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    found: list[bytes] = []
+    # a daemon: it would wait for ever for bytes that went elsewhere
+    reader = threading.Thread(target=lambda: found.append(pipe.read_bytes()), daemon=True)
+    reader.start()
+    write_text(pipe, "whole")
+    reader.join(timeout=10)
+    assert found == [b"whole"]
+    assert pipe.is_fifo()
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
+
+
+def test_what_a_shell_has_opened_gets_the_bytes(tmp_path: Path) -> None:
+    """`-o /dev/stdout > file`: what is printed later follows them."""
+    with (tmp_path / "file").open("wb") as file:
+        write_text(Path(f"/proc/self/fd/{file.fileno()}"), "whole")
+        file.write(b", later")
+    assert (tmp_path / "file").read_bytes() == b"whole, later"
+
+
+def test_a_link_to_a_pipe_is_replaced(tmp_path: Path) -> None:
+    """Whoever plants a link does not decide where bytes go."""
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("pipe")
+    write_text(tmp_path / "link", "new")
+    assert not (tmp_path / "link").is_symlink()
+    assert (tmp_path / "link").read_text() == "new"

@@ -22,6 +22,7 @@ from msnn.cli.arguments import (
     refuse_two_origins,
     refuse_undrawable,
 )
+from msnn.cli.manners import refuse_to_overwrite
 
 
 def simulate(
@@ -103,6 +104,9 @@ def simulate(
             intervals=intervals,
         )
     report(found.warnings, model.sources)
+    # names of measured files are as seen from there
+    logs = {name for run in found for name in run.places.files}
+    refuse_to_overwrite({"out": out}, [(data_root or model.folder) / name for name in logs])
     # the one that ran: its losses are gone, and with them the signals that only they read
     program = simulation_program(model.program)
     write_simulation(out, program, found)

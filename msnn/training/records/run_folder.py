@@ -151,12 +151,13 @@ def new_run_folder(program: Program, runs: Path) -> RunFolder:
     """A fresh folder `runs/<program>/<local time>`, numbered where two start in one second."""
     parent = runs / program.name
     stamp = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
-    # a loop with an end: a folder that cannot be made would be tried for ever
+    # apart: a file or a dead link where this folder should be is no run of the same second
+    parent.mkdir(parents=True, exist_ok=True)
     for number in range(1, 1000):
         path = parent / (stamp if number == 1 else f"{stamp}_{number}")
         try:
             # making the folder is the test: two processes that look first would both find it free
-            path.mkdir(parents=True)
+            path.mkdir()
         except FileExistsError:
             continue
         return RunFolder(path, program, parent / LATEST)

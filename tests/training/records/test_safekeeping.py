@@ -251,6 +251,18 @@ def test_a_run_that_cannot_say_what_it_is_of_leaves_no_folder(tmp_path: Path) ->
     assert not list((tmp_path / "gain").iterdir())
 
 
+@pytest.mark.parametrize("kind", ["file", "dead link"])
+def test_what_stands_where_the_folder_of_runs_should_be_is_named(kind: str, tmp_path: Path) -> None:
+    runs = tmp_path / "runs"
+    if kind == "file":
+        runs.write_text("notes")
+    else:
+        runs.symlink_to("nowhere")
+    with pytest.raises(OSError, match="runs") as caught:
+        run(STAGES["native"], runs)
+    assert str(caught.value.filename).startswith(str(runs))
+
+
 def test_the_time_that_is_left_counts_epochs_before_the_interruption(tmp_path: Path) -> None:
     """A resumed run is as fast as before: half of its epochs take as long as the first half."""
 
