@@ -86,6 +86,17 @@ def test_reset_says_which_samples_it_moved_and_a_struct_of_zeros_that_it_is_one(
     assert model.reset(windows) == reset(integers, listed).said == FixedStatus.CLAMPED
 
 
+def test_reset_moves_samples_of_an_input_that_no_step_moves(tmp_path: Path) -> None:
+    """`hold` never moves a sample: the header has the bit for the past that `reset` is given."""
+    held = "inputs: {u: {range: [-1.5, 1.5], on_invalid: hold}}\noutputs: {y: mean(u.past(3))}\n"
+    integers, model = _built(tmp_path, f"msnn: 1\nname: model\nsample_time: 1 s\n{held}")
+    windows = {name: np.full(shape, 32767) for name, shape in model.start_shapes.items()}
+    listed = {name: words.ravel().tolist() for name, words in windows.items()}
+    said = reset(integers, listed).said
+    windows = {name: words.astype(np.int16) for name, words in windows.items()}
+    assert model.reset(windows) == said == FixedStatus.CLAMPED
+
+
 def test_the_test_program_sees_a_reset_that_does_not_say_what_it_moved(tmp_path: Path) -> None:
     _built(tmp_path, SPEC.replace("POLICY", "saturate"))
     run_test_program(tmp_path / "c", "model", "gcc", ())
