@@ -153,6 +153,8 @@ class TrainingRun:
             redrawn = self.options.redrawn
             begin = drawn_weights(self.program, plan, now.begin, redrawn, attempt)
             opened = open_engine(as_it_runs, self.data.series, begin, data)
+            if self.folder is not None and opened.plan is not as_it_runs:
+                self.folder.write_bits_of(opened.plan)
             engine, as_it_runs = opened.engine, opened.plan
             check_same_engine(plan.ranks, engine, as_it_runs.dtype)
             for note in opened.notes if attempt == 0 else ():

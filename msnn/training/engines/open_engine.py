@@ -16,7 +16,7 @@ from msnn.errors.learning import training as errors
 from msnn.errors.ranks import no_ranks_in_torch
 from msnn.packages import TORCH
 from msnn.simulation.engines.kernel_folder_warnings import kernel_folder_warnings
-from msnn.training.engines.native.kernel_or_not import try_natively
+from msnn.training.engines.native.kernel_or_not import on_torch, try_natively
 from msnn.training.engines.native.native_engine import NativeEngine
 from msnn.training.engines.native.native_squares import NativeSquares
 from msnn.training.engines.needed_memory import installed_memory, memory_warnings
@@ -94,7 +94,7 @@ def open_engine(
             if plan.engine == "native":
                 found = errors.no_native_engine(plan.name, str(error), plan.span)
                 raise SpecError((found,)) from None
-            notes = (errors.torch_instead(plan.name, str(error), plan.span),)
+            plan, notes = on_torch(plan), (errors.torch_instead(plan.name, str(error), plan.span),)
     # every rank has to sum in the same order, which torch does not promise
     if plan.ranks is not None:
         reasons = (note.message for note in notes)

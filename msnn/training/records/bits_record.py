@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -11,6 +11,8 @@ from compiler.ir.program import Program
 from msnn.training.plans.stage_plan import StagePlan
 
 _LAPACK = "LAPACK of numpy and the processor"
+_TORCH = "torch and the processor"
+_NOT_FLOAT32 = "what made a kernel wrong here in float32, so that the stage ran in float64"
 
 
 def bits_record(program: Program, plans: Sequence[StagePlan]) -> dict[str, Any]:
@@ -30,13 +32,20 @@ def bits_record(program: Program, plans: Sequence[StagePlan]) -> dict[str, Any]:
     }
 
 
+def as_it_ran(record: Mapping[str, Any], plan: StagePlan) -> dict[str, Any]:
+    """The record after a stage went on without the kernel that it was planned with."""
+    reason = _TORCH if plan.engine == "torch" else _NOT_FLOAT32
+    depends_on = {**record.get("depends_on", {}), plan.name: reason}
+    return {**record, "reproducible": False, "depends_on": depends_on}
+
+
 def _depends_on(plan: StagePlan, kernels: KernelDescription | None) -> str:
     """The things besides spec and data that decide the bits of a stage; empty if none does."""
     if plan.engine == "torch" or kernels is None:
-        return "torch and the processor"
+        return _TORCH
     match plan.optimizer.steps_by:
         case "torch":
-            return "torch and the processor"
+            return _TORCH
         case "LAPACK":
             return _LAPACK
         case "kernel" if kernels.fuses or plan.reproducible:

@@ -27,6 +27,8 @@ from msnn.model.saved_run import (
 from msnn.model.spec_hash import SubmodelFile
 from msnn.model.weights.covariance_file import COVARIANCE, Covariance, write_covariance
 from msnn.model.weights.weights_file import write_weights
+from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.records.bits_record import as_it_ran
 from msnn.training.records.metrics_log import MetricsLog, finite
 
 METRICS = "metrics.jsonl"
@@ -131,6 +133,14 @@ class RunFolder:
     def description(self) -> dict[str, Any]:
         """The record of `write_description`; empty where it cannot be read."""
         return read_json(self.path / DESCRIPTION)
+
+    def write_bits_of(self, plan: StagePlan) -> None:
+        """Corrects in `run.json` what decides the bits of a stage that runs otherwise than planned.
+
+        At once: a run that is killed and goes on keeps it.
+        """
+        record = self.description()
+        self._describe({**record, "bits": as_it_ran(record.get("bits", {}), plan)})
 
     def end(self) -> dict[str, Any]:
         """The last record of `write_end`; empty before."""

@@ -108,6 +108,10 @@ def test_training_goes_on_and_is_kept(
     assert found.folder is not None
     assert (tmp_path / "gain" / "latest").resolve() == found.folder.resolve()
     record = json.loads((found.folder / "run.json").read_text())
+    # what was planned promised the same bits everywhere
+    assert not record["bits"]["reproducible"]
+    (reason,) = record["bits"]["depends_on"].values()
+    assert ("torch" in reason) == ("torch" in same_as)
     assert all(any(w.message in line for line in record["end"]["warnings"]) for w in ours)
     if codes[0] == "W0950":
         assert "where rounding explains" in ours[0].message
