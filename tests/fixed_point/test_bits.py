@@ -27,7 +27,7 @@ states:
 outputs:
   shifted: {expr: "concat(u, last, below)"}
   steep: {expr: tan(bent)}
-  kept: {expr: next(x)}
+  grows: {expr: "where(next(x) >= x, 1, -1)"}
 """
 
 

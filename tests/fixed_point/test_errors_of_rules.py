@@ -38,6 +38,10 @@ inputs:
   fine: {range: [-0.015625, 0.015625]}
   near: {range: [-0.100002288818359375, 0.100002288818359375]}
   flat: {range: [12, 13]}
+layers:
+  sets: {fuzzify: {centers: [-0.3, 0.19999]}}
+  narrow: {fuzzify: {centers: [-0.125, 0.125]}}
+  beside: {fuzzify: {centers: [0.100001, 0.12499871118164062]}}
 states: {x: {next: "FORMULA", range: [-1, 1], init: 0}}
 outputs: {y: x}
 """
@@ -46,23 +50,61 @@ SHORT = 0.1 - 26214 / 2**18
 # 0.3 has the word 19661 / 2^16
 LONG = 19661 / 2**16 - 0.3
 
+# integers decide these: NUMBER is a number that 0.1·u passes, DECIDED and LIMITED are `near`
+NUMBER = "max(0.1 * u, 0.099999)"
+UNSURE = "where(0.1 * u >= 0.0999995, 0.9, 0.1)"
+DECIDED = "min(near, 0.2000015 - 0.1 * w)"
+LIMITED = f"min(near, 0.2000015 - {NUMBER})"
+# at the ends of `u` and `fine` above 0 in real numbers, and below in integers
+DOUBTED = "0.1 * u - 6.25 * fine - 0.0023425 > 0"
+PASSED = 26215 / 2**18 - 0.1000015
+
 RULES = {
     # a number as a word, and that word at a coarser scale, where it is 4915 / 2^14
     "number": ("where(u > 0, 0.3, fine)", LONG),
     "number at another scale": ("where(u > 0, 0.3, w)", 0.3 - 4915 / 2**14),
     "number in a sum": ("0.5 * u + 0.3", 0.3 - 9830 / 2**15),
     "number in a comparison": ("min(u, 0.3)", 0.3 - 4915 / 2**14),
+    "number before what is compared": ("max(-0.3, u)", 0.3 - 4915 / 2**14),
     "a term whose coefficient is 0": ("0.5 + 3e-10 * u", 3e-10),
     # a number above all values of the integers, which the real value passes; in a word it is less
-    "greater than all": ("max(0.1 * u, 0.099999)", SHORT),
+    "greater than all": (NUMBER, SHORT),
     "less than all": ("min(0.1 * u, -0.099999)", SHORT),
-    "greater than all, below a number": ("min(max(0.1 * u, 0.099999), 0.5)", SHORT),
-    "greater than all, below a signal": ("min(max(0.1 * u, 0.099999), near)", SHORT),
+    "greater than all, below a number": (f"min({NUMBER}, 0.5)", SHORT),
+    "greater than all, below a signal": (f"min({NUMBER}, near)", SHORT),
     # `near` ends between what the integers and what the real numbers have there
-    "lesser first": ("min(near, 0.2000015 - 0.1 * w)", 26215 / 2**18 - 0.1000015),
-    "lesser second": ("min(0.2000015 - 0.1 * w, near)", 26215 / 2**18 - 0.1000015),
-    "greater first": ("max(near, 0.1 * w - 0.2000015)", 26215 / 2**18 - 0.1000015),
-    "greater second": ("max(0.1 * w - 0.2000015, near)", 26215 / 2**18 - 0.1000015),
+    "lesser first": (DECIDED, PASSED),
+    "lesser second": ("min(0.2000015 - 0.1 * w, near)", PASSED),
+    "greater first": ("max(near, 0.1 * w - 0.2000015)", PASSED),
+    "greater second": ("max(0.1 * w - 0.2000015, near)", PASSED),
+    "a size": ("abs(0.1 * u)", SHORT),
+    "the other choice": ("where(u > 0, fine, 0.3)", LONG),
+    "a choice of numbers": (f"where(w > 0, {NUMBER}, 0.25)", 0.1 - (0.25 - 19661 / 2**17)),
+    "a decision in doubt": (UNSURE, 0.9 - 26214 / 2**18),
+    "a decision of numbers": (f"where({NUMBER} >= 0.0999995, 0.9, 0.1)", 0.9 - 26214 / 2**18),
+    "a square of what is in doubt": (f"{UNSURE} * {UNSURE}", 0.8),
+    "times a number": (f"w * {NUMBER}", SHORT),
+    "a number times": (f"{NUMBER} * w", SHORT),
+    "a number four times": (f"4 * {NUMBER}", 4 * SHORT),
+    "a quarter of a number": (f"0.25 * {NUMBER}", SHORT / 4),
+    "beside a number": (f"0.5 * fine + {NUMBER}", 0.1 - 209713 / 2**21),
+    "a factor with an error": (f"w * {UNSURE} * u", 0.9 - 26214 / 2**18),
+    "by a number": (f"0.07 * u / {NUMBER}", 22938 / 2**15 - 0.7),
+    "a function of a number": (f"sin({NUMBER})", math.sin(0.1) - 26170 / 2**18),
+    # the choices are 5/8 of what decides apart
+    "choices that meet where they are decided": (
+        f"where({DOUBTED}, u / 16, 3.90625 * fine + 0.0014640625)",
+        0.0625 - 3.90625 / 64 - 0.0014640625,
+    ),
+    "a product with a decision": (f"where({DOUBTED}, 0.9, 0.1) * w", 0.9 - 3277 / 2**15),
+    "a decision times what has an error": (f"where(u > 0, 0.5, 0.25) * {LIMITED}", PASSED / 2),
+    # the words of the centres are -4915 and 3277, for -4915.2 and 3276.64
+    "degrees between rounded centres": ("part(sets(u), 1)", 0.3 / 0.49999 - 4915 / 8192),
+    "degrees of what has an error": (f"part(narrow({LIMITED}), 1)", 4 * PASSED),
+    "a degree that is 0 throughout": (
+        "part(beside(near), 1)",
+        (26215 / 2**18 - 0.100001) / (6553 / 2**18),
+    ),
     "a table of one value": ("sigmoid(flat)", 1 / (1 + math.exp(-13)) - 32767 / 2**15),
     # no value comes near 5: nothing is in doubt, and nothing is added to what 0.3·u has
     "a limit far away": ("where(0.3 * u > 5, 1, 0.5)", 0.0),
@@ -107,10 +149,26 @@ def _proved_and_seen(folder: Path, text: str, width: Width) -> dict[str, tuple[f
 def test_an_error_is_what_is_proved_of_its_rule(rule: str, tmp_path: Path) -> None:
     formula, error = RULES[rule]
     proved, seen = _proved_and_seen(tmp_path, STATE.replace("FORMULA", formula), Q15)["x"]
-    assert seen == pytest.approx(error, rel=1e-6, abs=1e-12)
+    # a number in a sum adds a thousandth, of its last bit
+    assert seen == pytest.approx(error, rel=2e-3, abs=1e-12)
     assert seen <= proved + 1e-12
     # a number at another scale is rounded twice, to a word before
     assert proved <= 1.6 * error + 1e-12
+
+
+def test_the_end_of_a_range_that_no_word_meets_is_off_by_their_distance(tmp_path: Path) -> None:
+    spec = STATE.replace("FORMULA", "u").replace("[-1, 1], init", "[-0.3, 0.3], init")
+    proved, seen = _proved_and_seen(tmp_path, spec, Q15)["x"]
+    assert proved == pytest.approx(0.3 - math.floor(0.3 * 2**30) / 2**30, rel=1e-4)
+    assert seen == pytest.approx(proved, rel=1e-4)
+
+
+def test_a_state_that_rounding_alone_starts_anew_has_no_bound(tmp_path: Path) -> None:
+    spec = STATE.replace("FORMULA", "0.3 * u")
+    spec = spec.replace("[-1, 1], init: 0", "[-0.3000015, 0.3000015], init: 0, on_range: reset")
+    proved, seen = _proved_and_seen(tmp_path, spec, Q15)["x"]
+    assert seen == pytest.approx(0.3)
+    assert proved == math.inf
 
 
 @pytest.mark.parametrize("width", [Q15, Q31], ids=lambda width: width.name)
@@ -187,3 +245,19 @@ def test_a_small_range_has_all_bits_of_a_word(end: float, width: Width, tmp_path
     assert width.largest_word // 2 < port.high == -port.low
     proved, seen = _proved_and_seen(tmp_path, spec, width)["x"]
     assert seen <= proved < 2.0 ** (2 - width.word)
+
+
+def test_a_table_may_be_off_between_the_words_that_were_tried() -> None:
+    """A function that is 0 at each word that is tried, as steep as sin between them."""
+    end = Q31.largest_word
+    tried = np.round(np.linspace(-end, end, 2**16 + 1))
+
+    def hidden(x: Any) -> Any:
+        words = np.asarray(x) * 2.0**31
+        after = np.clip(np.searchsorted(tried, words), 1, len(tried) - 1)
+        return np.minimum(abs(words - tried[after - 1]), abs(tried[after] - words)) * 2.0**-31
+
+    found = fitted_table("sin", hidden, Q31, (-end, end, 31))
+    assert set(found.table.values) == {0}
+    assert hidden((tried[7] + tried[8]) * 2.0**-32) == pytest.approx(2.0**-16, rel=1e-3)
+    assert found.error >= hidden((tried[7] + tried[8]) * 2.0**-32)

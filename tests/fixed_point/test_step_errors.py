@@ -149,6 +149,12 @@ def test_what_cannot_be_proved_has_no_bound() -> None:
     assert furthest("log", 0.0, 1.0, 0.0) == 0.0
 
 
+def test_an_argument_beyond_its_bounds_meets_steeper_slopes() -> None:
+    """x is in 0 … 1, and the real value that it stands for up to 1.5."""
+    assert furthest("exp", 0.0, 1.0, 0.5) >= math.exp(1.5) - math.exp(1.0)
+    assert furthest("1/x", 1.0, 2.0, 0.5) >= 1 / 0.5 - 1.0
+
+
 def test_the_error_of_a_product_counts_both_errors_together() -> None:
     """Of words that are 1 each may stand for 1.5: a product that is 1 then stands for 2.25."""
     builder = IntegerBuilder(Q15)
