@@ -47,16 +47,16 @@ def write_bytes(
 
 
 @contextmanager
-def replacing(path: Path) -> Generator[Path]:
+def replacing(path: Path, *, takes_streams: bool = True) -> Generator[Path]:
     """A temporary path for a writer that opens files itself; renamed to `path` if it succeeds.
 
     Missing folders are made. The name carries the process id, so that two processes that write the
     same file do not mix; the last to finish wins. A device, a pipe or what a shell has opened gets
-    the bytes of the finished file.
+    the bytes of the finished file, if it `takes_streams`: in a folder of our own it is replaced.
     """
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    if _is_stream(path):
+    if takes_streams and _is_stream(path):
         with TemporaryDirectory(prefix="msnn-stream-") as place:
             temporary = Path(place) / path.name
             with naming(path, temporary):

@@ -115,7 +115,7 @@ def _read(path: Path) -> bytes | None:
 
 def _write(path: Path, data: bytes) -> None:
     """Puts the bytes on the disk, then under their name, then the name on the disk."""
-    with replacing(path) as temporary:
+    with replacing(path, takes_streams=False) as temporary:
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
         descriptor = os.open(temporary, flags, 0o600)
         with open(descriptor, "wb") as file:  # noqa: PTH123  (there is a descriptor, not a path)
