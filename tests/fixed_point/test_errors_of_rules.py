@@ -156,6 +156,13 @@ def test_an_error_is_what_is_proved_of_its_rule(rule: str, tmp_path: Path) -> No
     assert proved <= 1.6 * error + 1e-12
 
 
+def test_rounded_choices_of_a_sum_of_decisions_count_in_its_product(tmp_path: Path) -> None:
+    """No decision is in doubt: what rounds are the four numbers, of which words have 16 bits."""
+    formula = "(where(w > 0, 0.3, 0.7) + where(fine > 0, 0.1, 0.2)) * u"
+    proved, seen = _proved_and_seen(tmp_path, STATE.replace("FORMULA", formula), Q15)["x"]
+    assert 2**-17 < seen <= proved < 2**-14
+
+
 def test_the_end_of_a_range_that_no_word_meets_is_off_by_their_distance(tmp_path: Path) -> None:
     spec = STATE.replace("FORMULA", "u").replace("[-1, 1], init", "[-0.3, 0.3], init")
     proved, seen = _proved_and_seen(tmp_path, spec, Q15)["x"]
