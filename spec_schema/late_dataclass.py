@@ -59,10 +59,12 @@ def _waiting(written: type, options: Mapping[str, bool], *, slots: bool) -> type
             content.setdefault("__setstate__", _set_state)
     unfinished = _Unfinished(written, options)
     asked = [name for option, names in _OF_OPTION.items() if options[option] for name in names]
-    for name in (*_FOR_MAKING, "__dataclass_params__", *asked):
+    for name in (*_FOR_MAKING, "__dataclass_params__"):
         content.setdefault(name, _Unwritten(name, unfinished))
+    for name in asked:
+        content.setdefault(name, _unwritten_method(name, unfinished))
     if options["eq"] and options["frozen"] and content.get("__hash__") is None:
-        content["__hash__"] = _Unwritten("__hash__", unfinished)
+        content["__hash__"] = _unwritten_method("__hash__", unfinished)
     unfinished.made = _like(written, content)
     return unfinished.made
 
@@ -98,7 +100,7 @@ def _set_state(self: Any, state: Sequence[Any]) -> None:
 class _Unfinished:
     """A class as it was written, and the one made of it that waits for its methods."""
 
-    __slots__ = ("_content", "_has_all", "_has_init", "_options", "_written", "made")
+    __slots__ = ("_content", "_has_all", "_has_init", "_is_new", "_options", "_written", "made")
 
     made: type
 
@@ -106,6 +108,7 @@ class _Unfinished:
         self._written, self._options = written, options
         self._content = dict(vars(written))
         self._has_init = self._has_all = False
+        self._is_new = True
 
     def write(self, name: str) -> None:
         """Lets the standard library do its work on the written class, and takes it over.
@@ -116,7 +119,7 @@ class _Unfinished:
             if self._has_all or (self._has_init and name in _FOR_MAKING):
                 return
             if name in _FOR_MAKING:
-                self._take_over(self._written, _only_for_making(self._options))
+                self._take_over(self._as_written(), _only_for_making(self._options))
                 self._has_init = True
             else:
                 self._take_over(self._as_written(), self._options)
@@ -133,8 +136,12 @@ class _Unfinished:
                 setattr(self.made, name, value)
 
     def _as_written(self) -> type:
-        """The written class; another one where the standard library has worked on that."""
-        if not self._has_init:
+        """The written class; another one where the standard library has worked on that.
+
+        Also where it was interrupted: it takes the defaults of fields from the class.
+        """
+        if self._is_new:
+            self._is_new = False
             return self._written
         content = {name: value for name, value in self._content.items() if name not in _PLACES}
         return _like(self._written, content)
@@ -142,6 +149,20 @@ class _Unfinished:
 
 def _only_for_making(options: Mapping[str, bool]) -> dict[str, bool]:
     return {**options, "eq": False, "order": False, "repr": False}
+
+
+def _unwritten_method(name: str, unfinished: _Unfinished) -> Callable[..., Any]:
+    """Stands where the standard library will put a method, and has it put there when called.
+
+    No `_Unwritten`: Python takes an error, or Ctrl-C, while it reads the method that compares,
+    hashes or shows an object for its absence, and says that the object is unhashable.
+    """
+
+    def method(self: Any, *arguments: Any) -> Any:
+        unfinished.write(name)
+        return getattr(unfinished.made, name)(self, *arguments)
+
+    return method
 
 
 class _Unwritten:

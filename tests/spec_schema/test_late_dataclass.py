@@ -145,6 +145,41 @@ def test_nothing_is_written_before_it_is_used():
     assert not callable(vars(made)["__init__"])
     one = made(1, z=())
     assert callable(vars(made)["__init__"])
-    assert not callable(vars(made)["__eq__"])
+    waits = vars(made)["__eq__"], vars(made)["__hash__"]
     assert one == one
-    assert callable(vars(made)["__hash__"])
+    assert {*waits}.isdisjoint((vars(made)["__eq__"], vars(made)["__hash__"]))
+
+
+_COMPARED: dict[str, Callable[[Any], Any]] = {
+    "hash": hash,
+    "equal": lambda point: point == type(point)(x=1, z=()),
+    "repr": repr,
+    "make": lambda point: type(point)(x=2),
+    "fields": lambda point: fields(type(point)),
+}
+
+
+@pytest.mark.parametrize("use", _COMPARED)
+def test_ctrl_c_while_a_method_is_written_is_ctrl_c(
+    use: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python would take it for a method that is not there, and call the object unhashable."""
+    point = _point(dataclass, {"frozen": True, "slots": True})
+    written = dataclasses.dataclass
+    made = point(x=1, z=()) if use not in ("make", "fields") else object.__new__(point)
+
+    def interrupted(**options: bool) -> Callable[[type[Any]], type[Any]]:
+        def late(of: type[Any]) -> type[Any]:
+            written(**options)(of)  # it has taken defaults from the class
+            raise KeyboardInterrupt
+
+        return late
+
+    monkeypatch.setattr(dataclasses, "dataclass", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        _COMPARED[use](made)
+    monkeypatch.undo()
+    whole = point(x=1)
+    assert repr(whole).endswith("Point(x=1, y=2, z=[])")
+    assert whole == point(x=1)
+    assert hash(point(x=1, z=())) == hash(point(x=1, z=()))
