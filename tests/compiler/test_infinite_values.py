@@ -28,3 +28,22 @@ def test_a_positive_function_is_0_only_at_infinity(
     quotient = builder.divide(builder.constant(1.0), u)
     argument = quotient if inside is None else builder.apply(inside, quotient)
     assert builder.infinite_values.divides(builder.apply(function, argument)) is divides
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "divides"),
+    [
+        (1.0, 2.0, True),
+        (0.0, 2.0, False),
+        # where limits cross the upper one is the value, which may be 0
+        (1.0, 0.0, False),
+        (1.0, None, False),
+    ],
+)
+def test_a_clamp_is_never_0_where_neither_limit_can_be(
+    low: float, high: float | None, *, divides: bool
+) -> None:
+    builder = GraphBuilder(Graph(()))
+    upper = builder.state("h", Type()) if high is None else builder.constant(high)
+    clamped = builder.clamp(builder.state("u", Type()), builder.constant(low), upper)
+    assert builder.infinite_values.divides(clamped) is divides

@@ -186,13 +186,10 @@ def test_a_stage_orders_its_starts_by_its_own_key(attempt: int, index: int) -> N
     program, spec = gain("  - {epochs: 2, batch: 8, seed: 5}\n" * 2)
     plan = plan_stages(program, spec.train, Findings())[index]
     engine = Counting()
-    runs = Runs(np.arange(21), np.ones(21, dtype=np.int64), 0, 22)
     StageRun(
         plan=plan,
         engine=engine,
-        data=StageData(
-            train=runs, train_rows=None, watched=runs, watched_rows=None, watched_set="train"
-        ),
+        data=few_starts(),
         stop_asked=lambda: False,
         epoch_ended=lambda event: None,
         attempt=attempt,
@@ -258,19 +255,24 @@ class Counting:
         del state
 
 
+def few_starts() -> StageData:
+    """21 starts, which are watched, too."""
+    runs = Runs(np.arange(21), np.ones(21, dtype=np.int64), 0, 22)
+    return StageData(
+        train=runs, train_rows=None, watched=runs, watched_rows=None, watched_set="train"
+    )
+
+
 def test_an_epoch_visits_every_start_once_and_the_last_batch_is_smaller() -> None:
     """docs/language.md, Training (R12)."""
     program, spec = gain("  - {epochs: 1, batch: 8}\n")
     (plan,) = plan_stages(program, spec.train, Findings())
     engine = Counting()
-    runs = Runs(np.arange(21), np.ones(21, dtype=np.int64), 0, 22)
     epochs: list[EpochEnd] = []
     StageRun(
         plan=plan,
         engine=engine,
-        data=StageData(
-            train=runs, train_rows=None, watched=runs, watched_rows=None, watched_set="train"
-        ),
+        data=few_starts(),
         stop_asked=lambda: False,
         epoch_ended=epochs.append,
     ).run()
@@ -282,10 +284,7 @@ def test_an_epoch_visits_every_start_once_and_the_last_batch_is_smaller() -> Non
 def test_a_resumed_epoch_knows_of_the_batches_that_were_left_out() -> None:
     program, spec = gain("  - {epochs: 1, batch: 8}\n")
     (plan,) = plan_stages(program, spec.train, Findings())
-    runs = Runs(np.arange(21), np.ones(21, dtype=np.int64), 0, 22)
-    data = StageData(
-        train=runs, train_rows=None, watched=runs, watched_rows=None, watched_set="train"
-    )
+    data = few_starts()
 
     def attempt() -> StageRun:
         return StageRun(
