@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -96,12 +96,19 @@ def by_torchrun(folder: Path, *options: str) -> subprocess.CompletedProcess[str]
 class Started:
     """Ranks as torchrun starts them, without the agent that would end them for each other."""
 
-    def __init__(self, msnn: Sequence[str], folders: tuple[Path, Path], *options: str) -> None:
+    def __init__(
+        self,
+        msnn: Sequence[str],
+        folders: tuple[Path, Path],
+        *options: str,
+        more: Mapping[str, str] | None = None,
+    ) -> None:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             port = free.getsockname()[1]
         words = [*msnn, "train", "plant.yaml", *options]
         place = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
+        place |= more or {}
         self.processes = [
             subprocess.Popen(
                 words,
@@ -134,6 +141,18 @@ def two(tmp_path: Path) -> Iterator[Started]:
     yield found
     found.end()
 
+
+LAST_WORD = """
+import atexit, ctypes, os
+late = ctypes.PyDLL(os.environ["LD_PRELOAD"])
+atexit.register(late.hold_the_lock)  # what is registered first is called last
+
+from msnn.training.ranks.gloo_ranks import GlooRanks
+ranks = GlooRanks()
+late.let_threads_be_late()
+ranks.most([1.0])
+"""
+"""A program that ends right after the ranks have exchanged something."""
 
 LONG = 200
 """Epochs of a training that is there to be killed: some seconds of two ranks."""
@@ -184,6 +203,17 @@ def test_torchrun_trains_as_one_process_and_keeps_one_run(forked: str, tmp_path:
         json.loads((path / "parameters.json").read_text()) for path in (run, run_of(one))
     )
     assert list(mine) == list(other)  # standard errors come from both ranks
+
+
+def test_ranks_end_well_where_a_thread_of_gloo_ends_late(tmp_path: Path) -> None:
+    late = tmp_path / "late_threads.so"
+    source = Path(__file__).with_name("late_threads.c")
+    subprocess.run(["gcc", "-shared", "-fPIC", "-o", late, source, "-ldl"], check=True)
+    ranks = Started(
+        [sys.executable, "-c", LAST_WORD], (tmp_path, tmp_path), more={"LD_PRELOAD": str(late)}
+    )
+    found = [ranks.ended(rank) for rank in range(2)]
+    assert [code for code, _ in found] == [0, 0], found
 
 
 def test_a_rank_that_is_killed_ends_the_other_which_keeps_the_state(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
@@ -34,6 +35,9 @@ class GlooRanks:
                 world_size=self.count,
                 timeout=PATIENCE,
             )
+        # threads of gloo drop the tensors of an exchange after it has returned: one that waits for
+        # Python's lock to do so while Python ends aborts the process (pytorch/pytorch#179291)
+        atexit.register(gloo.destroy_process_group)
 
     @property
     def is_first(self) -> bool:
