@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from compiler.interpreter.bounded import exact
 from compiler.interpreter.interpreter import physical_weights
 from compiler.interpreter.rounding import BoundedGraph
-from compiler.ir.program import NodeId
+from compiler.ir.program import Graph, NodeId
 from compiler.jacobian.interpret import JacobianInterpreter
 from compiler.jacobian.matrices import Jacobian, Matrix, Vector
 from msnn.agreement.deviation import bits_of_each
@@ -36,8 +36,9 @@ def measured_slopes(
     Errors are relative to the largest entry of the matrix. Where all terms of a slope cancel, its
     entries are rounding alone: they are relative to s/c then, c the largest value of the column and
     s the terms of which the row's value is the sum (its bound of rounding over the unit roundoff,
-    decision 0180), since a slope that c turns into rounding of s is none. Bits are those of the
-    judge in the arithmetic of the export.
+    decision 0180), since a slope that c turns into rounding of s is none. A column that is 0 at all
+    points has no c: its entries are relative to the terms of which they are the sums themselves.
+    Bits are those of the judge in the arithmetic of the export.
     """
     if slopes is None:
         return NOTHING
@@ -48,10 +49,20 @@ def measured_slopes(
         wanted = _matrices(subject, slopes.jacobian, drawn, "float64")
         single = _matrices(subject, slopes.jacobian, drawn, "float32")
         values, sums = _values(subject, drawn), _sums(subject, drawn)
+        matrices = [matrix for matrix in slopes.jacobian.matrices if matrix.name in found]
+        columns = {m.name: _largest(m.columns, values[m.columns.letter], drawn) for m in matrices}
+        own = dict[str, NDArray[np.float64]]()
+        if any((largest <= TINY).any() for largest in columns.values()):
+            own = _terms_of_slopes(subject, slopes.jacobian, drawn)
         judges = {
-            f"the matrix {matrix.name}": _Judge.of(matrix, wanted[matrix.name], values, sums)
-            for matrix in slopes.jacobian.matrices
-            if matrix.name in found
+            f"the matrix {matrix.name}": _Judge.of(
+                matrix,
+                wanted[matrix.name],
+                columns[matrix.name],
+                sums[matrix.rows.letter],
+                own.get(matrix.name),
+            )
+            for matrix in matrices
         }
         named, rounded = (
             {f"the matrix {name}": arrays[name] for name in found} for arrays in (found, single)
@@ -77,19 +88,17 @@ class _Judge:
     def of(
         matrix: Matrix,
         judged: NDArray[Any],
-        values: Mapping[str, Arrays],
-        sums: Mapping[str, _Sums],
+        largest: NDArray[np.float64],
+        rows: _Sums,
+        own: NDArray[np.float64] | None,
     ) -> _Judge:
-        """Makes a judge of its entries; `values` are of columns, `sums` of rows, by vectors."""
-        rows, count = sums[matrix.rows.letter], len(judged)
+        """Makes a judge of its entries; `largest` is of each column, `own` the entries' terms."""
+        count = len(judged)
         finite = np.isfinite(_flat(matrix.rows, rows.values, count))
         # where the value itself is not finite its slope means nothing
         wanted = np.where(finite[:, :, np.newaxis], judged, np.nan)
         terms = _magnitude(_flat(matrix.rows, rows.terms, count))[:, :, np.newaxis]
-        column = _magnitude(_flat(matrix.columns, values[matrix.columns.letter], count))
-        largest = column.max(axis=0, initial=0.0)
-        # a column that is 0 at all points says nothing of the size of its slopes
-        natural = np.where(largest > TINY, terms / largest, 0.0)
+        natural = np.where(largest > TINY, terms / largest, 0.0 if own is None else own)
         return _Judge(wanted, np.maximum(natural, _magnitude(wanted).max(initial=0.0)))
 
     def error(self, found: NDArray[Any]) -> float:
@@ -107,6 +116,11 @@ class _Judge:
     def error_where_finite(self, found: NDArray[Any]) -> float:
         """The same, of entries that are finite."""
         return self.error(np.where(np.isfinite(found), found, self.wanted))
+
+
+def _largest(vector: Vector, values: Arrays, drawn: Points) -> NDArray[np.float64]:
+    """The largest magnitude of each number of a vector."""
+    return _magnitude(_flat(vector, values, drawn.count)).max(axis=0, initial=0.0)
 
 
 def _magnitude(values: NDArray[Any]) -> NDArray[np.float64]:
@@ -141,25 +155,45 @@ class _Sums:
 
 def _sums(subject: Subject, drawn: Points) -> dict[str, _Sums]:
     program = subject.program
-    log, rows = log_of(program, drawn.inputs, drawn.count, np.float64)
-    states = {name: exact(values.astype(np.float64)) for name, values in drawn.states.items()}
     roots = {
         "x": {state.name: state.next for state in program.states},
         "y": {output.name: output.node for output in program.outputs},
     }
     wanted = [node for nodes in roots.values() for node in nodes.values()]
-    weights = physical_weights(program, subject.weights)
-    graph = BoundedGraph(program.step, wanted, weights, np.dtype(np.float64))
-    found = graph.run(log, rows, states)
-
-    def sums(nodes: Mapping[str, NodeId]) -> _Sums:
-        bounded = {name: found[node] for name, node in nodes.items()}
-        return _Sums(
-            {name: one.value for name, one in bounded.items()},
-            {name: one.spread(graph.unit) / graph.unit for name, one in bounded.items()},
+    values, terms = _bounded(subject, program.step, wanted, drawn)
+    return {
+        letter: _Sums(
+            {name: values[node] for name, node in nodes.items()},
+            {name: terms[node] for name, node in nodes.items()},
         )
+        for letter, nodes in roots.items()
+    }
 
-    return {letter: sums(nodes) for letter, nodes in roots.items()}
+
+def _terms_of_slopes(
+    subject: Subject, jacobian: Jacobian, drawn: Points
+) -> dict[str, NDArray[np.float64]]:
+    """Of how large terms each entry is made, (points, rows, columns); 0 where nothing bounds it."""
+    _, terms = _bounded(subject, jacobian.graph, jacobian.roots, drawn)
+    return {
+        matrix.name: _magnitude(matrix.filled(terms, drawn.count, np.dtype(np.float64)))
+        for matrix in jacobian.matrices
+    }
+
+
+def _bounded(
+    subject: Subject, nodes: Graph, wanted: Sequence[NodeId], drawn: Points
+) -> tuple[dict[NodeId, NDArray[Any]], dict[NodeId, NDArray[Any]]]:
+    """Values of nodes at the points, and their bounds of rounding over the unit roundoff."""
+    log, rows = log_of(subject.program, drawn.inputs, drawn.count, np.float64)
+    states = {name: exact(values.astype(np.float64)) for name, values in drawn.states.items()}
+    weights = physical_weights(subject.program, subject.weights)
+    graph = BoundedGraph(nodes, wanted, weights, np.dtype(np.float64))
+    found = graph.run(log, rows, states)
+    return (
+        {node: found[node].value for node in wanted},
+        {node: found[node].spread(graph.unit) / graph.unit for node in wanted},
+    )
 
 
 def _matrices(subject: Subject, jacobian: Jacobian, drawn: Points, dtype: FloatType) -> Arrays:

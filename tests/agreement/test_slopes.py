@@ -107,6 +107,28 @@ def test_a_wrong_entry_is_found(
     assert [fault.of for fault in found.faults if fault.of == "the matrix A"]
 
 
+@pytest.mark.parametrize(("factor", "agrees"), [(1.0, True), (1 + 1e-9, False)])
+def test_slopes_by_a_parameter_of_0_are_compared_by_their_own_size(
+    factor: float, agrees: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No value of b says how large its slope may be."""
+    from msnn.exports.targets import casadi
+
+    plain = casadi._CasadiExport._matrix
+
+    def spoiled(*arguments: object) -> np.ndarray:
+        matrix = plain(*arguments)  # pyright: ignore[reportArgumentType]
+        return matrix * factor
+
+    monkeypatch.setattr(casadi._CasadiExport, "_matrix", spoiled)
+    model = compiled("inputs: {u: 1}\nparameters: {b: 0}\noutputs: {y: b * u}\n")
+    found = checked(
+        plan_of("casadi", to_step_form(model), "float64"), {"b": np.array(0.0)}, tmp_path
+    )
+    assert found.agrees == agrees
+    assert ("the matrix dy_dp" in {fault.of for fault in found.faults}) != agrees
+
+
 def test_points_are_the_same_every_time_and_within_their_ranges() -> None:
     program = tanks().program
     program = to_step_form(prune_outputs(program, [output.name for output in program.outputs]))
