@@ -214,7 +214,8 @@ def _draw_correlation(axis: Any, channel: DrawnNumber, found: Correlation | None
         said = f"too few samples to judge the errors of {channel.name}"
         axis.text(0.0, 0.5, said, fontsize="small", transform=axis.transAxes)
         return
-    axis.axhspan(-found.band, found.band, color=plotting.ERROR, alpha=0.15, linewidth=0)
+    band = {"color": plotting.ERROR, "alpha": 0.15, "linewidth": 0}
+    axis.fill_between(found.lags, -found.bands, found.bands, **band)
     axis.vlines(found.lags, 0.0, found.values, color=plotting.ERROR, linewidth=1.2)
     axis.axhline(0.0, color="black", linewidth=0.6)
     axis.set_xlabel(f"lag / samples: errors of {channel.name} with themselves, band: 99 % of noise")

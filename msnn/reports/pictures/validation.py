@@ -77,7 +77,8 @@ def _draw_correlations(axis: Any, found: Measurement) -> None:
         axis.plot(
             each.lags, each.values, ".-", markersize=3, linewidth=0.8, color=color, label=name
         )
-        axis.axhspan(-each.band, each.band, color=color, alpha=0.12, linewidth=0)
+        band = {"color": color, "alpha": 0.12, "linewidth": 0}
+        axis.fill_between(each.lags, -each.bands, each.bands, **band)
     axis.axhline(0.0, color="black", linewidth=0.8)
     left_out = [f"{len(every) - len(drawn)} inputs"] if len(every) > len(drawn) else []
     elements = len(found.judged.residuals) - 1
