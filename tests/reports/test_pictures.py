@@ -71,6 +71,23 @@ def test_a_simulation_shows_measured_simulated_error_inputs_and_correlation(
     assert figure.get_supxlabel() == f"not drawn: {len(runs) - 3} runs"
 
 
+def test_values_between_gaps_are_dots(trained_run: Path, drawn: list[Any], tmp_path: Path):
+    """What a laboratory measures every twentieth sample: a line shows nothing of it."""
+    model = msnn.load(trained_run)
+    (run, *_) = msnn.simulate(model, weights=trained_run)
+    sparse = np.array(run.logged["x_next"])
+    known = np.arange(len(sparse)) % 20 == 3
+    known[:3] = True  # neighbours are a line
+    sparse[~known] = np.nan
+    run = replace(run, logged={**run.logged, "x_next": sparse})
+    plot_simulation(tmp_path / "a.png", simulation_program(model.program), [run])
+    (figure,) = drawn
+    output, error, *_ = figure.axes
+    for axis in (output, error):
+        (dots,) = [line for line in axis.lines if line.get_marker() == "o"]
+        assert len(dots.get_xdata()) == np.sum(known) - 4
+
+
 def test_an_interval_that_is_drawn_is_in_the_legend(
     trained_run: Path, drawn: list[Any], tmp_path: Path
 ):

@@ -161,7 +161,9 @@ def _draw_output(axis: Any, run: Simulation, along: FloatArray, channel: DrawnNu
     values = channel.of(run.outputs[channel.source])
     if channel.source in run.logged:
         measured = channel.of(run.logged[channel.source])
-        axis.plot(along, measured, color=plotting.MEASURED, linewidth=3.0, label="measured")
+        plotting.draw_line(
+            axis, along, measured, color=plotting.MEASURED, linewidth=3.0, label="measured"
+        )
         errors = Errors.of(values, measured)
         fit, rmse = score("fit", errors).value, score("rmse", errors).value
         figures = [f"fit {fit:.4g} %"] if np.isfinite(fit) else []
@@ -199,7 +201,7 @@ def _draw_error(
         axis.set_axis_off()
         return None
     error = channel.of(run.outputs[channel.source]) - channel.of(run.logged[channel.source])
-    axis.plot(along, error, color=plotting.ERROR, linewidth=0.9)
+    plotting.draw_line(axis, along, error, color=plotting.ERROR, linewidth=0.9)
     axis.axhline(0.0, color="black", linewidth=0.6)
     _finish(axis, "error", channel.unit)
     rows = np.arange(len(error), dtype=np.int64)

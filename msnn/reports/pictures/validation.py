@@ -11,7 +11,7 @@ import numpy as np
 from msnn.reports import plotting
 from msnn.reports.drawn import unit_of, with_unit
 from msnn.validation.measurement import Measurement
-from msnn.validation.reports.words import measured_as, unit_text
+from msnn.validation.reports.words import measured_as
 from msnn.validation.validate import MetricRow, ValidationReport
 
 _MOST_INPUTS = 3
@@ -50,7 +50,7 @@ def _draw_errors(axis: Any, found: Measurement, limits: Sequence[MetricRow]) -> 
                 axis.axhline(end, color=plotting.LIMIT, linestyle="--", linewidth=0.9)
     fit, rmse = found.metrics["fit"].value, found.metrics["rmse"].value
     figures = [f"fit {fit:.4g} %"] if np.isfinite(fit) else []
-    figures.append(f"rmse {rmse:.4g} {unit_text(found.unit)}".strip())
+    figures.append(f"rmse {rmse:.4g} {unit_of(found.unit)}".strip())
     figures += [_limit_text(row) for row in limits if row.passed is not None]
     title = f"{', '.join(measured_as(found))}\n{', '.join(figures)}"
     axis.set_title(plotting.plain_text(title), fontsize="medium", loc="left")

@@ -40,7 +40,9 @@ class Correlation:
     @property
     def bands(self) -> FloatArray:
         """The band at each lag: wider where records or gaps leave fewer pairs; 1 holds all."""
-        return np.minimum(self.band / np.sqrt(np.maximum(self.shares, self.band**2)), 1.0)
+        # where there are none nothing is said
+        shares = np.where(self.shares > 0, self.shares, 1.0)
+        return np.minimum(self.band / np.sqrt(shares), 1.0)
 
     @property
     def beyond(self) -> IntArray:
