@@ -144,6 +144,26 @@ def test_limits_far_from_the_values_are_told(drawn: list[Any], tmp_path: Path):
     assert figure.get_supxlabel() == "not drawn: far limits of u: 400 V"
 
 
+def test_what_is_not_drawn_stays_inside_the_picture(drawn: list[Any], tmp_path: Path):
+    """A line of it that was longer was cut off at the right."""
+    names = [f"pressure_{letter}" for letter in "abcd"]
+    spec = tmp_path / "plant.msnn.yaml"
+    spec.write_text(
+        "msnn: 1\nname: plant\nsample_time: 1 s\ninputs:\n"
+        + "".join(f"  {name}: {{unit: bar, range: [-400, 400]}}\n" for name in names)
+        + f"outputs: {{y: {' + '.join(names)}}}\n",
+        encoding="utf-8",
+    )
+    model = msnn.load(spec)
+    runs = msnn.simulate(model, {name: np.linspace(-1, 1, 50) for name in names})
+    plot_simulation(tmp_path / "a.png", simulation_program(model.program), runs)
+    (figure,) = drawn
+    assert "pressure_d: -400 bar and 400 bar" in " ".join(figure.get_supxlabel().split())
+    figure.canvas.draw()
+    (said,) = [text for text in figure.texts if text.get_text().startswith("not drawn")]
+    assert said.get_window_extent().x1 <= figure.bbox.x1
+
+
 @pytest.mark.parametrize("untimed", [(), (1,), (0, 1)])
 def test_runs_are_drawn_over_rows_unless_all_have_times(
     untimed: tuple[int, ...], trained_run: Path, drawn: list[Any], tmp_path: Path

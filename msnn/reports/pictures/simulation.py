@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from msnn.validation.statistics.metrics import Errors, score
 _MOST_RUNS = 3
 _MOST_OUTPUTS = 4
 _MOST_INPUTS = 4
+_LETTERS = 15
+"""Of small print in an inch."""
 
 
 def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -> Path:
@@ -55,8 +58,9 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
     left_out = _left_out(len(runs) - len(shown), program, len(outputs), len(inputs), shown)
     left_out += far
     if left_out:
-        said = f"not drawn: {', '.join(left_out)}"
-        figure.supxlabel(plotting.plain_text(said), fontsize="small", x=0.01, ha="left")
+        said = plotting.plain_text(f"not drawn: {', '.join(left_out)}")
+        said = fill(said, int(_LETTERS * figure.get_figwidth()))
+        figure.supxlabel(said, fontsize="small", x=0.01, ha="left")
     return plotting.saved_figure(figure, path)
 
 
