@@ -194,7 +194,7 @@ def _stack(context: Context, call: Call, environment: Environment) -> NodeId:
     parts = [
         builder.reshape(builder.broadcast(node, axes), (Axis(name, 1), *axes)) for node in nodes
     ]
-    return builder.concat(parts, name) if len(parts) > 1 else parts[0]
+    return builder.concat(parts, name, "stack") if len(parts) > 1 else parts[0]
 
 
 def _part(context: Context, call: Call, environment: Environment) -> NodeId:

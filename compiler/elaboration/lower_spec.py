@@ -75,7 +75,8 @@ def lower_spec(linked: Linked, draw: int) -> LoweredSpec:
     _report_log_reads(context, lowered.outputs, lowered.states)
     report_between(context)
     if linked.spec.mpc is not None:
-        context.used.update(names_in(linked.spec.mpc))
+        # what is bounded stands in a key
+        context.used.update(names_in(linked.spec.mpc), linked.spec.mpc.bounds)
     if not context.findings.failed:  # what is left unused by a mistake is no news
         report_unused(context)
     return lowered

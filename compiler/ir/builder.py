@@ -187,12 +187,13 @@ class GraphBuilder(NodeStore):
         rest = tuple(a for a in self.type(part).axes if a.name != axis)
         return self.reshape(part, rest)
 
-    def concat(self, values: Sequence[NodeId], axis: str) -> NodeId:
+    def concat(self, values: Sequence[NodeId], axis: str, called: str = "concat") -> NodeId:
+        """The values side by side; `called` is how the spec writes it."""
         types = [self.type(value) for value in values]
         # a part of unknown unit takes that of its neighbours, as terms of a sum do
         unit = types[0].unit
         for type in types[1:]:
-            unit, conflict = sum_unit("concat", unit, type.unit)
+            unit, conflict = sum_unit(called, unit, type.unit)
             if conflict:
                 self.conflicts.append(conflict)
         size = sum(type.axes[type.position(axis)].size for type in types)

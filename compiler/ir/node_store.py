@@ -57,6 +57,11 @@ class NodeStore:
         if found.type.unit is None:
             self._nodes[node] = replace(found, type=found.type.with_unit(unit))
 
+    def rename_unit(self, node: NodeId, unit: Unit) -> None:
+        """Call the unit of a value as the spec does: `W` in place of the `V*A` of its formula."""
+        found = self._nodes[node]
+        self._nodes[node] = replace(found, type=found.type.with_unit(unit))
+
     def emit(
         self, op: Op, args: tuple[NodeId, ...], type: Type, span: Span | None = None
     ) -> NodeId:

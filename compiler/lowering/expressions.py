@@ -253,4 +253,4 @@ def _lower_list(
             raise LoweringFailed
     # a scalar has no axis to be joined along
     parts = [builder.reshape(node, (Axis(UNNAMED, 1),)) for node in nodes]
-    return parts[0] if len(parts) == 1 else builder.concat(parts, UNNAMED)
+    return parts[0] if len(parts) == 1 else builder.concat(parts, UNNAMED, "[ ]")

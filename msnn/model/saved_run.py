@@ -24,6 +24,7 @@ DESCRIPTION = "run.json"
 PARAMETERS = "parameters.json"
 PARTS = "parts"
 FOLD = "fold_"
+FOLD_SETTING = "data.split.fold="
 RUNS_SHOWN = 5
 
 

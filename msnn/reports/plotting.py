@@ -5,7 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from backends.files.atomic_write import replacing
+from msnn.data.dataset import FloatArray
 from msnn.packages import MATPLOTLIB
 
 FORMATS = ("png", "svg", "pdf")
@@ -41,6 +44,16 @@ def saved_figure(figure: Any, path: Path) -> Path:
 def plain_text(text: str) -> str:
     """Text of a file or a spec in which matplotlib sees no formulas."""
     return text.replace("$", r"\$")
+
+
+def draw_line(axis: Any, along: FloatArray, values: FloatArray, **style: Any) -> None:
+    """Draws a line, and dots where a value stands between gaps, of which a line shows nothing."""
+    axis.plot(along, values, **style)
+    known = np.concatenate([[False], np.isfinite(values), [False]])
+    lone = known[1:-1] & ~known[:-2] & ~known[2:]
+    if lone.any():
+        size = max(style["linewidth"], 2.0)
+        axis.plot(along[lone], values[lone], "o", markersize=size, color=style["color"])
 
 
 def legend_above(axis: Any) -> None:

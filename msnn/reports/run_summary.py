@@ -15,6 +15,7 @@ from msnn.model.saved_run import (
     CHECKPOINT,
     DESCRIPTION,
     FOLD,
+    FOLD_SETTING,
     SPEC,
     WEIGHTS,
     read_json,
@@ -179,7 +180,9 @@ def commands(run: Run) -> dict[str, str]:
         weights = ["--weights", str(run.folder / WEIGHTS)]
         settings = model_settings(run.description.get("settings", ()))
         words = [word for text in settings for word in ("--set", text)]
-        model = [spec, *weights, *words] if is_here else [str(run.folder)]
+        # of a fold, too: the file holds out another one
+        is_whole = is_here and not run.folder.name.startswith(FOLD)
+        model = [spec, *weights, *words] if is_whole else [str(run.folder)]
         found["validate"] = ["msnn", "validate", *model]
         found["export"] = ["msnn", "export", *model]
     return {what: shlex.join(words) for what, words in found.items()}
@@ -187,11 +190,14 @@ def commands(run: Run) -> dict[str, str]:
 
 def _options(run: Run) -> list[str]:
     """The other options of the run's command line, as far as they are kept."""
-    words = [word for text in run.description.get("settings", []) for word in ("--set", text)]
+    is_fold = run.folder.name.startswith(FOLD)
+    given = run.description.get("settings", [])
+    # `--folds` goes through them
+    given = [text for text in given if not (is_fold and text.startswith(FOLD_SETTING))]
+    words = [word for text in given for word in ("--set", text)]
     device = run.description.get("device", "cpu")
     words += [] if device == "cpu" else ["--device", device]
     words += ["--tensorboard"] if any(run.folder.glob("events.out.*")) else []
-    is_fold = run.folder.name.startswith(FOLD)
     words += ["--folds"] if is_fold else []
     out = run.folder.parents[2 if is_fold else 1]
     return words if out.absolute() == Path("runs").absolute() else [*words, "--out", str(out)]

@@ -15,7 +15,7 @@ from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.learning.stages import no_folds
 from msnn.errors.learning.training import no_checkpoint
 from msnn.model.model import Model
-from msnn.model.saved_run import CHECKPOINT, FOLD, LATEST, newest, read_json
+from msnn.model.saved_run import CHECKPOINT, FOLD, FOLD_SETTING, LATEST, newest, read_json
 from msnn.tables import Table
 from msnn.training.plans.stage_result import monitor_order
 from msnn.training.records.metrics_log import finite
@@ -91,7 +91,8 @@ def train_folds(
         shown.fold = number
         one = of_fold(model, number)
         data = read(one)
-        stages, own = one.spec.train, _options(options, folder, number)
+        stages = one.spec.train
+        own = _options(replace(options, settings=one.settings), folder, number)
         found = train(one.program, data, stages, own, shown, weights)
         report = validate(
             one.program, data, one.spec.checks, found.weights, on=HELD_OUT, stages=stages
@@ -165,7 +166,10 @@ def of_fold(model: Model, number: int) -> Model:
     assert data.split is not None
     split = data.split.model_copy(update={"fold": number})
     section = data.model_copy(update={"split": split})
-    return replace(model, spec=model.spec.model_copy(update={"data": section}))
+    spec = model.spec.model_copy(update={"data": section})
+    # as a setting too: a run of another fold would be measured on rows that it was trained on
+    others = (text for text in model.settings if not text.startswith(FOLD_SETTING))
+    return replace(model, spec=spec, settings=(*others, f"{FOLD_SETTING}{number}"))
 
 
 def folds_table(result: FoldsResult) -> str:

@@ -11,6 +11,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import Dataset
 from msnn.model.learned_numbers import learned_numbers
 from msnn.model.model import Model
+from msnn.model.saved_run import FOLD_SETTING
 from msnn.model.spec_hash import hash_of
 from msnn.model.weights.weights_file import initial_weights
 from msnn.training.records.run_log import LOG, RunLine, append
@@ -28,7 +29,9 @@ def begun(
 
     `held_out` is the set that it will be measured on.
     """
-    settings = tuple(map(one_form, model.settings))
+    # which fold it is stands beside them
+    given = (text for text in model.settings if fold is None or not text.startswith(FOLD_SETTING))
+    settings = tuple(map(one_form, given))
     spec, of_data = hash_of(model.text, model.parts, settings), data_hash(data)
     # the version too: another one may train the same spec to other weights
     decides = [__version__, spec, _initial_hash(model.program), of_data, seed, fold, held_out]

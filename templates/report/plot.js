@@ -419,7 +419,9 @@ function paint_line(g, values, a, b, box, y, at, dashed) {
   for (let i = a; i < b; i++) {
     if (!Number.isFinite(values[i])) { open = false; continue; }
     const x = box.x(at(i)), v = y(values[i]);
-    if (open) g.lineTo(x, v); else g.moveTo(x, v);
+    if (open) g.lineTo(x, v);
+    else if (Number.isFinite(values[i + 1])) g.moveTo(x, v);
+    else dot(g, x, v);
     open = true;
   }
   if (dashed) g.setLineDash([2, 2]);
@@ -427,18 +429,32 @@ function paint_line(g, values, a, b, box, y, at, dashed) {
   g.setLineDash([]);
 }
 
+/** A value between gaps, of which a line shows nothing. */
+function dot(g, x, y) {
+  g.moveTo(x + 0.6, y);
+  g.arc(x, y, 0.6, 0, 7);
+}
+
 /** Lowest and highest of what shares a column of pixels: no peak is lost. */
 function paint_thinned(g, values, a, b, box, y, at) {
-  let column = null, low = 0, high = 0, first = 0, last = 0;
+  let column = null, begun = null, low = 0, high = 0, first = 0, last = 0;
   g.beginPath();
   const flush = () => { if (column !== null) { g.lineTo(column, y(first)); g.lineTo(column, y(low)); g.lineTo(column, y(high)); g.lineTo(column, y(last)); } };
   for (let i = a; i < b; i++) {
     const v = values[i];
-    if (!Number.isFinite(v)) { flush(); column = null; continue; }
+    if (!Number.isFinite(v)) {
+      flush();
+      if (column !== null && column === begun && low === high) dot(g, column, y(low));
+      column = begun = null;
+      continue;
+    }
     const x = Math.round(box.x(at(i)));
     if (x !== column) {
       flush();
-      if (column === null) g.moveTo(x, y(v));
+      if (column === null) {
+        g.moveTo(x, y(v));
+        begun = x;
+      }
       column = x;
       low = high = first = v;
     }

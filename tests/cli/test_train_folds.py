@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 from tests.cli.command_line import CommandLine
@@ -23,6 +24,19 @@ def test_folds_are_trained_compared_and_kept(msnn: CommandLine, project: Path):
     latest = project / "runs" / "plant" / "latest"
     assert latest.resolve() == project / best[1] / f"fold_{best[2]}"
     assert "weights: runs/plant/latest/weights.safetensors" in msnn("validate", SPEC).err
+
+
+def test_the_run_of_a_fold_is_measured_on_its_own_rows(msnn: CommandLine, project: Path):
+    on_fold = (*SHORT, "--set", "validate=[{of: x_next, data: val}]")
+    record = json.loads(msnn("train", SPEC, "--folds", *on_fold, "--format", "json").out)
+    shown = json.loads(msnn("show", "runs/plant/latest", "--format", "json").out)["commands"]
+    for fold in record["folds"]:
+        said = msnn("validate", fold["folder"], "--format", "json")
+        rows = json.loads(said.out)["metrics"]
+        assert [row["value"] for row in rows] == [each["value"] for each in fold["metrics"]]
+    best = record["folds"][record["best"] - 1]
+    rows = json.loads(msnn(*shlex.split(shown["validate"])[1:], "--format", "json").out)["metrics"]
+    assert [row["value"] for row in rows] == [each["value"] for each in best["metrics"]]
 
 
 def test_folds_as_json(msnn: CommandLine, project: Path):

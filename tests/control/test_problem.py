@@ -56,6 +56,15 @@ def test_a_limit_counts_where_the_controls_move_it(tmp_path: Path) -> None:
     assert stages == {"y": slice(1, 7), "y_next": slice(0, 6)}
 
 
+def test_what_is_bounded_is_used(tmp_path: Path) -> None:
+    text = DOUBLE_INTEGRATOR + "equations: {speed2: v**2, left: v**3}\n"
+    model = load(
+        tmp_path,
+        text + "mpc: {horizon: 5, controls: [u], cost: p**2, bounds: {speed2: {max: 4}}}\n",
+    )
+    assert [found.message for found in model.warnings] == ["`left` is never used"]
+
+
 def test_what_formulas_read(tmp_path: Path) -> None:
     problem = load(tmp_path, FED_BACK).control
     assert problem is not None

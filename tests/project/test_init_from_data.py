@@ -276,6 +276,22 @@ def test_missing_inputs_end_the_episode(tmp_path: Path):
     trainings.train(models.load(path), runs=None)
 
 
+@pytest.mark.filterwarnings("error")
+def test_what_is_measured_seldom_is_no_input(tmp_path: Path):
+    """A laboratory's samples: with them as an input no episode would have two rows."""
+    rows = text(table(), "t,u,w,y").splitlines()
+    rows = [f"{row},{k if k % 5 == 1 else ''}" for k, row in enumerate(rows)]
+    rows[0] = rows[0][:-1] + ",z"
+    path = folder_of(tmp_path, "\n".join(rows), "y")
+    assert (
+        f"# z has a value in {ROWS // 5} of {ROWS} rows: too few for an input" in path.read_text()
+    )
+    assert "from_z" not in path.read_text()
+    trainings.train(models.load(path), runs=None)
+    with pytest.raises(TargetNotNamedError, match=f"`z` has a value in {ROWS // 5} of {ROWS} rows"):
+        folder_of(tmp_path, "\n".join(rows), "z")
+
+
 def test_outputs_of_the_system_are_no_inputs_of_the_model(tmp_path: Path):
     columns = table()
     columns = {

@@ -71,6 +71,23 @@ def test_a_simulation_shows_measured_simulated_error_inputs_and_correlation(
     assert figure.get_supxlabel() == f"not drawn: {len(runs) - 3} runs"
 
 
+def test_values_between_gaps_are_dots(trained_run: Path, drawn: list[Any], tmp_path: Path):
+    """What a laboratory measures every twentieth sample: a line shows nothing of it."""
+    model = msnn.load(trained_run)
+    (run, *_) = msnn.simulate(model, weights=trained_run)
+    sparse = np.array(run.logged["x_next"])
+    known = np.arange(len(sparse)) % 20 == 3
+    known[:3] = True  # neighbours are a line
+    sparse[~known] = np.nan
+    run = replace(run, logged={**run.logged, "x_next": sparse})
+    plot_simulation(tmp_path / "a.png", simulation_program(model.program), [run])
+    (figure,) = drawn
+    output, error, *_ = figure.axes
+    for axis in (output, error):
+        (dots,) = [line for line in axis.lines if line.get_marker() == "o"]
+        assert len(dots.get_xdata()) == np.sum(known) - 4
+
+
 def test_an_interval_that_is_drawn_is_in_the_legend(
     trained_run: Path, drawn: list[Any], tmp_path: Path
 ):
@@ -125,6 +142,26 @@ def test_limits_far_from_the_values_are_told(drawn: list[Any], tmp_path: Path):
     ]
     assert ends == [[-1.0], [-5.0, 5.0]]
     assert figure.get_supxlabel() == "not drawn: far limits of u: 400 V"
+
+
+def test_what_is_not_drawn_stays_inside_the_picture(drawn: list[Any], tmp_path: Path):
+    """A line of it that was longer was cut off at the right."""
+    names = [f"pressure_{letter}" for letter in "abcd"]
+    spec = tmp_path / "plant.msnn.yaml"
+    spec.write_text(
+        "msnn: 1\nname: plant\nsample_time: 1 s\ninputs:\n"
+        + "".join(f"  {name}: {{unit: bar, range: [-400, 400]}}\n" for name in names)
+        + f"outputs: {{y: {' + '.join(names)}}}\n",
+        encoding="utf-8",
+    )
+    model = msnn.load(spec)
+    runs = msnn.simulate(model, {name: np.linspace(-1, 1, 50) for name in names})
+    plot_simulation(tmp_path / "a.png", simulation_program(model.program), runs)
+    (figure,) = drawn
+    assert "pressure_d: -400 bar and 400 bar" in " ".join(figure.get_supxlabel().split())
+    figure.canvas.draw()
+    (said,) = [text for text in figure.texts if text.get_text().startswith("not drawn")]
+    assert said.get_window_extent().x1 <= figure.bbox.x1
 
 
 @pytest.mark.parametrize("untimed", [(), (1,), (0, 1)])

@@ -73,6 +73,41 @@ def test_noise_is_called_noise():
     assert accused["u"] <= 28
 
 
+@pytest.mark.parametrize(("rows", "of_record"), [(1000, 1000), (4000, 4000), (4400, 220)])
+def test_noise_is_called_noise_at_many_lags(rows: int, of_record: int):
+    """Two seconds of 100 Hz: of far lags few pairs are left, of short records fewest."""
+    generator = np.random.default_rng(1)
+    places, records = np.arange(rows), np.arange(rows) // of_record
+    accused = {"itself": 0, "u": 0}
+    for _ in range(200):
+        errors, u = generator.normal(size=(2, rows))
+        (found,) = residuals(errors, places, records, {"u": u}, 200)
+        assert found.itself is not None
+        accused["itself"] += not found.itself.is_noise
+        accused["u"] += not found.inputs["u"].is_noise
+    assert accused["itself"] <= 14
+    assert accused["u"] <= 14
+
+
+def test_lags_are_no_more_than_a_quarter_of_the_values():
+    """Two seconds of a converter are more samples than it has."""
+    errors = np.random.default_rng(9).normal(size=(2000, 2))
+    errors[200:, 1] = np.nan
+    rows = np.arange(2000)
+    found = residuals(errors, rows, np.zeros_like(rows), {"u": np.sin(rows)}, 20000)
+    assert [len(each.itself.lags) for each in found if each.itself] == [500, 50]
+    assert [each.inputs["u"].lags[-1] for each in found] == [500, 50]
+
+
+def test_the_band_is_wider_where_fewer_pairs_are():
+    errors = np.random.default_rng(9).normal(size=300)
+    (found,) = residuals(errors, np.arange(300), np.arange(300) // 60, {}, 25)
+    assert found.itself is not None
+    # at lag k each of five records has 60 - k pairs
+    pairs = 300 - 5 * np.arange(1, 26)
+    assert found.itself.bands == pytest.approx(2.5758293 / np.sqrt(300) * np.sqrt(300 / pairs))
+
+
 def test_errors_with_memory_are_not_white():
     generator = np.random.default_rng(2)
     error = np.zeros(2000)
@@ -196,18 +231,25 @@ def test_the_band_is_that_of_as_many_values_as_there_are():
     [
         (25, [0.12], True),
         (25, [0.12, -0.12], False),  # one of 25 is allowed, not two
-        (101, [0.12, -0.12], True),
-        (101, [0.12, 0.11, 0.12], False),
+        # of 101 more than 2 leave it 8 % of the time, more than 3 2 %
+        (101, [0.12, -0.12, 0.11], True),
+        (101, [0.12, 0.11, 0.12, 0.11], False),
         # of 25 lags together 3.5401 deviations hold 99 %: 3.5401 / 2.5758 of the band
         (25, [-0.1374], True),
         (25, [0.1375], False),
     ],
 )
-def test_noise_leaves_the_band_at_one_lag_in_a_hundred_and_never_by_far(
+def test_noise_leaves_the_band_at_few_lags_and_never_by_far(
     lags: int, beyond: list[float], is_noise: bool
 ):
     values = np.full(lags, 0.09)
     values[3 : 3 + len(beyond)] = beyond
-    found = Correlation(lags=np.arange(1, lags + 1), values=values, band=0.1, effective=663.5)
+    found = Correlation(
+        lags=np.arange(1, lags + 1),
+        values=values,
+        band=0.1,
+        shares=np.ones(lags),
+        effective=663.5,
+    )
     assert found.is_noise == is_noise
     assert found.beyond.tolist() == list(range(4, 4 + len(beyond)))

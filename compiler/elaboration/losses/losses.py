@@ -110,9 +110,14 @@ def default_loss(context: Context, output: Output) -> Loss:
 
 def _check_arguments(context: Context, function: str, call: Call) -> None:
     signature = LOSS_FUNCTIONS[function]
-    unknown = [keyword for keyword in call.keywords if keyword.name not in signature.keywords]
-    if not signature.takes(len(call.arguments)) or unknown:
-        found = len(call.arguments) + len(call.keywords)
+    for keyword in call.keywords:
+        if keyword.name not in signature.keywords:
+            context.findings.report(
+                names.unknown_keyword(function, keyword.name, keyword.span, signature.keywords)
+            )
+            raise LoweringFailed
+    found = len(call.arguments)
+    if not signature.takes(found):
         context.findings.report(
             names.wrong_argument_count(function, signature.wanted, found, call.function.span)
         )

@@ -152,7 +152,7 @@ def _has_own_past(entry: Equation | Output) -> bool:
 def _agree_on_unit(
     context: Context, builder: GraphBuilder, node: NodeId, name: str, entry: Equation | Output
 ) -> None:
-    """Gives a value of unknown unit the declared one; reports one that is known and differs."""
+    """Gives a value the declared unit, and its word; reports one that is known and differs."""
     if entry.unit is None:
         return
     found = builder.type(node).unit
@@ -162,3 +162,6 @@ def _agree_on_unit(
         context.findings.report(
             units.declared_unit_differs(name, found.text, entry.unit.value.text, entry.expr.span)
         )
+    # what is read as it is keeps the unit that its own entry declares
+    elif found.text != entry.unit.value.text and builder.node(node).args:
+        builder.rename_unit(node, entry.unit.value)

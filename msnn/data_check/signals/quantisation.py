@@ -69,4 +69,5 @@ def rounding(values: FloatArray) -> float | None:
     if found is None or found.levels <= FEW_LEVELS:
         return None
     # a command is held for several rows: most differences are 0
-    return None if np.nanmedian(np.abs(np.diff(values))) == 0 else found.step
+    known = values[np.isfinite(values)]
+    return None if np.median(np.abs(np.diff(known))) == 0 else found.step

@@ -45,6 +45,17 @@ class FoundColumn:
         known = self.values[np.isfinite(self.values)]
         return len(known) > 1 and float(np.ptp(known)) > 0
 
+    @property
+    def is_seldom(self) -> bool:
+        """Whether most rows lack it or the value before: as an input it would end every episode."""
+        known = np.isfinite(self.values)
+        return 2 * int(np.sum(known[1:] & known[:-1])) < len(known) - 1
+
+    @property
+    def how_often(self) -> str:
+        known = int(np.isfinite(self.values).sum())
+        return f"has a value in {known} of {len(self.values)} rows"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundTable:

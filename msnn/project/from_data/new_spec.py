@@ -55,7 +55,12 @@ def spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> 
     moving = [c for c in used if c.moves]
     if not moving:
         raise SpecError([no_target(file.name)])
-    target = _target(predict, moving, [c for c in used if not c.moves], row_follows)
+    # where all are measured seldom there is no other row to be beside
+    seldom = [c for c in moving if c.is_seldom]
+    seldom = [] if len(seldom) == len(moving) else seldom
+    moving = [c for c in moving if c not in seldom]
+    still = [c for c in used if not c.moves]
+    target = _target(predict, moving, still, seldom, row_follows)
     # fewer rows than a handful of parameters can be told from
     if np.sum(np.isfinite(target.values)) < _FEWEST_ROWS:
         raise SpecError([few_rows(file.name, table.rows, _FEWEST_ROWS)])
@@ -74,7 +79,8 @@ def spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> 
         target=target,
         inputs=inputs,
         others=others,
-        still=[c for c in used if not c.moves],
+        still=still,
+        seldom=seldom,
         baseline=baseline,
     )
     return NewSpec(text=format_spec(f"{name}.msnn.yaml", _text(facts)), notes=time.notes)
@@ -84,6 +90,7 @@ def _target(
     predict: str | None,
     columns: Sequence[FoundColumn],
     still: Sequence[FoundColumn],
+    seldom: Sequence[FoundColumn],
     row_follows: BoolArray,
 ) -> FoundColumn:
     """The column with this name, header, or header without its unit."""
@@ -95,6 +102,9 @@ def _target(
         message = f"no column that moves is called `{predict}`"
         if held is not None:
             message = f"`{predict}` {_stillness(held)}: record it while it moves"
+        rare = next((c for c in seldom if predict in (c.name, c.label)), None)
+        if rare is not None:
+            message = f"`{predict}` {rare.how_often}: a linear model needs rows one after another"
         raise TargetNotNamedError(f"{message}; {_candidates(columns, still, row_follows)}")
     return found[0]
 
@@ -141,6 +151,7 @@ class _Facts:
     inputs: Sequence[FoundColumn]
     others: Sequence[FoundColumn]
     still: Sequence[FoundColumn]
+    seldom: Sequence[FoundColumn]
     baseline: Baseline
 
 
@@ -189,6 +200,7 @@ def _values(facts: _Facts) -> dict[str, Any]:
         "signals": [_signal(column) for column in signals],
         "others": [_signal(column) for column in facts.others],
         "still": [_signal(column) for column in facts.still],
+        "seldom": [{"name": c.name, "how_often": c.how_often} for c in facts.seldom],
         "layers": layers,
         "offset": free_name("offset", taken),
         "linear": free_name("linear", taken),

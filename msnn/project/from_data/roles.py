@@ -82,4 +82,5 @@ def _left(
 def _stands_still(column: FoundColumn) -> bool:
     """Whether most rows repeat the one before: a command that is held."""
     # its jumps follow no past of anything, and would pass the test by chance
-    return float(np.nanmedian(np.abs(np.diff(column.values)))) == 0
+    known = column.values[np.isfinite(column.values)]
+    return float(np.median(np.abs(np.diff(known)))) == 0

@@ -13,6 +13,7 @@ from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data_check.signals.sampling import LONGEST_STEP
 from msnn.errors.data.new_specs import falling_time
 from msnn.project.from_data.columns import FoundColumn, FoundTable
+from msnn.tables import count
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.units.parser import parse_unit
 
@@ -114,7 +115,7 @@ def _from(column: FoundColumn, counters: tuple[int, ...], file: str) -> FoundTim
         again = "`resample: none` begins anew there; rows that were written out of order are sorted"
         notes.append(f"{_backward(place, column.values)}: {again} before")
     if uneven or gaps.any():
-        what = "uneven steps" if uneven else f"{int(gaps.sum())} gaps"
+        what = "uneven steps" if uneven else count(int(gaps.sum()), "gap")
         notes.append(f"the time has {what}: `resample: {resample}` deals with them")
     return FoundTime(
         column=column,

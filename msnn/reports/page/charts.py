@@ -72,9 +72,9 @@ def _correlations(found: Measurement) -> Plain | None:
 
 def _in_band(name: str, found: Correlation, number: int) -> list[Plain]:
     # half a lag beyond the outermost stems: the band is seen to hold for them too
-    ends = np.array([found.lags[0] - 0.5, found.lags[-1] + 0.5])
+    ends = np.array([found.lags[0] - 0.5, *found.lags[1:-1], found.lags[-1] + 0.5])
     color = color_of(number)
-    band = np.full(2, found.band)
+    band = found.bands
     return [
         {
             "name": "noise",

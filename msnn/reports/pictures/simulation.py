@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from msnn.validation.statistics.metrics import Errors, score
 _MOST_RUNS = 3
 _MOST_OUTPUTS = 4
 _MOST_INPUTS = 4
+_LETTERS = 15
+"""Of small print in an inch."""
 
 
 def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -> Path:
@@ -55,8 +58,9 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
     left_out = _left_out(len(runs) - len(shown), program, len(outputs), len(inputs), shown)
     left_out += far
     if left_out:
-        said = f"not drawn: {', '.join(left_out)}"
-        figure.supxlabel(plotting.plain_text(said), fontsize="small", x=0.01, ha="left")
+        said = plotting.plain_text(f"not drawn: {', '.join(left_out)}")
+        said = fill(said, int(_LETTERS * figure.get_figwidth()))
+        figure.supxlabel(said, fontsize="small", x=0.01, ha="left")
     return plotting.saved_figure(figure, path)
 
 
@@ -161,7 +165,9 @@ def _draw_output(axis: Any, run: Simulation, along: FloatArray, channel: DrawnNu
     values = channel.of(run.outputs[channel.source])
     if channel.source in run.logged:
         measured = channel.of(run.logged[channel.source])
-        axis.plot(along, measured, color=plotting.MEASURED, linewidth=3.0, label="measured")
+        plotting.draw_line(
+            axis, along, measured, color=plotting.MEASURED, linewidth=3.0, label="measured"
+        )
         errors = Errors.of(values, measured)
         fit, rmse = score("fit", errors).value, score("rmse", errors).value
         figures = [f"fit {fit:.4g} %"] if np.isfinite(fit) else []
@@ -199,7 +205,7 @@ def _draw_error(
         axis.set_axis_off()
         return None
     error = channel.of(run.outputs[channel.source]) - channel.of(run.logged[channel.source])
-    axis.plot(along, error, color=plotting.ERROR, linewidth=0.9)
+    plotting.draw_line(axis, along, error, color=plotting.ERROR, linewidth=0.9)
     axis.axhline(0.0, color="black", linewidth=0.6)
     _finish(axis, "error", channel.unit)
     rows = np.arange(len(error), dtype=np.int64)
@@ -214,7 +220,8 @@ def _draw_correlation(axis: Any, channel: DrawnNumber, found: Correlation | None
         said = f"too few samples to judge the errors of {channel.name}"
         axis.text(0.0, 0.5, said, fontsize="small", transform=axis.transAxes)
         return
-    axis.axhspan(-found.band, found.band, color=plotting.ERROR, alpha=0.15, linewidth=0)
+    band = {"color": plotting.ERROR, "alpha": 0.15, "linewidth": 0}
+    axis.fill_between(found.lags, -found.bands, found.bands, **band)
     axis.vlines(found.lags, 0.0, found.values, color=plotting.ERROR, linewidth=1.2)
     axis.axhline(0.0, color="black", linewidth=0.6)
     axis.set_xlabel(f"lag / samples: errors of {channel.name} with themselves, band: 99 % of noise")

@@ -11,7 +11,7 @@ import numpy as np
 from msnn.reports import plotting
 from msnn.reports.drawn import unit_of, with_unit
 from msnn.validation.measurement import Measurement
-from msnn.validation.reports.words import measured_as, unit_text
+from msnn.validation.reports.words import measured_as
 from msnn.validation.validate import MetricRow, ValidationReport
 
 _MOST_INPUTS = 3
@@ -50,7 +50,7 @@ def _draw_errors(axis: Any, found: Measurement, limits: Sequence[MetricRow]) -> 
                 axis.axhline(end, color=plotting.LIMIT, linestyle="--", linewidth=0.9)
     fit, rmse = found.metrics["fit"].value, found.metrics["rmse"].value
     figures = [f"fit {fit:.4g} %"] if np.isfinite(fit) else []
-    figures.append(f"rmse {rmse:.4g} {unit_text(found.unit)}".strip())
+    figures.append(f"rmse {rmse:.4g} {unit_of(found.unit)}".strip())
     figures += [_limit_text(row) for row in limits if row.passed is not None]
     title = f"{', '.join(measured_as(found))}\n{', '.join(figures)}"
     axis.set_title(plotting.plain_text(title), fontsize="medium", loc="left")
@@ -77,7 +77,8 @@ def _draw_correlations(axis: Any, found: Measurement) -> None:
         axis.plot(
             each.lags, each.values, ".-", markersize=3, linewidth=0.8, color=color, label=name
         )
-        axis.axhspan(-each.band, each.band, color=color, alpha=0.12, linewidth=0)
+        band = {"color": color, "alpha": 0.12, "linewidth": 0}
+        axis.fill_between(each.lags, -each.bands, each.bands, **band)
     axis.axhline(0.0, color="black", linewidth=0.8)
     left_out = [f"{len(every) - len(drawn)} inputs"] if len(every) > len(drawn) else []
     elements = len(found.judged.residuals) - 1

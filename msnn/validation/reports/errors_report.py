@@ -118,6 +118,7 @@ def _correlation_record(found: Correlation) -> dict[str, Any]:
         "lags": found.lags.tolist(),
         "values": found.values.tolist(),
         "band": found.band,
+        "bands": found.bands.tolist(),
         "effective": found.effective,
     }
 

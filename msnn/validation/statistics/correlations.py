@@ -13,6 +13,9 @@ from msnn.data.dataset import BoolArray, FloatArray, IntArray
 
 _BAND = NormalDist().inv_cdf(0.995)
 """Of a normal distribution 99 % lie within so many standard deviations."""
+_OUTSIDE = 0.01
+"""Of the lags of noise so many leave the band."""
+_ACCUSED = 0.03
 _LEAST_LAGS = 25
 _SECONDS = 2.0
 _FEW = 4
@@ -28,18 +31,36 @@ class Correlation:
     values: FloatArray
     """From -1 to 1."""
     band: float
+    """Where each value has its pair."""
+    shares: FloatArray
+    """Of the pairs that the band counts, those that there are at each lag."""
     effective: float
     """How many independent values would have this band."""
 
     @property
+    def bands(self) -> FloatArray:
+        """The band at each lag: wider where records or gaps leave fewer pairs; 1 holds all."""
+        # where there are none nothing is said
+        shares = np.where(self.shares > 0, self.shares, 1.0)
+        return np.minimum(self.band / np.sqrt(shares), 1.0)
+
+    @property
     def beyond(self) -> IntArray:
         """The lags at which it leaves the band."""
-        return self.lags[np.abs(self.values) > self.band]
+        return self.lags[np.abs(self.values) > self.bands]
 
     @property
     def allowed(self) -> int:
-        """The number of lags that noise may have there: one in a hundred that are begun."""
-        return math.ceil(len(self.lags) / 100)
+        """The number of lags there that no more than 3 % of noise exceeds; 1 of 25."""
+        count, left = len(self.lags), 1.0
+        for number in range(count):
+            ways = math.lgamma(count + 1) - math.lgamma(number + 1)
+            ways -= math.lgamma(count - number + 1)
+            chances = number * math.log(_OUTSIDE) + (count - number) * math.log1p(-_OUTSIDE)
+            left -= math.exp(ways + chances)
+            if left <= _ACCUSED:
+                return number
+        return count
 
     @property
     def is_noise(self) -> bool:
@@ -49,13 +70,18 @@ class Correlation:
         """
         # of all lags together (Bonferroni): the 0.5 % on each side are shared among them
         every = NormalDist().inv_cdf(1 - 0.005 / len(self.lags)) / _BAND * self.band
-        return len(self.beyond) <= self.allowed and abs(self.largest[1]) <= every
+        return len(self.beyond) <= self.allowed and float(np.max(self._weighed)) <= every
 
     @property
     def largest(self) -> tuple[int, float]:
-        """The lag with the largest magnitude, and the correlation there."""
-        place = int(np.argmax(np.abs(self.values)))
+        """The lag that is largest for its band, and the correlation there."""
+        place = int(np.argmax(self._weighed))
         return int(self.lags[place]), float(self.values[place])
+
+    @property
+    def _weighed(self) -> FloatArray:
+        """Magnitudes, at each lag as many times smaller as its band is wider."""
+        return np.abs(self.values) * np.sqrt(self.shares)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,29 +122,29 @@ def residuals(
 
     r(k) = Σ e(t+k)·x(t) / √(Σe² Σx²) · n/n(k) of values less their means, n(k) pairs of n values.
     Of noise against itself the band is 2.58/√n; against an input with memory it is
-    2.58·√(P/n), P = Σ r_ee(k)·r_xx(k) (Bartlett 1946; Ljung 1999, 16.6).
+    2.58·√(P/n), P = Σ r_ee(k)·r_xx(k) (Bartlett 1946; Ljung 1999, 16.6), times √(n/n(k)). No more
+    lags are judged than a quarter of the values, but 25.
     """
     shape = errors.shape[1:]
     flat = errors.reshape(len(errors), math.prod(shape))
     places, size = _apart(places, records, lags)
     spread = {name: _on_grid(values, places, size) for name, values in inputs.items()}
     found: list[ErrorsOfElement] = []
+    most = lags
     for number, element in enumerate(np.ndindex(shape)):
         error = _on_grid(flat[:, number], places, size)
+        lags = _judged_lags(most, int(error.there.sum()))
         itself = _autocorrelation(error, lags)
         if itself is None:
             found.append(_unjudged(element, error))
             continue
         against = {
-            name: _cross(error, values, itself, own, lags)
+            name: _cross(error, values, itself.values, own.values, lags)
             for name, values in spread.items()
             if (own := _autocorrelation(values, lags)) is not None
         }
         count = int(error.there.sum())
-        band = _BAND / math.sqrt(count)
-        white = Correlation(
-            lags=np.arange(1, lags + 1), values=itself[1:], band=band, effective=count
-        )
+        white = _at(itself, itself.lags > 0)
         found.append(
             ErrorsOfElement(
                 element=element,
@@ -129,6 +155,12 @@ def residuals(
             )
         )
     return found
+
+
+def _judged_lags(most: int, count: int) -> int:
+    """As many of the lags as so many values tell of; of too few for the least, these."""
+    # 2 s of a converter are more samples than its records have
+    return min(most, max(_LEAST_LAGS, count // _FEW))
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,8 +193,8 @@ def _on_grid(values: FloatArray, places: IntArray, size: int) -> _Grid:
     return _Grid(found, there)
 
 
-def _autocorrelation(signal: _Grid, lags: int) -> FloatArray | None:
-    """r(0) … r(lags); None of too few values, or of values that do not vary."""
+def _autocorrelation(signal: _Grid, lags: int) -> Correlation | None:
+    """That at 0 … lags; None of too few values, or of values that do not vary."""
     count = float(signal.there.sum())
     # of a model that diverged squares are beyond all numbers
     with np.errstate(over="ignore"):
@@ -170,7 +202,15 @@ def _autocorrelation(signal: _Grid, lags: int) -> FloatArray | None:
     # with fewer values a lag the estimate is noise
     if count < _FEW * lags or not 0 < power < math.inf:
         return None
-    return _sums(signal, signal, lags)[lags:] / power * count
+    means, pairs = _means(signal, signal, lags)
+    found = Correlation(
+        lags=np.arange(-lags, lags + 1),
+        values=means / power * count,
+        band=_BAND / math.sqrt(count),
+        shares=pairs / count,
+        effective=count,
+    )
+    return _at(found, found.lags >= 0)
 
 
 def _cross(
@@ -181,21 +221,28 @@ def _cross(
     # P of the formula: lag 0 once, all others on both sides
     memory = float(own[0] * other[0] + 2 * (own[1:] @ other[1:]))
     # never more independent pairs than there are
-    effective = float(error.there @ signal.there) / max(memory, 1.0)
+    there = float(error.there @ signal.there)
+    effective = there / max(memory, 1.0)
+    means, pairs = _means(error, signal, lags)
     return Correlation(
         lags=np.arange(-lags, lags + 1),
-        values=_sums(error, signal, lags) / power * count,
+        values=means / power * count,
         band=_BAND / math.sqrt(effective),
+        shares=pairs / there,
         effective=effective,
     )
 
 
 def _at(found: Correlation, lags: BoolArray) -> Correlation:
-    return replace(found, lags=found.lags[lags], values=found.values[lags])
+    shown = {"lags": found.lags, "values": found.values, "shares": found.shares}
+    return replace(found, **{name: each[lags] for name, each in shown.items()})
 
 
-def _sums(first: _Grid, second: _Grid, lags: int) -> FloatArray:
-    """Mean over pairs of first(t+k)·second(t), k = -lags … lags, by fast Fourier transforms."""
+def _means(first: _Grid, second: _Grid, lags: int) -> tuple[FloatArray, FloatArray]:
+    """Mean over pairs of first(t+k)·second(t), k = -lags … lags, and the pairs.
+
+    By fast Fourier transforms.
+    """
     # zeros beyond the longest lag: a transform is periodic, and ends would meet beginnings
     size = 1 << (len(first.values) + lags).bit_length()
 
@@ -205,7 +252,7 @@ def _sums(first: _Grid, second: _Grid, lags: int) -> FloatArray:
 
     # numbers of pairs are whole: transforms leave some 1e-13 on them
     pairs = np.rint(products(first.there, second.there))
-    return products(first.values, second.values) / np.maximum(pairs, 1.0)
+    return products(first.values, second.values) / np.maximum(pairs, 1.0), pairs
 
 
 def _unjudged(element: tuple[int, ...], error: _Grid) -> ErrorsOfElement:

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compiler.ir.program import Parameter
+from compiler.ir.types import Axis
 from msnn.data.dataset import FloatArray
 from msnn.model.weights.weights_file import initial_weights
 from msnn.reports.training_summary import errors_note, parameters_table
@@ -17,7 +19,11 @@ from msnn.training.records.learned import standard_errors as module
 from msnn.training.records.learned.black_boxes import black_boxes
 from msnn.training.records.learned.parameter_warnings import parameter_warnings
 from msnn.training.records.learned.parameters_record import parameters_record
-from msnn.training.records.learned.standard_errors import StandardErrors, standard_errors
+from msnn.training.records.learned.standard_errors import (
+    StandardErrors,
+    at_bound,
+    standard_errors,
+)
 from msnn.training.train import TrainingOptions, train
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.training.cases import compiled, dataset, gain, gain_series
@@ -135,6 +141,19 @@ def test_a_number_at_its_bound_has_no_error_and_takes_no_freedom() -> None:
     found = found_at(series, np.array([0.7, 8.9999]))
     assert np.isnan(found.errors["b"])
     assert np.isfinite(found.errors["a"])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "side"), [(0.0, None, 1), (None, 0.0, -1), (0.0, 1000.0, 1)]
+)
+def test_a_small_number_is_at_its_bound_by_the_way_that_it_had(
+    low: float | None, high: float | None, side: int
+) -> None:
+    """A rate per second that begins at 3e-6 is no thousandth of its scale 1."""
+    initial = (side * 3e-6,) * 3
+    learned = Parameter("k", (Axis("of", 3),), initial=initial, minimum=low, maximum=high)
+    found = at_bound(learned, side * np.array([5.5e-6, 4e-9, 2e-9]))
+    assert found.tolist() == [False, False, True]
 
 
 def test_what_the_data_do_not_determine_is_named() -> None:

@@ -51,7 +51,7 @@ Every operation has a slope in every number. 240,000, an arm of six joints with 
 """
 
 AT_BOUND = 1e-3
-"""Part of the range within which a value counts as at its bound."""
+"""Part of the range, or of the way to a bound, within which a value counts as at it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,10 +113,22 @@ def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
     span = high - low if low is not None and high is not None else abs(parameter.scale)
     found = np.zeros(value.shape, dtype=np.bool_)
     if low is not None:
-        found |= value - low < AT_BOUND * span
+        found |= value - low < AT_BOUND * _way(parameter, value, low, span)
     if high is not None:
-        found |= high - value < AT_BOUND * span
+        found |= high - value < AT_BOUND * _way(parameter, value, high, span)
     return found
+
+
+def _way(parameter: Parameter, value: FloatArray, bound: float, span: float) -> FloatArray:
+    """What a distance to a bound is measured by, as small numbers are small beside any scale.
+
+    The range or scale, or where that is less the bound, or how far it was to it at first.
+    """
+    begun = np.asarray(parameter.initial)
+    if begun.size != value.size:
+        return np.full(value.shape, span)
+    way = np.maximum(np.abs(begun.reshape(value.shape) - bound), abs(bound))
+    return np.where(way > 0, np.minimum(way, span), span)
 
 
 def without_errors(reason: str) -> StandardErrors:
