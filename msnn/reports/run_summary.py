@@ -12,12 +12,13 @@ from typing import Any, cast
 
 from msnn.errors.learning.runs import unreadable_run
 from msnn.model.saved_run import (
-    CHECKPOINT,
     DESCRIPTION,
     FOLD,
     FOLD_SETTING,
     SPEC,
     WEIGHTS,
+    has_checkpoint,
+    newest,
     read_json,
     run_of,
 )
@@ -174,8 +175,12 @@ def commands(run: Run) -> dict[str, str]:
     found: dict[str, list[str]] = {}
     # a run that was taken elsewhere is a model of its own, without the file that it was trained of
     is_here = Path(spec).is_file()
-    if (run.folder / CHECKPOINT).is_file() and is_here:
-        found["resume"] = ["msnn", "train", spec, "--resume", *_options(run)]
+    if has_checkpoint(run.folder):
+        is_fold = run.folder.name.startswith(FOLD)
+        if is_here and (is_fold or newest(run.folder.parent, has_checkpoint) == run.folder):
+            found["resume"] = ["msnn", "train", spec, "--resume", *_settings(run), *_options(run)]
+        elif not is_fold:  # named by itself, and with it its settings
+            found["resume"] = ["msnn", "train", str(run.folder), "--resume", *_options(run)]
     if (run.folder / WEIGHTS).is_file():
         weights = ["--weights", str(run.folder / WEIGHTS)]
         settings = model_settings(run.description.get("settings", ()))
@@ -188,17 +193,24 @@ def commands(run: Run) -> dict[str, str]:
     return {what: shlex.join(words) for what, words in found.items()}
 
 
+def _settings(run: Run) -> list[str]:
+    given = run.description.get("settings", [])
+    if run.folder.name.startswith(FOLD):
+        # `--folds` goes through them
+        given = [text for text in given if not text.startswith(FOLD_SETTING)]
+    return [word for text in given for word in ("--set", text)]
+
+
 def _options(run: Run) -> list[str]:
     """The other options of the run's command line, as far as they are kept."""
     is_fold = run.folder.name.startswith(FOLD)
-    given = run.description.get("settings", [])
-    # `--folds` goes through them
-    given = [text for text in given if not (is_fold and text.startswith(FOLD_SETTING))]
-    words = [word for text in given for word in ("--set", text)]
     device = run.description.get("device", "cpu")
-    words += [] if device == "cpu" else ["--device", device]
+    words = [] if device == "cpu" else ["--device", device]
     words += ["--tensorboard"] if any(run.folder.glob("events.out.*")) else []
     words += ["--folds"] if is_fold else []
+    kept = run.folder.absolute().parents[1 if is_fold else 0]
+    if kept.name != run.description.get("program"):  # taken out of the folder of trainings
+        return words
     out = run.folder.parents[2 if is_fold else 1]
     return words if out.absolute() == Path("runs").absolute() else [*words, "--out", str(out)]
 

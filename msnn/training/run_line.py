@@ -53,7 +53,13 @@ def begun(
 
 def ended(line: RunLine, found: TrainingResult, runs: Path | None) -> RunLine:
     """The same with what a finished training has reached."""
-    kept = None if found.folder is None or runs is None else found.folder.relative_to(runs)
+    kept = found.folder
+    if runs is None or kept is None:
+        kept = None
+    elif kept.is_relative_to(runs):
+        kept = kept.relative_to(runs)
+    else:  # it was taken elsewhere, and went on there
+        kept = kept.absolute()
     return replace(
         line,
         reason=found.stages[-1].reason,

@@ -69,7 +69,7 @@ class Spec(Entry):
     outputs: Named[Output]
     """Results of the model."""
     losses: Named[Loss] = Field(default_factory=dict[str, Loss])
-    """Terms that training makes small, beside those of `predicts`."""
+    """Terms that training makes small; by default what outputs predict is compared."""
     data: Data | None = None
     """Measured files and which column is which signal."""
     train: EntriesOf[Stage] = ()

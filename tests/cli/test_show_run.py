@@ -112,6 +112,52 @@ def test_an_interrupted_run_says_how_it_goes_on(msnn: CommandLine, project: Path
     assert "resume" not in said
 
 
+def interrupted() -> Path:
+    """The folder of a training that Ctrl-C ended."""
+    model = with_engine(models.load(SPEC, ["train.0.epochs=5"]), "torch")
+    with pytest.raises(TrainingInterruptedError) as caught:
+        trainings.train(model, progress=Interrupting())
+    folder = caught.value.result.folder
+    assert folder is not None
+    return folder
+
+
+def test_an_interrupted_run_that_was_taken_elsewhere_goes_on_there(
+    msnn: CommandLine, project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    taken = tmp_path / "elsewhere" / "taken along"
+    shutil.copytree(interrupted(), taken)
+    monkeypatch.chdir(taken.parent)
+    command = json.loads(msnn("show", taken.name, "--format", "json").out)["commands"]["resume"]
+    assert command == "msnn train 'taken along' --resume"
+    said = msnn(*shlex.split(command)[1:], "--data-root", str(project))
+    assert said.code == 0, said.err
+    assert "kept in taken along" in said.out
+    record = json.loads(msnn("show", taken.name, "--format", "json").out)
+    assert (record["state"], record["stages"][0]["epochs"]) == ("finished", 5)
+    # it is none of the trainings here, which have their own `latest`
+    assert {path.name for path in taken.parent.rglob("*") if path.is_symlink()} == set()
+    (line,) = (taken.parent / "runs" / "runs.jsonl").read_text().splitlines()
+    assert Path(json.loads(line)["folder"]) == taken
+
+
+def test_of_two_interrupted_runs_the_one_that_is_named_goes_on(msnn: CommandLine, project: Path):
+    first, second = interrupted(), interrupted()
+    commands = [
+        json.loads(msnn("show", str(run), "--format", "json").out)["commands"]["resume"]
+        for run in (first, second)
+    ]
+    assert commands[0] == f"msnn train {first} --resume"
+    assert commands[1].startswith(f"msnn train {SPEC} --resume --set")
+    assert msnn(*shlex.split(commands[0])[1:]).code == 0
+    states = [
+        json.loads(msnn("show", str(run), "--format", "json").out)["state"]
+        for run in (first, second)
+    ]
+    assert states == ["finished", "interrupted"]
+    assert LATEST.resolve() == first.resolve()
+
+
 def test_why_a_run_diverged_is_kept(msnn: CommandLine, project: Path):
     change(project, "a: (F - c*v - k*x) / m  ", "a: (F - c*v - k*x) / m + 1e9*exp(1e3*x*x)")
     assert msnn("train", SPEC).code == 4

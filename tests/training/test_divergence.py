@@ -76,6 +76,26 @@ def test_the_best_weights_before_are_kept() -> None:
     assert result.weights["a"] == result.stages[0].best["a"]
 
 
+def test_the_best_weights_of_the_stage_that_diverges_are_kept(tmp_path: Path) -> None:
+    """Its rate is right for `b` and too large for `a`, whose small error grows by half a step."""
+    stage = "epochs: 400, batch: 64, optimizer: {sgd: {lr: 1.25}}, engine: native"
+    program, spec = compiled(
+        "msnn: 1\nname: slow\nsample_time: 1 s\ninputs: {x: 1, u: 1}\ntargets: {z: 1}\n"
+        "parameters: {a: 0.750001, b: 0}\noutputs: {y: {expr: a*x + b*u, predicts: z}}\n"
+        f"train: [{{{stage}}}]\n"
+    )
+    x, u = np.tile([1.0, 1.0, -1.0, -1.0], 16), 0.3 * np.tile([1.0, -1.0, 1.0, -1.0], 16)
+    data = dataset({"x": x, "u": u, "z": 0.75 * x + 0.25 * u}, train=[64])
+    with pytest.raises(TrainingDivergedError) as caught:
+        train(program, data, spec.train, TrainingOptions(runs=tmp_path))
+    found = caught.value.result
+    assert found.folder is not None
+    kept = read_weights(found.folder / "weights.safetensors", program)
+    for weights in (found.weights, kept):
+        assert weights["a"] == pytest.approx(0.75, abs=0.01)
+        assert weights["b"] == pytest.approx(0.25, abs=0.01)
+
+
 def test_other_commands_keep_the_run_that_ended(tmp_path: Path) -> None:
     good, spec = compiled(TEXT + "  - {epochs: 1, optimizer: {sgd: {lr: 0.001}}}\n")
     data = dataset({"x": np.full(50, 0.1)}, train=[50])

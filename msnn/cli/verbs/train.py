@@ -39,7 +39,11 @@ def train(
         ),
     ] = "cpu",
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with the newest training that has not ended.")
+        bool,
+        typer.Option(
+            "--resume",
+            help="Go on with the run that is named, or with the newest that has not ended.",
+        ),
     ] = False,
     folds: Folds = False,
     tensorboard: Annotated[

@@ -54,6 +54,19 @@ def losses_of_others(stage: str, trained: Sequence[str], span: Span) -> Diagnost
     return error("E0934", span, message, "nothing to learn here", help=repair)
 
 
+def losses_without_data(
+    stage: str, predicted: Sequence[tuple[str, str, int]], span: Span
+) -> Diagnostic:
+    """W0935: a stage whose losses compare nothing with the data."""
+    message = f"stage `{stage}` makes losses of parameters alone small, whatever the data are"
+    notes = ("with `losses:` what outputs predict counts only where it is listed",)
+    # outputs with the signal that each predicts and the samples ahead
+    samples = [(name, f"{of}[t+{k}]" if k else f"{of}[t]") for name, of, k in predicted]
+    listed = ", ".join(f'{name}: "mse({name}, {sample})"' for name, sample in samples)
+    repair = f"add `{listed}`" if predicted else "add a loss of measured values, as `mse(y, z)`"
+    return warning("W0935", span, message, "learns from no data", notes=notes, help=repair)
+
+
 def no_factors_with_lbfgs(span: Span) -> Diagnostic:
     """E0905: learning rates of single parameters with an optimiser that has one step length."""
     message = "lbfgs has one step length for all parameters"

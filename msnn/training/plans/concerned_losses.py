@@ -1,11 +1,11 @@
-"""Says whether the losses of a stage depend on what it trains."""
+"""Says whether the losses of a stage depend on what it trains, and on data."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 from compiler.ir.liveness import needed, needed_over_time
-from compiler.ir.ops import ReadParameter
+from compiler.ir.ops import ReadParameter, ReadSamples, ReadState, Window
 from compiler.ir.program import Graph, Program
 
 
@@ -18,6 +18,14 @@ def concerns(program: Program, weights: Mapping[str, float], trained: Sequence[s
     first = needed(program.start, [s.start for s in program.states if s.name in states])
     read = _read(program.step, live) | _read(program.start, first)
     return not read.isdisjoint(trained)
+
+
+def of_parameters_alone(program: Program, weights: Mapping[str, float]) -> bool:
+    """Whether the losses that count are the same whatever the data are."""
+    counted = [node for loss in program.losses if weights[loss.name] for node in loss.nodes]
+    live = zip(needed(program.step, counted), program.step, strict=True)
+    kinds = ReadSamples | ReadState | Window
+    return not any(kept and isinstance(node.op, kinds) for kept, (_, node) in live)
 
 
 def _read(graph: Graph, live: Sequence[bool]) -> set[str]:

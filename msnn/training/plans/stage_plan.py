@@ -14,7 +14,7 @@ from msnn.errors.learning import runs
 from msnn.errors.learning import training as errors
 from msnn.model.learned_numbers import is_frozen
 from msnn.simulation.rollout_plan import RolloutPlan, plan_rollout
-from msnn.training.plans.concerned_losses import concerns
+from msnn.training.plans.concerned_losses import concerns, of_parameters_alone
 from msnn.training.plans.curriculum import Phase, plan_curriculum
 from msnn.training.plans.learning_rate import Rule, check_rate
 from msnn.training.plans.penalties import check_priors, with_reached_corners, without_corners
@@ -181,6 +181,18 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         findings.report(errors.no_objective(name, span))
     elif rollout is not None and trained and not concerns(rollout.program, weights, trained):
         findings.report(errors.losses_of_others(name, trained, span))
+    # priors without residuals are an error that says the same
+    elif (
+        rollout is not None
+        and not findings.failed
+        and of_parameters_alone(rollout.program, weights)
+    ):
+        predicted = [
+            (out.name, out.predicts.signal, out.predicts.ahead)
+            for out in program.outputs
+            if out.predicts is not None
+        ]
+        findings.report(errors.losses_without_data(name, predicted, span))
     # epochs are compared even where none ends the stage early
     monitor, patience = TOTAL, None
     if stage.early_stop is not None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from shutil import rmtree
 from typing import Any, Literal
 
 from compiler.ir.program import Program
 from msnn.errors.learning import stages as stage_errors
 from msnn.errors.learning import training as errors
-from msnn.model.saved_run import LATEST, has_checkpoint, newest, spec_places
+from msnn.model.saved_run import FOLD, LATEST, has_checkpoint, newest, spec_places
 from msnn.training.records.checkpoint import Checkpoint, read_checkpoint
 from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart
 from msnn.training.records.run_folder import RunFolder, new_run_folder, own_folder
@@ -49,10 +51,22 @@ def open_run(
     parent = options.runs / program.name
     if options.folder is not None:
         return _again(RunFolder(options.folder, program, None), record)
-    found = newest(parent, has_checkpoint)
+    given = options.given_run
+    # a fold goes on with the other folds
+    if given is not None and has_checkpoint(given) and not given.name.startswith(FOLD):
+        # one that was taken elsewhere is none of those that `latest` chooses from
+        if not _is_same(given.parent, parent):
+            return _again(RunFolder(given, program, None), record)
+        found = parent / given.name
+    else:
+        found = newest(parent, has_checkpoint)
     if found is None:
         raise SpecError((errors.no_checkpoint(str(parent)),))
     return _again(RunFolder(found, program, parent / LATEST), record)
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    return os.path.realpath(one) == os.path.realpath(other)
 
 
 def _again(folder: RunFolder, record: Mapping[str, Any]) -> tuple[RunFolder, Checkpoint]:

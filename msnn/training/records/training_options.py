@@ -28,6 +28,8 @@ class TrainingOptions:
     """Seconds of work that a killed run loses at most."""
     folder: Path | None = None
     """Where this run is kept, to make or to go on in, instead of a fresh folder in `runs`."""
+    given_run: Path | None = None
+    """The run whose folder stood for the spec: where it has not ended `resume` goes on with it."""
     spec_text: str | None = None
     """The text of the spec, to be kept beside the weights."""
     tensorboard: bool = False
@@ -71,6 +73,7 @@ def options_for(
         settings=model.settings,
         parts=model.parts,
         black_boxes=black_boxes(model.spec),
+        given_run=model.run,
         redrawn=lambda draw: redrawn_weights(model, draw),
     )
 

@@ -82,6 +82,25 @@ def test_resuming_continues_bit_for_bit(kind: str, stage: str, epoch: int, tmp_p
     assert epochs == {"adam": 11, "lbfgs": 6, "lessons": 6, "torch": 5, "second_order": 6}[kind]
 
 
+@pytest.mark.parametrize("stage", ["stage_1", "stage_2"])
+def test_an_interrupted_run_has_the_best_weights_of_its_epochs(stage: str, tmp_path: Path) -> None:
+    """Those of a training that ends after so many, not those with which the stage began."""
+    whole = STAGES["adam"].splitlines(keepends=True)
+    shorter = [line.replace("5", "2").replace("epochs: 6", "epochs: 3") for line in whole]
+    stages = {"stage_1": shorter[0], "stage_2": whole[0] + shorter[1]}[stage]
+    expected = run(stages, TrainingOptions(runs=None))
+    assert expected.stages[-1].best_epoch > 0
+    at = Interrupting(stage, {"stage_1": 3, "stage_2": 2}[stage])
+    with pytest.raises(TrainingInterruptedError) as caught:
+        run(STAGES["adam"], TrainingOptions(runs=tmp_path), at)
+    found = caught.value.result
+    assert found.folder is not None
+    kept = read_weights(found.folder / "weights.safetensors", gain(stages)[0])
+    for name, value in expected.weights.items():
+        np.testing.assert_array_equal(found.weights[name], value)
+        np.testing.assert_array_equal(kept[name], value)
+
+
 def test_the_time_that_is_left_counts_all_epochs_of_a_resumed_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,8 +5,12 @@ from __future__ import annotations
 import errno
 import json
 import os
+import signal
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,9 +25,10 @@ from msnn.training.records.run_folder import METRICS, RunFolder
 from msnn.training.records.run_lock import held
 from msnn.training.records.safekeeping import Safekeeping
 from msnn.training.records.training_options import TrainingOptions
+from msnn.training.stages import stage_run
 from msnn.training.stages.pace import Pace
 from msnn.training.train import train
-from msnn.training.training_result import TrainingResult
+from msnn.training.training_result import TrainingInterruptedError, TrainingResult
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.full_disk import full_after
 from tests.training.cases import dataset, gain, gain_series
@@ -130,6 +135,31 @@ def test_a_killed_run_has_its_best_weights_and_no_epoch_twice(tmp_path: Path) ->
     assert not list(folder.glob(".*"))
 
 
+@pytest.mark.parametrize("by", ["kill", "Ctrl-C"])
+def test_weights_of_the_best_attempt_stay_while_a_worse_one_runs(by: str, tmp_path: Path) -> None:
+    class Ending(Silent):
+        def epoch_ended(self, event: EpochEnd) -> None:
+            if (event.attempt, event.epoch) == (2, 2):
+                if by == "kill":
+                    raise Killed
+                os.kill(os.getpid(), signal.SIGINT)
+
+    def far(draw: int) -> Mapping[str, FloatArray]:
+        return {"a": np.array(-9.0 * draw), "b": np.array(9.0)}
+
+    program, spec = gain(STAGES["attempts"].replace("epochs: 2", "epochs: 3"))
+    data = dataset(gain_series(150), train=[70], val=[40])
+    options = TrainingOptions(runs=tmp_path, most_lost=0.0, redrawn=far)
+    alone = run("  - {epochs: 3, batch: 16}\n", None)
+    with pytest.raises((Killed, TrainingInterruptedError)):
+        train(program, data, spec.train, options, Ending())
+    (weights,) = tmp_path.rglob("2*/weights.safetensors")
+    assert read_weights(weights, program) == alone.weights
+    resumed = train(program, data, spec.train, replace(options, resume=True))
+    assert resumed.weights == alone.weights
+    assert resumed.stages[0].attempt == 0
+
+
 def test_the_clock_decides_when_a_run_is_kept(tmp_path: Path) -> None:
     with pytest.raises(Killed):
         run(STAGES["double"], tmp_path, Killing(3), most_lost=1000.0)
@@ -193,6 +223,30 @@ def test_is_due_before_work_that_takes_too_long() -> None:
     assert not safe.is_due(0.3)
     assert safe.is_due(0.6)  # half a second of the five is for writing
     assert not Safekeeping(None, NotedProgress(Silent(), None), 5.0).is_due(99.0)
+
+
+def test_a_checkpoint_is_due_before_a_monitor_that_takes_too_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After the last batch of an epoch the monitor comes next, which takes as long as it took."""
+    now, watch = [0.0], stage_run.monitor
+    asked: list[float] = []
+
+    def slow(*arguments: Any) -> float:
+        now[0] += 3.0
+        return watch(*arguments)
+
+    def is_due(self: Safekeeping, ahead: float) -> bool:
+        del self
+        asked.append(ahead)
+        return False
+
+    monkeypatch.setattr(stage_run, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(stage_run, "monitor", slow)
+    monkeypatch.setattr(Safekeeping, "is_due", is_due)
+    run(STAGES["torch"], tmp_path)
+    # 69 starts of one step: four batches an epoch, asked after each and after the monitor
+    assert asked == [0.0, 0.0, 0.0, 3.0, 0.0] * 3
 
 
 @pytest.mark.parametrize("call", [1, 4, 9, 12])

@@ -359,7 +359,8 @@ def test_what_cannot_be_known_is_said(parameters: str, losses: str, code: str) -
 
 
 def test_an_optimiser_that_follows_slopes_says_so() -> None:
-    text = text_of("init: 1", "optimizer: lbfgs", 'losses: {few: "l1(w)"}\n')
+    losses = 'losses: {few: "l1(w)", fit: "mse(z, y)"}\n'
+    text = text_of("init: 1", "optimizer: lbfgs", losses)
     program, spec = compiled(text)
     findings = Findings()
     plan_stages(program, spec.train, findings)
