@@ -18,19 +18,19 @@ from backends.c_language.rendering import render
 from backends.c_language.tree import Function
 from backends.fixed_point.calibrated_model import calibrated_model
 from backends.fixed_point.functions import FixedFunctions
-from backends.fixed_point.golden_text import expected_text, golden_functions
-from backends.fixed_point.names import FixedNames, fixed_names
+from backends.fixed_point.names import FixedNames, fixed_names, fixed_printer
 from backends.fixed_point.port_facts import port_facts, real_type
+from backends.fixed_point.selftest.test_texts import (
+    SELFTEST_STEPS,
+    selftest_functions,
+    test_texts,
+)
 from backends.fixed_point.structs import structs
 from compiler.fixed_point.deviation import OutputError
-from compiler.fixed_point.equalities import golden_equalities
-from compiler.fixed_point.golden import GoldenWords, IntegerGoldenStart, golden_run, golden_starts
 from compiler.fixed_point.integers.interpret import FixedStatus
 from compiler.fixed_point.integers.program import IntegerProgram, StepError, WordPort
 from spec_schema.version import __version__
 
-SELFTEST_STEPS = 16
-_RUNS, _STEPS, _SEED, _STARTS_SEED, _LAG = 10, 25, 2, 0, 3
 _MEANING = {
     FixedStatus.OUT_OF_RANGE: "an input was outside its range",
     FixedStatus.CLAMPED: "an input was moved to the nearest limit",
@@ -57,9 +57,9 @@ def file_texts(
             has_state=bool(program.memories or names.held),
             steps=SELFTEST_STEPS,
             # a seed of its own: the test program replays other numbers than the self-test
-            functions=_golden(program, names, [golden_run(program, SELFTEST_STEPS, 1)]),
+            functions=selftest_functions(program, names),
         ),
-        **_test_texts(program, names),
+        **test_texts(program, names),
         f"{prefix}.a2l": a2l_text(calibrated_model(program, names)),
     }
     texts["README.md"] = _readme(program, names, errors, texts)
@@ -76,7 +76,7 @@ def step_texts(
     # the functions come first: the helpers that `definitions` prints are those that they called
     writer = FixedFunctions(program, names)
     functions = writer.all()
-    printer = _printer(program, names)
+    printer = fixed_printer(program, names)
     ports, differs = port_facts(program, names), SelfTestBit.STEP_DIFFERS
     texts = {
         f"include/{prefix}.h": _filled(
@@ -158,67 +158,6 @@ def _assignment(base: str, field: str, begin: str, port: WordPort, zero: str) ->
 def _shown(names: FixedNames, port: WordPort) -> str:
     field = names.outputs[port.name]
     return f"(double){names.prefix}_{field}_to_real(y.{field}{'[0]' if port.axes else ''})"
-
-
-def _test_texts(program: IntegerProgram, names: FixedNames) -> dict[str, str]:
-    """`test/<prefix>_sil.c`, the vectors that it replays, and the words that it must answer."""
-    prefix = names.prefix
-    # the last run begins at `init`, the others at a drawn past: the template counts them by
-    # `from_init`
-    runs = [
-        *(golden_run(program, _STEPS, _SEED + run) for run in range(_RUNS - 1)),
-        *golden_equalities(program, _STEPS, _SEED),
-        golden_run(program, _STEPS, _SEED + _RUNS - 1, from_init=True),
-    ]
-    starts = golden_starts(program, _STARTS_SEED)
-    vectors = render(
-        "vectors.h.j2",
-        names,
-        "Golden vectors",
-        guard=f"{names.macro}_VECTORS_H",
-        functions=_golden(program, names, runs, starts),
-        runs=len(runs),
-        steps=_STEPS,
-        singles=0,
-        from_init=1,
-        # every run has a start of its own; those behind them are only judged by the status of
-        # `reset`
-        starts=len(runs) + len(starts),
-        written=0,
-        writes=False,
-        tunes=False,
-        linearized=0,
-        hashes=False,
-    )
-    return {
-        f"test/{prefix}_vectors.h": vectors,
-        f"test/{prefix}_sil.c": render(
-            "main.c.j2",
-            names,
-            "Test program",
-            runs=len(runs),
-            from_init=1,
-            steps=_STEPS,
-            singles=0,
-            writes=False,
-            count=len(runs) * _STEPS,
-            lag=_LAG,
-        ),
-        f"test/{prefix}_expected.txt": expected_text(program, runs),
-    }
-
-
-def _golden(
-    program: IntegerProgram,
-    names: FixedNames,
-    runs: Sequence[GoldenWords],
-    starts: Sequence[IntegerGoldenStart] = (),
-) -> list[str]:
-    return _printed(_printer(program, names), golden_functions(program, names, runs, starts))
-
-
-def _printer(program: IntegerProgram, names: FixedNames) -> Printer:
-    return Printer(names.prefix, sum_bits=64 if program.width.sum == 64 else 32)
 
 
 def _printed(printer: Printer, functions: Iterable[Function]) -> list[str]:

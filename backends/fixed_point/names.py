@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from backends.c_language.printer import Printer
 from backends.ports.identifiers import c_identifier
 from compiler.fixed_point.integers.interpret import FixedStatus
 from compiler.fixed_point.integers.program import IntegerProgram
@@ -60,3 +61,8 @@ def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
         },
         ready=ready,
     )
+
+
+def fixed_printer(program: IntegerProgram, names: FixedNames) -> Printer:
+    """Prints C with the program's types."""
+    return Printer(names.prefix, sum_bits=64 if program.width.sum == 64 else 32)

@@ -9,8 +9,10 @@ import numpy as np
 from compiler.fixed_point.integers.interpret import Words, initial, reset, step
 from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 
-_INVALID_EVERY = 7
-"""Steps from one word outside its range to the next."""
+_OFTEN, _LONGEST = 0.15, 3
+"""How often words of an input become invalid, and for how many steps at most they stay so."""
+_SPECIAL = 0.2
+"""How often a word is 0 or a limit of its range, which drawn words hardly ever are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,23 +34,43 @@ class GoldenWords:
 
 
 def golden_run(
-    program: IntegerProgram, steps: int, seed: int, *, from_init: bool = False
+    program: IntegerProgram,
+    steps: int,
+    seed: int,
+    *,
+    from_init: bool = False,
+    opening: int = 0,
+    spoiled: int | None = None,
 ) -> GoldenWords:
     """`steps` steps from a drawn past, or from none; some inputs are outside their range.
 
-    The generator is counter-based (Philox), so a seed gives the same numbers everywhere.
+    So are the first `opening` words of all of them, and every second word of the past from
+    `spoiled` on. The generator is counter-based (Philox), so a seed gives the same numbers
+    everywhere.
     """
     random = np.random.Generator(np.random.Philox(seed))
     windows = {port.name: drawn(port, random) for port in program.windows}
+    if spoiled is not None:
+        for port in program.windows:
+            for element in range(spoiled, port.size, 2):
+                windows[port.name][element] = _far(program, random)
     inputs: list[dict[str, list[int]]] = []
-    limit = program.width.largest_word
-    for k in range(steps):
+    # each input has steps of its own: one bit of the status tells of all of them
+    invalid = {entry.port.name: opening for entry in program.inputs}
+    for _ in range(steps):
         words = {entry.port.name: drawn(entry.port, random) for entry in program.inputs}
-        if k % _INVALID_EVERY == _INVALID_EVERY // 2:
-            for values in words.values():
-                # far outside on both sides in turn; the words beside it show that they are judged
-                # one by one
-                values[0] = limit if k % 2 else -limit
+        for entry in program.inputs:
+            name = entry.port.name
+            if random.random() < _SPECIAL:
+                special = (entry.port.low, entry.port.high, _within(0, entry.port))
+                words[name][int(random.integers(entry.port.size))] = int(random.choice(special))
+            if not invalid[name] and random.random() < _OFTEN:
+                invalid[name] = int(random.integers(1, _LONGEST, endpoint=True))
+            if invalid[name]:
+                # the words beside it show that they are judged one by one
+                element = int(random.integers(entry.port.size))
+                words[name][element] = _invalid(entry.port, program, random)
+                invalid[name] -= 1
         inputs.append(words)
     return answered(program, windows, inputs, from_init=from_init)
 
@@ -91,6 +113,22 @@ def golden_starts(program: IntegerProgram, seed: int) -> list[IntegerGoldenStart
                     words[port.name][element] = value
                     tried.append(words)
     return [IntegerGoldenStart(words, int(reset(program, words).said)) for words in tried]
+
+
+def _invalid(port: WordPort, program: IntegerProgram, random: np.random.Generator) -> int:
+    """A word beside a limit of the range or far from it; a limit where no word is beyond."""
+    most = program.width.largest_word
+    beside = [word for word in (port.low - 1, port.high + 1) if abs(word) <= most]
+    return int(random.choice([*beside, _far(program, random)]))
+
+
+def _far(program: IntegerProgram, random: np.random.Generator) -> int:
+    most = program.width.largest_word
+    return int(random.choice([-most, most]))
+
+
+def _within(word: int, port: WordPort) -> int:
+    return min(max(word, port.low), port.high)
 
 
 def drawn(port: WordPort, random: np.random.Generator) -> list[int]:

@@ -5,6 +5,12 @@ import re
 _DECIMAL_COMMA = re.compile(r"([+-]?\d+),(\d+)((?:[^\d,][^,]*)?)")
 
 
+def with_point_or_joined(text: str) -> tuple[str, ...]:
+    """What `2,5` may mean: `2.5`; of `1,200` that number without a comma first, then `1.200`."""
+    point, joined = text.replace(",", "."), text.replace(",", "")
+    return (point,) if with_decimal_point(text) else (joined, point)
+
+
 def with_decimal_point(text: str) -> str | None:
     """`0.05 s` for `0,05 s`; None without a comma, or with one that may part thousands."""
     found = _DECIMAL_COMMA.fullmatch(text.strip())

@@ -1,5 +1,8 @@
 """E0320-E0399: the grammar of expressions."""
 
+import re
+
+from spec_schema.diagnostics.decimal_commas import with_point_or_joined
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 
@@ -30,6 +33,7 @@ def unbalanced_bracket(bracket: str, span: Span, closing: bool) -> Diagnostic:
     return error("E0322", span, f"`{bracket}` {said}", "no partner", help=repair)
 
 
+_THOUSANDS = re.compile(r"(\d{3}|(?:_\d+)+)")
 _CLOSING = {"(": ")", "[": "]"}
 
 
@@ -169,12 +173,22 @@ def missing_operator(left: str, right: str, span: Span, is_unit: bool = False) -
     """E0339: two operands side by side; maybe a number with a unit that no duration has."""
     message = f"an operator is missing between `{left}` and `{right}`"
     product = f"{left} * {right}"
+    if joined := _one_number(left, right):
+        # a product of 1 and 200 would be another number than the one that was meant
+        repair = f"write `{joined}`: the digits of a number stand together"
+        return error("E0339", span, message, "two operands", help=repair)
     repair = f"for a product write `{product}`"
     # no replacement then: `3 * bar` would be a name that nobody declared
     if is_unit:
         repair += "; a duration is in us, ms, s, min or h, and other units go into `unit:`"
     meant = None if is_unit else product
     return error("E0339", span, message, "two operands", help=repair, replacement=meant)
+
+
+def _one_number(left: str, right: str) -> str | None:
+    """`1200` of `1 200` and `1_200`."""
+    grouped = _THOUSANDS.fullmatch(right)
+    return left + grouped[1].replace("_", "") if grouped and left.isdecimal() else None
 
 
 def malformed_word(word: str, span: Span) -> Diagnostic:
@@ -189,11 +203,16 @@ def malformed_word(word: str, span: Span) -> Diagnostic:
 
 def several_values(span: Span, number: str | None = None) -> Diagnostic:
     """E0341: `a, b` without brackets."""
-    repair = (
-        f"for a decimal point write `{number}`; a list needs [ ]" if number else "a list needs [ ]"
-    )
-    message = "an expression has one value"
-    return error("E0341", span, message, "several", help=repair, replacement=number)
+    message, repair, meant = "an expression has one value", "a list needs [ ]", None
+    if number is not None:
+        *joined, point = with_point_or_joined(number)
+        repair = f"for a decimal point write `{point}`; {repair}"
+        # no replacement of what may be a thousand times as much
+        if joined:
+            repair = f"where the comma parts thousands write `{joined[0]}`, {repair}"
+        else:
+            meant = point
+    return error("E0341", span, message, "several", help=repair, replacement=meant)
 
 
 def malformed_window_length(method: str, span: Span) -> Diagnostic:

@@ -66,7 +66,9 @@ def unknown_keyword(name: str, keyword: str, span: Span, known: Iterable[str]) -
     """E0306: a keyword argument that the function does not have."""
     # read twice below, and the caller may have given a generator
     known = tuple(known)
-    takes = f"it takes {', '.join(known)}" if known else "it takes no keywords"
+    takes = (
+        f"it takes {', '.join(f'`{word}`' for word in known)}" if known else "it takes no keywords"
+    )
     message = f"`{name}` has no argument `{keyword}`"
     repair = did_you_mean(nearest(keyword, known)) or takes
     return error("E0306", span, message, "unknown keyword", help=repair)

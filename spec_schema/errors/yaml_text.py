@@ -1,5 +1,6 @@
 """E01xx: the text of a file as YAML 1.2 or JSON, before anything is known of its meaning."""
 
+from spec_schema.diagnostics.decimal_commas import with_point_or_joined
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 
@@ -119,8 +120,13 @@ def decimal_comma(text: str, span: Span) -> Diagnostic:
     """E0130: `2,5` for a number."""
     message = f"`{text}` is two values: numbers have a decimal point"
     # YAML 1.2 reads a text here, which a message about numbers would not explain
-    meant = text.replace(",", ".")
-    return error("E0130", span, message, "a comma", help=f"write `{meant}`", replacement=meant)
+    meant, *others = with_point_or_joined(text)
+    repair = f"write `{meant}`"
+    if not others:
+        return error("E0130", span, message, "a comma", help=repair, replacement=meant)
+    # 1,200 is twelve hundred to some, and a number must not change by a thousand without a word
+    repair += f" where the comma parts thousands, `{others[0]}` where it is a decimal point"
+    return error("E0130", span, message, "a comma", help=repair)
 
 
 def odd_blank(code_point: int, span: Span) -> Diagnostic:
@@ -140,7 +146,7 @@ def comma_splits(text: str, span: Span) -> Diagnostic:
 def key_without_value(key: str, span: Span) -> Diagnostic:
     """E0118: a lone word within { }."""
     message = f"`{key}` has no value"
-    repair = "quote values that contain commas"
+    repair = "quote values that contain commas; a list stands in brackets, `[a, b]`"
     return error("E0118", span, message, "a key without `:`", help=repair)
 
 

@@ -102,15 +102,6 @@ def _parse(
     return _Admission(scanned, places, findings).expression(tree, 0, condition)
 
 
-def _decimal(node: ast.Tuple) -> str | None:
-    """The number that `2,5` means where decimals have commas."""
-    match node.elts:
-        case [ast.Constant(value=int() as whole), ast.Constant(value=int() as decimals)]:
-            return f"{whole}.{decimals}"
-        case _:
-            return None
-
-
 class _Admission:
     """Turns Python's nodes into ours; what is not listed here is not in the language."""
 
@@ -120,6 +111,15 @@ class _Admission:
         self.durations = scanned.durations
         self.places = places
         self.findings = findings
+
+    def decimal(self, node: ast.Tuple) -> str | None:
+        """`2,5`, which may be a number where decimals have commas, or thousands."""
+        match node.elts:
+            case [ast.Constant(value=int()) as whole, ast.Constant(value=int()) as decimals]:
+                # as written: zeros count
+                return ",".join(self.places.text_of(self.places.of(e)) for e in (whole, decimals))
+            case _:
+                return None
 
     def expression(self, node: ast.expr, depth: int, condition: bool = False) -> Expression:
         span = self.places.of(node)
@@ -168,7 +168,7 @@ class _Admission:
             case ast.List(elts=elements):
                 return ListLiteral(tuple(self.expression(e, depth) for e in elements), span)
             case ast.Tuple():
-                return self.refuse(errors.several_values(span, _decimal(node)), span)
+                return self.refuse(errors.several_values(span, self.decimal(node)), span)
             case _:
                 return self.refuse(errors.foreign_construct(span), span)
 

@@ -25,6 +25,7 @@ _TOKEN = re.compile(
     r"|(?P<operator>\*\*|<=|>=|[-+*/@<>.,=:])|(?P<open>[(\[])|(?P<close>[)\]])"
 )
 _LEADING_ZEROS = re.compile(r"0[0-9]+")
+_WHOLE = re.compile(r"(?<![\w.])\d+,$")
 _DIGITS = "0123456789."
 _PARTNER = {")": "(", "]": "["}
 _BOOLEAN_WORDS = {"and", "or", "not"}
@@ -127,7 +128,12 @@ class _Scanner:
                 clean = "_" * len(text)
             case "literal":
                 is_operand = True
-                if _LEADING_ZEROS.fullmatch(text):
+                whole = None if self.open else _WHOLE.search(self.text[:start])
+                if _LEADING_ZEROS.fullmatch(text) and whole:
+                    # `2,05` and `2,000`: zeros behind a comma are no octal number
+                    span = self._span(whole.start(), end)
+                    self._report(errors.several_values(span, whole.group() + text))
+                elif _LEADING_ZEROS.fullmatch(text):
                     self._report(errors.malformed_number(text, self._span(start, end)))
             case "word":
                 is_operand = self._word(text, start)

@@ -93,7 +93,9 @@ def _unreadable(text: str, position: int) -> UnitError:
     # `N.s`, a product as ISO 80000 prints it; `m^0.5` is none
     meant = "*" if _PRODUCT_DOT.match(text, max(start - 1, 0)) else None
     message = f"`{text[start]}` does not belong in a unit"
-    return UnitError(message, start, start + 1, meant=meant)
+    # as tables have it for numbers without a unit
+    guess = "1" if text.strip() == "-" else None
+    return UnitError(message, start, start + 1, meant=meant, guess=guess)
 
 
 def _grouped(text: str, start: int) -> UnitError:

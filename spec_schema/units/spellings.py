@@ -7,6 +7,8 @@ from spec_schema.units.table import PREFIXES, UNIT_ROWS
 from spec_schema.units.unit import unit_symbol
 
 _TWICE = re.compile(r"(.)\1")
+_POWER = re.compile(r"(\D+)([2-4])")
+_NO_UNIT = frozenset(["adim", "dimensionless", "none", "None", "unitless"])
 _SPELLINGS = {
     word: unit
     for words, unit in (
@@ -41,6 +43,7 @@ _SPELLINGS = {
         ("litre liter litres liters ltr", "L"),
         ("hertz Hertz", "Hz"),
         ("percent", "%"),
+        ("Amp Amps amperes", "A"),
     )
     for word in words.split()
 }
@@ -50,6 +53,9 @@ def meant_symbol(symbol: str) -> str | None:
     """The unit that a symbol means without doubt: files whose columns have it are read so."""
     if symbol in _SPELLINGS:
         return _SPELLINGS[symbol]
+    # `s2` and `s²`, which is normalised to it
+    if (power := _POWER.fullmatch(symbol)) and unit_symbol(power[1]) is not None:
+        return f"{power[1]}^{power[2]}"
     if len(symbol) == 1 or _slips(symbol):
         return None
     alike = _other_case(symbol)
@@ -63,6 +69,8 @@ def meant_symbol(symbol: str) -> str | None:
 
 def guessed_symbol(symbol: str) -> str | None:
     """The unit that a symbol of doubtful meaning is most like; None where none is near."""
+    if symbol in _NO_UNIT:
+        return "1"
     alike = _other_case(symbol)
     same_start = [unit for unit in alike if unit[0] == symbol[0]]
     readings = same_start + _kilo(symbol)[-1:] + _slips(symbol) + _products(symbol) + alike

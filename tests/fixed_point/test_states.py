@@ -10,7 +10,7 @@ from backends.c.host.build import build_library
 from backends.c.host.library import CStep
 from compiler.fixed_point.compile_integers import integer_program
 from compiler.fixed_point.integers.interpret import FixedStatus, initial, reset, step
-from compiler.fixed_point.integers.program import Q15, IntegerProgram
+from compiler.fixed_point.integers.program import Q15, Q31, IntegerProgram
 from msnn.exports.export import plan_exports, write_export
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_tool
@@ -117,3 +117,37 @@ def test_a_flagged_state_that_saturates_all_the_same_is_a_warning(tmp_path: Path
         findings = Findings()
         plan_exports(model, ["c"], findings)
         assert [diagnostic.code for diagnostic in findings.in_order] == codes
+
+
+_GROWS_FIRST = "{next: 0.5 * a + 4 * b}", "{next: 0.5 * b + GAIN * u, init: 1}"
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        # what b begins with moves a far from where that begins, before both fade
+        (_GROWS_FIRST[0], _GROWS_FIRST[1].replace("GAIN", "0.001")),
+        # what both begin with and what the input adds to it
+        (_GROWS_FIRST[0], _GROWS_FIRST[1].replace("GAIN", "0.2")),
+        # what hundreds of inputs add
+        ("{next: 0.995 * a + 0.005 * u}", "{next: 0.99 * b + 0.01 * a}"),
+    ],
+)
+def test_no_input_leads_out_of_ranges_that_are_proved(
+    first: str, second: str, tmp_path: Path
+) -> None:
+    text = f"""\
+msnn: 1
+name: model
+sample_time: 1 s
+inputs: {{u: {{range: [-1, 1]}}}}
+states: {{a: {first}, b: {second}}}
+outputs: {{y: a + b}}
+"""
+    plan = planned(fixed_model(tmp_path, text, "q31"))
+    integers = integer_program(plan.program, initial_weights(plan.program), Q31)
+    (port,) = (entry.port for entry in integers.inputs)
+    for word in (port.low, port.high):
+        state = initial(integers)
+        said = [step(integers, state, {"u": [word]}).status for _ in range(2500)]
+        assert not any(bits & FixedStatus.STATE_SATURATED for bits in said)

@@ -155,6 +155,37 @@ def test_two_instances_show_a_state_that_they_share(heater: Path, tmp_path: Path
     assert outcome(sources, heater, tmp_path) != 0
 
 
+PAIR = """\
+msnn: 1
+name: pair
+sample_time: 1 s
+dims: {side: 2}
+inputs: {u: {dims: side, range: [-1, 1], on_invalid: clamp}}
+states:
+  x: {dims: side, next: 0.9 * x + u, init: 0, range: [-20, 20]}
+  z: {dims: side, next: 0.8 * z + u, init: 0, range: [-5, 5], on_range: reset}
+outputs: {y: x + z}
+"""
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    _require(GCC)
+    out = tmp_path_factory.mktemp("pair")
+    spec = out / "pair.msnn.yaml"
+    spec.write_text(PAIR, encoding="utf-8")
+    assert run(["export", str(spec), "--initial", "--to", "c", "--out", str(out)]) == 0
+    return out / "c"
+
+
+@pytest.mark.parametrize("element", ["x[0U]) <= 20", "x[1U]) <= 20", "z[0U]) <= 5", "z[1U]) <= 5"])
+def test_each_element_of_a_state_shows_that_it_is_nan(
+    element: str, pair: Path, tmp_path: Path
+) -> None:
+    old, new = f"!(fabsf(s->{element}.0f)", f"fabsf(s->{element.replace('<=', '>')}.0f"
+    assert outcome(changed(pair, "pair.c", old, new, tmp_path), pair, tmp_path) != 0
+
+
 def test_memory_beside_the_structs_is_found(heater: Path, tmp_path: Path) -> None:
     if not NM.is_there:
         miss(f"nm is not installed: apt-get install {NM.package}")

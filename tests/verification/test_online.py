@@ -135,6 +135,69 @@ def test_a_window_is_verified(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 FAULTS = {
+    "a disturbance that is no number": (
+        "plant_mpc.c",
+        "finite &= all_finite(&in->d, 1);",
+        "",
+        "golden solves",
+        "the self-test of plant_mpc returned",
+    ),
+    "a reference that is no number": (
+        "plant_mpc.c",
+        "finite &= all_finite(&in->r, 1);",
+        "",
+        "golden solves",
+        "the self-test of plant_mpc returned",
+    ),
+    "a feedback that does not look": (
+        "plant_mpc.c",
+        "moved[i] = in->",
+        "moved[i] = 0 * in->",
+        "golden solves",
+        "the self-test of plant_mpc returned",
+    ),
+    "values of what was known before": (
+        "plant_mpc.c",
+        "if (given[i] != c->given[k][i]) {",
+        "if (0) {",
+        "golden solves",
+        "the self-test of plant_mpc returned",
+    ),
+    "a reset with no number": (
+        "plant_mpc.c",
+        "u[i] * 0 == 0 ? u[i] : RESTING[i];",
+        "u[i];",
+        "golden solves",
+        "the self-test of plant_mpc returned",
+    ),
+    "a plan that is prepared twice": (
+        "plant_mpc.c",
+        "c->ready != READY || c->is_prepared",
+        "c->ready != READY",
+        "golden solves",
+        "the self-test of plant_mpc returned",
+    ),
+    "an input of the filter that is no number": (
+        "plant_ekf.c",
+        "finite &= all_finite(&in->d, 1);",
+        "",
+        "golden solves",
+        "the self-test of plant_ekf returned",
+    ),
+    "a status of an update": (
+        "plant_ekf.c",
+        "corrected != PLANT_EKF_FILTERED ? corrected : predicted;",
+        "predicted;",
+        "golden solves",
+        "the self-test of plant_ekf returned",
+    ),
+    "an innovation of nothing": (
+        "plant_ekf.c",
+        "out->innovation[i] = NAN;",
+        "out->innovation[i] = 0;",
+        "golden solves",
+        "the self-test of plant_ekf returned",
+    ),
     "another rounding": (
         "plant_ekf.c",
         "sum += f * v;",

@@ -7,8 +7,10 @@ solved inside the limits, at a limit of a control, with a soft bound exceeded, c
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,19 +29,30 @@ _BEYOND = (1.0, 3.0, 10.0)
 _OF_A_KIND = 2
 _AGAIN = 0.9
 """The state of the solve that follows, from the plan of the one before."""
+_CAPPED = 1
+"""The last status that has a plan."""
+_CHANGED = 0.5
+"""The part of what is known that is left in later solves."""
 _BOUND = 1e-3
 """Distance from a limit that counts as at it, by the control's scale; part of the weight of a soft
 bound that its multiplier lacks where it is exceeded."""
 
 Array = NDArray[np.float64]
+Call: TypeAlias = Literal[
+    "solve", "first solve", "feedback", "prepared feedback", "solve after NaN", "solve after far"
+]
+"""What is called: a first solve after `init`, those after `reset` with a control that nobody can
+have applied, NaN or `FAR`."""
+FAR = 1e30
+_FEEDBACKS: tuple[Call, ...] = ("feedback", "prepared feedback")
+_APPLIED: Mapping[Call, float] = {"solve after NaN": math.nan, "solve after far": FAR}
 
 
 @dataclass(frozen=True, slots=True)
 class GoldenSolve:
-    """A solve and its bits."""
+    """A solve, or a feedback, and its bits."""
 
-    begins: bool
-    """Whether the controller is begun anew before it."""
+    call: Call
     x: tuple[float, ...]
     known: tuple[float, ...]
     """Of each field of the input the numbers of one sample, the same all along the horizon."""
@@ -79,14 +92,52 @@ def golden_solves(
         # of each kind of end a few: a test with hundreds would say no more
         if kinds[kind] > _OF_A_KIND:
             continue
-        found.append(_recorded(True, start, decision))
-        # a measurement that is NaN must be refused, and leave the plan as it was
-        missing = _Start(np.where(np.arange(len(start.x)) == 0, np.nan, start.x), start.known)
-        after = [missing] if kinds[kind] == 1 and len(start.x) else []
-        later = _Start((_AGAIN * start.x).astype(real).astype(float), start.known)
+        # a number that is NaN must be refused, and leave the plan as it was
+        missing = _missing(start) if not found else _missing(start)[:1]
+        found.append(_recorded("first solve", start, decision))
+        after = missing if kinds[kind] == 1 else []
+        later = _after(start, real, known=1.0)
         for then in (*after, later):
-            found.append(_recorded(False, then, _solved(library, fields, then)))
+            found.append(_recorded("solve", then, _solved(library, fields, then)))
+        if kinds[kind] > 1:
+            continue
+        # what is known changes, so that no value of the plan stays as it was
+        changed = _after(later, real, known=_CHANGED)
+        decision = _solved(library, fields, changed)
+        found.append(_recorded("solve", changed, decision))
+        for call in _FEEDBACKS:
+            # without a plan it is a solve
+            if decision.status > _CAPPED:
+                break
+            changed = _after(changed, real, known=_CHANGED)
+            if call == "prepared feedback":
+                library.prepare()
+            decision = library.feedback(_values(fields, changed))
+            found.append(_recorded(call, changed, decision))
+        for call, applied in _APPLIED.items():
+            library.reset(np.full(problem.controls.size, applied))
+            found.append(_recorded(call, start, _solved(library, fields, start)))
     return tuple(found)
+
+
+def _missing(start: _Start) -> list[_Start]:
+    """The start with each of its numbers in turn NaN."""
+    numbers = np.concatenate([start.x, *start.known])
+    ends = np.cumsum([len(start.x), *(len(values) for values in start.known)])[:-1]
+    found: list[_Start] = []
+    for k in range(len(numbers)):
+        x, *known = np.split(np.where(np.arange(len(numbers)) == k, np.nan, numbers), ends)
+        found.append(_Start(x, tuple(known)))
+    return found
+
+
+def _after(start: _Start, real: np.dtype[np.floating], *, known: float) -> _Start:
+    """Where a plant may be a sample later, what is known times this factor."""
+
+    def rounded(values: Array) -> Array:
+        return values.astype(real).astype(float)
+
+    return _Start(rounded(_AGAIN * start.x), tuple(rounded(known * v) for v in start.known))
 
 
 def _starts(
@@ -105,16 +156,20 @@ def _starts(
 
 
 def _solved(library: ControllerLibrary, fields: Sequence[SeriesField], start: _Start) -> Decision:
+    return library.solve(_values(fields, start))
+
+
+def _values(fields: Sequence[SeriesField], start: _Start) -> dict[str, Array]:
     known = {
         field.identifier: np.tile(values, field.samples)
         for field, values in zip(fields, start.known, strict=True)
     }
-    return library.solve({"x": start.x} | known)
+    return {"x": start.x} | known
 
 
-def _recorded(begins: bool, start: _Start, decision: Decision) -> GoldenSolve:
+def _recorded(call: Call, start: _Start, decision: Decision) -> GoldenSolve:
     return GoldenSolve(
-        begins=begins,
+        call=call,
         x=tuple(start.x.tolist()),
         known=tuple(float(x) for values in start.known for x in values),
         status=decision.status,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import get_args
 
 from backends.c_language.literals import Dtype
 from backends.c_language.rendering import render
 from backends.predictive_control.constants import reachable
 from backends.predictive_control.inputs import input_fields
 from backends.predictive_control.numbers import TypedLiterals
-from backends.predictive_control.selftest.golden_solves import golden_solves
+from backends.predictive_control.selftest.golden_solves import FAR, Call, golden_solves
 from backends.predictive_control.selftest.starts import drawn_starts
 from backends.predictive_control.structure.rows import rows_of
 from compiler.optimal_control.problem import ControlProblem
@@ -53,6 +54,8 @@ def selftest_texts(
         # limits that are computed may be NaN where what is known of the horizon is 0
         highest_status="INPUT_NOT_FINITE" if rows.move else "INFEASIBLE",
         golden=golden_solves(problem, texts, name) or (),
+        calls=get_args(Call),
+        far=numbers.literal(FAR),
     )
     return {f"src/{name}_selftest.c": text}
 

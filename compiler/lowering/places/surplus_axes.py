@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from compiler.ir.program import NodeId
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
-from compiler.ir.types import Axis, describe_axes
+from compiler.ir.types import UNNAMED, Axis, describe_axes
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower
@@ -44,9 +44,19 @@ def report_surplus(
         if len(bringing) != 1:
             break
         place, operand = bringing[0][0], describe_axes(bringing[0][1])
+    repair = _repair(builder.type(node).axes, wanted)
     context.findings.report(
-        shapes.wrong_axes(what, describe_axes(tuple(wanted)), found, place.span, operand=operand)
+        shapes.wrong_axes(
+            what, describe_axes(tuple(wanted)), found, place.span, repair, operand=operand
+        )
     )
+
+
+def _repair(axes: Sequence[Axis], wanted: Sequence[Axis]) -> str | None:
+    """How a list gets the dimension that is wanted, which has as many elements."""
+    if len(axes) == len(wanted) == 1 and axes[0] == Axis(UNNAMED, wanted[0].size):
+        return f"a list has no dim: declare it as a constant with `dims: {wanted[0].name}`"
+    return None
 
 
 def _operands(context: Context, expression: Expression) -> tuple[Expression, ...]:

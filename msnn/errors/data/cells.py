@@ -3,6 +3,7 @@
 import re
 
 from msnn.errors.data.lists import and_more
+from spec_schema.diagnostics.decimal_commas import with_point_or_joined
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 
@@ -37,8 +38,11 @@ def decimal_comma(
     """E0808: a number with a comma where the point belongs."""
     own = "" if delimiter == "," else 'delimiter: ";", '
     message = f"`{text}` in column `{column}` has a decimal comma (row {row} of {file})"
-    label = f"write `{text.replace(',', '.')}`"
+    meant, *others = with_point_or_joined(text)
+    label = "write " + " or ".join(f"`{number}`" for number in (meant, *others))
     repair = f'a file with decimal commas needs `csv: {{{own}decimal: ","}}` under `data:`'
+    if others:
+        repair = f"where the comma parts thousands write `{meant}`; {repair}"
     return error("E0808", place, message, label, notes=and_more(more, "cell"), help=repair)
 
 

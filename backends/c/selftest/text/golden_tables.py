@@ -78,7 +78,7 @@ class GoldenTables:
             # read by copies
             scope.assign(c.Member(struct.name, RESERVED), c.Unsigned(0))
         fields = [field for field, _ in columns]
-        for field, row in zip(fields, _row("golden", fields, row_name), strict=True):
+        for field, row in zip(fields, rows_of("golden", fields, row_name), strict=True):
             copy_value(row, field.place(struct.name), scope, self.unroll)
         arguments = (
             c.Argument(f"{self.prefix}_{struct.type}_t *", struct.name),
@@ -136,7 +136,9 @@ class GoldenTables:
         expected = c.Element(c.Name("golden_status"), c.Name(_STEP))
         scope.add(c.Declare(c.CType.BOOL, "differ", c.Binary("!=", c.Name("status"), expected)))
         fields = [field for field, _ in self.outputs]
-        for (field, values), row in zip(self.outputs, _row("golden", fields, _STEP), strict=True):
+        for (field, values), row in zip(
+            self.outputs, rows_of("golden", fields, _STEP), strict=True
+        ):
             compare = _compared(field.place("y"), row, values, differs)
             scope.each(field.shape, self.unroll, compare)
         scope.add(c.Return(c.Name("differ")))
@@ -149,17 +151,21 @@ class GoldenTables:
 
     def _table(self, columns: Sequence[Column]) -> c.ConstantTable:
         """All fields of a step in one row, the rows one after the other."""
-        # C order of each field, so that a row is the struct as the header declares it
-        parts = [values.reshape(-1, field.size) for field, values in columns]
-        numbers = np.concatenate(parts, axis=1).ravel().tolist()
-        return c.ConstantTable("golden", tuple(numbers), self.number, hexadecimal=True)
+        return c.ConstantTable("golden", numbers_of(columns), self.number, hexadecimal=True)
 
 
 DIFFER: tuple[c.Statement, ...] = (c.Assign(c.Name("differ"), c.Truth(True)),)
 """What is done where something is not as expected."""
 
 
-def _row(table: str, fields: Iterable[Field], row: str) -> list[ArrayView]:
+def numbers_of(columns: Sequence[Column]) -> tuple[float, ...]:
+    """All rows one after the other, in each the fields."""
+    # C order of each field, so that a row is the struct as the header declares it
+    parts = [values.reshape(-1, field.size) for field, values in columns]
+    return tuple(np.concatenate(parts, axis=1).ravel().tolist())
+
+
+def rows_of(table: str, fields: Iterable[Field], row: str) -> list[ArrayView]:
     """The place of each field in a row of the table."""
     listed = list(fields)
     width = sum(field.size for field in listed)

@@ -135,6 +135,8 @@ def test_texts(program: Program, interface: Interface, weights: Weights) -> dict
         tunes=bool(singles and singles.tunes),
         linearized=singles.linearized if singles else 0,
         writes=writes,
+        # of reals these bytes make NaN
+        filled=255,
         written=sum(bool(run.written) for run in runs),
         starts=len(runs) + len(starts),
     )

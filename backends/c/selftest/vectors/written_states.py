@@ -63,17 +63,18 @@ def _of(check: StateCheck, interface: Interface) -> Iterator[WrittenNumber]:
     size = math.prod(check.memory.shape)
     # above `unroll` a loop looks at them: its first and last turn show where it begins and ends
     elements = range(size) if size <= interface.options.unroll else (0, size - 1)
-    values = _values(check)
+    sides = _sides(check)
     for number, element in enumerate(elements):
-        # elements share one check: each fault once, in turn, shows it and that each is looked at
-        chosen = values if size == 1 else [values[number % len(values)]]
-        for value in chosen:
+        # elements share one check: each way to be outside once, in turn, shows it, and that each is
+        # looked at; what is unrolled may look at NaN in one of them and not in another
+        chosen = sides if size == 1 else [sides[number % len(sides)]] if sides else []
+        for value in (*chosen, math.nan):
             yield WrittenNumber(check.memory.state.name, element, value)
 
 
-def _values(check: StateCheck) -> list[float]:
-    """Two ways to be outside, and no number; of a clipped state only that shows."""
+def _sides(check: StateCheck) -> list[float]:
+    """Two ways to be outside, or one, that are numbers; none of a clipped state."""
     if check.bit == StatusBit.STATE_NOT_FINITE:
-        return [math.nan, math.inf]
+        return [math.inf]
     found = [outside(check.limits, end) for end in ("above", "far below")]
-    return [*(value for value in found if math.isfinite(value)), math.nan]
+    return [value for value in found if math.isfinite(value)]

@@ -10,7 +10,9 @@ from backends.c.interface.interface import Field
 from backends.c.selftest.text.golden_tables import Array, Column, GoldenTables
 from backends.c_language.tree import Binary, CType, Expression, Function
 from backends.fixed_point.names import FixedNames
+from backends.fixed_point.selftest.golden_states import state_functions
 from compiler.fixed_point.golden import GoldenWords, IntegerGoldenStart
+from compiler.fixed_point.golden_singles import GoldenSingle
 from compiler.fixed_point.integers.program import IntegerProgram, WordPort
 
 _UNROLL = 4
@@ -22,17 +24,19 @@ def golden_functions(
     names: FixedNames,
     runs: Sequence[GoldenWords],
     starts: Sequence[IntegerGoldenStart] = (),
+    singles: Sequence[GoldenSingle] = (),
 ) -> tuple[Function, ...]:
     """Prints `GoldenTables` as functions; words are equal or they are not.
 
-    Behind the starts of the runs stand those that are judged by the status of `reset` alone.
+    Behind the starts of the runs stand those that are judged by the status of `reset` alone, and
+    behind the runs single steps, each with memories of its own.
     """
 
     def differs(given: Expression, expected: Expression, values: Array) -> Expression:
         return Binary("!=", given, expected)
 
-    steps = [step for run in runs for step in run.inputs]
-    answers = [step for run in runs for step in run.outputs]
+    steps = [*(step for run in runs for step in run.inputs), *(s.inputs for s in singles)]
+    answers = [*(step for run in runs for step in run.outputs), *(s.outputs for s in singles)]
     every = [*(run.start for run in runs), *starts]
     tables = GoldenTables(
         prefix=names.prefix,
@@ -52,20 +56,35 @@ def golden_functions(
             _column(port, names.outputs[port.name], (answer[port.name] for answer in answers))
             for port, _ in program.outputs
         ],
-        status=[int(bits) for run in runs for bits in run.status],
+        status=[*(bits for run in runs for bits in run.status), *(s.status for s in singles)],
+        # the memories are written over whatever reset gives
+        singles=[0] * len(singles),
     )
-    return tables.functions(differs)
+    written = _written(program, names, singles, sum(len(run.status) for run in runs))
+    return (*tables.functions(differs), *written)
 
 
-def expected_text(program: IntegerProgram, runs: Sequence[GoldenWords]) -> str:
+def _written(
+    program: IntegerProgram, names: FixedNames, singles: Sequence[GoldenSingle], first: int
+) -> tuple[Function, ...]:
+    there = singles and program.memories
+    return state_functions(program, names, singles, first) if there else ()
+
+
+def expected_text(
+    program: IntegerProgram, runs: Sequence[GoldenWords], singles: Sequence[GoldenSingle]
+) -> str:
     """One line a step: the status, then each word, in hexadecimal digits."""
     # two's complement, as C prints the word as unsigned: Python would write a minus sign
     digits = program.width.word // 4
     mask = 2**program.width.word - 1
     blocks: list[str] = []
-    for run in runs:
+    answered = [[*zip(run.status, run.outputs, strict=True)] for run in runs]
+    if singles:
+        answered.append([(single.status, single.outputs) for single in singles])
+    for steps in answered:
         lines: list[str] = []
-        for status, answer in zip(run.status, run.outputs, strict=True):
+        for status, answer in steps:
             words = [word for port, _ in program.outputs for word in answer[port.name]]
             lines.append(" ".join([f"{status:08x}", *(f"{w & mask:0{digits}x}" for w in words)]))
         blocks.append("\n".join(lines) + "\n")
