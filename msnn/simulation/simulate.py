@@ -43,6 +43,15 @@ class StepPlaces:
     sets: tuple[str, ...]
     """The set that the row belongs to; "" for rows of none."""
 
+    def along(self, *, timed: bool) -> FloatArray:
+        """Times or rows to draw the steps over: they go on where the next file begins anew."""
+        own = self.time if timed and self.time is not None else self.rows
+        found = np.asarray(own, np.float64)
+        if len(set(self.files)) < 2:
+            return found
+        # a run has no gap: its steps are alike
+        return found[0] + float(np.median(np.diff(found))) * np.arange(len(found))
+
     def joins(self, step: int) -> bool:
         """Whether the file has a row for a step."""
         return int(self.rows[step]) != BETWEEN_ROWS
