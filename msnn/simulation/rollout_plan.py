@@ -270,7 +270,7 @@ def begun_later(runs: Runs, later: IntArray) -> Runs:
 
 
 def steps_to_start(program: Program, data: Dataset, runs: Runs) -> IntArray:
-    """How many steps after its first one each run has all samples that its first states read.
+    """Steps after its first one at which each run has all samples that its first states read.
 
     At least as many as it has steps where it never does.
     """
