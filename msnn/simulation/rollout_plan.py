@@ -258,18 +258,23 @@ def _with_known_starts(plan: RolloutPlan, data: Dataset, runs: Runs) -> Runs:
 
     Those over whole episodes begin later instead, where these samples are there.
     """
-    later = steps_to_start(plan.reading, data, runs)
-    if not isinstance(plan.horizon, str):
-        return runs if not later.any() else runs.take(np.flatnonzero(later == 0))
-    return begun_later(runs.take(np.flatnonzero(later < runs.steps)), later[later < runs.steps])
+    later = _steps_to_start(plan.reading, data, runs)
+    if isinstance(plan.horizon, str):
+        return begun_where_known(plan.reading, data, runs.take(np.flatnonzero(later < runs.steps)))
+    return runs if not later.any() else runs.take(np.flatnonzero(later == 0))
 
 
-def begun_later(runs: Runs, later: IntArray) -> Runs:
-    """The same runs, each so many steps shorter at its start."""
+def begun_where_known(program: Program, data: Dataset, runs: Runs) -> Runs:
+    """The same runs, each from where its first states are measured; as it is where they never are.
+
+    Every run ends where it did.
+    """
+    later = _steps_to_start(program, data, runs)
+    later = np.where(later < runs.steps, later, 0)
     return replace(runs, t0=runs.t0 + later, steps=runs.steps - later)
 
 
-def steps_to_start(program: Program, data: Dataset, runs: Runs) -> IntArray:
+def _steps_to_start(program: Program, data: Dataset, runs: Runs) -> IntArray:
     """Steps after its first one at which each run has all samples that its first states read.
 
     At least as many as it has steps where it never does.

@@ -21,12 +21,7 @@ from msnn.simulation.engines.engine import Engine, first_places
 from msnn.simulation.engines.open_rollouts import open_rollouts
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
 from msnn.simulation.intervals import Intervals, uncertain_program
-from msnn.simulation.rollout_plan import (
-    begun_later,
-    files_skipped,
-    predicted_inputs,
-    steps_to_start,
-)
+from msnn.simulation.rollout_plan import begun_where_known, files_skipped, predicted_inputs
 from msnn.simulation.start_fit import StartFit, uncertain_starts
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
@@ -160,9 +155,7 @@ def simulate(
     far = reach(unscored)
     stretches = _stretches(data, data_set)
     runs = rollouts(stretches, far, "record", 1)
-    # where its first states are measured; a record that never has them runs as it is
-    later = steps_to_start(unscored, data, runs)
-    runs = begun_later(runs, np.where(later < runs.steps, later, 0))
+    runs = begun_where_known(unscored, data, runs)
     if not len(runs):
         raise SpecError([records_too_short(runs.longest, far.rows(1))])
     warnings = data.warnings

@@ -122,11 +122,7 @@ def _to_seconds(column: TimeColumn, table: ColumnTable, findings: Findings) -> L
             data_units.unit_of_moments(str(key), column.unit.value.text, column.unit.span)
         )
         return None
-    stated = table.units.get(key)
-    if column.unit is not None:
-        stated = column.unit.value
-    if stated is None:
-        return UNCHANGED
+    stated = table.units.get(key, SECOND) if column.unit is None else column.unit.value
     if stated.same_dimension(SECOND):
         return stated.line_to(SECOND)
     place = column.place.value
