@@ -205,7 +205,7 @@ def set_rollouts(
     if runs.skipped and len(runs):
         total, files = len(episodes), files_skipped(data, episodes, runs)
         findings.report(data_rows.episodes_skipped(runs.skipped, total, needed, wanted_by, files))
-    runs = _with_known_starts(plan.reading, data, runs)
+    runs = _with_known_starts(plan, data, runs)
     if not len(runs):
         findings.report(data_rows.episodes_too_short(name, runs.longest, needed, wanted_by, span))
         return None
@@ -253,13 +253,44 @@ def files_skipped(data: Dataset, episodes: IntArray, runs: Runs) -> list[str]:
     )
 
 
-def _with_known_starts(program: Program, data: Dataset, runs: Runs) -> Runs:
-    """Without the rollouts whose first states would come from missing samples."""
-    known = np.ones(len(runs), dtype=np.bool_)
+def _with_known_starts(plan: RolloutPlan, data: Dataset, runs: Runs) -> Runs:
+    """Without the rollouts whose first states would come from missing samples.
+
+    Those over whole episodes begin later instead, where these samples are there.
+    """
+    later = _steps_to_start(plan.reading, data, runs)
+    if isinstance(plan.horizon, str):
+        return begun_where_known(plan.reading, data, runs.take(np.flatnonzero(later < runs.steps)))
+    return runs if not later.any() else runs.take(np.flatnonzero(later == 0))
+
+
+def begun_where_known(program: Program, data: Dataset, runs: Runs) -> Runs:
+    """The same runs, each from where its first states are measured; as it is where they never are.
+
+    Every run ends where it did.
+    """
+    later = _steps_to_start(program, data, runs)
+    later = np.where(later < runs.steps, later, 0)
+    return replace(runs, t0=runs.t0 + later, steps=runs.steps - later)
+
+
+def _steps_to_start(program: Program, data: Dataset, runs: Runs) -> IntArray:
+    """Steps after its first one at which each run has all samples that its first states read.
+
+    At least as many as it has steps where it never does.
+    """
+    far = reach(program)
+    known = np.ones(data.rows, dtype=np.bool_)
     for name, extent in reads(program.start, [s.start for s in program.states]).items():
         # targets may be missing in rows that are usable; a start that reads one would be NaN
         missing = np.asarray(np.isnan(data.series[name].reshape(data.rows, -1)).any(axis=1))
         if missing.any():
             for offset in range(extent.first, extent.last + 1):
-                known &= ~missing[runs.t0 + offset]
-    return runs if known.all() else runs.take(np.flatnonzero(known))
+                # no rollout starts where this leaves the data
+                known &= ~missing[np.clip(np.arange(data.rows) + offset, 0, data.rows - 1)]
+    never = 2 * data.rows
+    rows = np.append(np.flatnonzero(known), never)
+    later = rows[np.searchsorted(rows, runs.t0)] - runs.t0
+    # a start may look farther ahead than the steps do
+    room = runs.steps - max(far.start_ahead - far.ahead, 0)
+    return np.where((later > 0) & (later >= room), never, later)

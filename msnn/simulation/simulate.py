@@ -21,7 +21,7 @@ from msnn.simulation.engines.engine import Engine, first_places
 from msnn.simulation.engines.open_rollouts import open_rollouts
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
 from msnn.simulation.intervals import Intervals, uncertain_program
-from msnn.simulation.rollout_plan import files_skipped, predicted_inputs
+from msnn.simulation.rollout_plan import begun_where_known, files_skipped, predicted_inputs
 from msnn.simulation.start_fit import StartFit, uncertain_starts
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
@@ -37,6 +37,15 @@ class StepPlaces:
     """Seconds as the file has them, counted from its row 0 where it has none."""
     sets: tuple[str, ...]
     """The set that the row belongs to; "" for rows of none."""
+
+    def along(self, *, timed: bool) -> FloatArray:
+        """Times or rows to draw the steps over: they go on where the next file begins anew."""
+        own = self.time if timed and self.time is not None else self.rows
+        found = np.asarray(own, np.float64)
+        if len(set(self.files)) < 2:
+            return found
+        # a run has no gap: its steps are alike
+        return found[0] + float(np.median(np.diff(found))) * np.arange(len(found))
 
     def joins(self, step: int) -> bool:
         """Whether the file has a row for a step."""
@@ -146,6 +155,7 @@ def simulate(
     far = reach(unscored)
     stretches = _stretches(data, data_set)
     runs = rollouts(stretches, far, "record", 1)
+    runs = begun_where_known(unscored, data, runs)
     if not len(runs):
         raise SpecError([records_too_short(runs.longest, far.rows(1))])
     warnings = data.warnings

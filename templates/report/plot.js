@@ -233,7 +233,11 @@ class Chart {
     g.fillStyle = this.color('muted');
     g.textAlign = 'center';
     g.textBaseline = 'top';
-    for (const tick of xticks) g.fillText(number(tick), clamp(box.x(tick), AXIS, width - 18), base + 4);
+    for (const tick of xticks) {
+      const text = number(tick);
+      // whole: 1200000 without its last digit is another number
+      g.fillText(text, clamp(box.x(tick), AXIS, width - g.measureText(text).width / 2 - 1), base + 4);
+    }
     g.fillText(this.spec.xlabel, (box.left + box.right) / 2, base + 19);
     this.paint_drag(g, box, base);
     this.say();

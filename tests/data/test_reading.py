@@ -43,6 +43,16 @@ def test_the_time_may_be_in_another_unit(tmp_path: Path) -> None:
         load(tmp_path, "source: {train: a.csv}\ntime: time\n")
 
 
+def test_times_of_another_unit_are_rounded_once(tmp_path: Path) -> None:
+    """100 · 1e-6 is 9.999999999999999e-05."""
+    text = "time,x,F\n" + "".join(f"{100 * k},{k},1\n" for k in range(40))
+    section = "source: {train: a.csv}\ntime: {column: time, unit: us}\nresample: none\n"
+    (record,) = load(tmp_path, section, {"a.csv": text}).records
+    (piece,) = record.pieces
+    assert piece.time is not None
+    assert piece.time.tolist() == [float(f"{k}e-4") for k in range(40)]
+
+
 def test_every_picks_rows_from_the_first_on(tmp_path: Path) -> None:
     files = {"a.csv": table(11, step=0.05)}
     section = "source: {train: a.csv}\ntime: time\nfrom: 1\nevery: 4\n"

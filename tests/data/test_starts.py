@@ -144,6 +144,36 @@ train: [{rollout: 3}]
     assert runs.t0.tolist() == [t0 for t0 in range(back, last + 1) if t0 not in never]
 
 
+@pytest.mark.parametrize("horizon", ["episode", "record"])
+def test_a_whole_episode_begins_where_its_start_is_measured(horizon: str) -> None:
+    """One missing sample in its first row left the whole episode out, and nobody was told."""
+    text = """
+msnn: 1
+name: late
+sample_time: 1 s
+inputs: {u: 1}
+targets: {v: 1}
+states: {x: {next: "0.5*x + u", init: "v.meas"}}
+outputs: {y: {expr: x, predicts: "v[t]"}}
+train: [{rollout: HORIZON}]
+"""
+    program, spec = compiled(text.replace("HORIZON", horizon))
+    series = {name: np.linspace(0.0, 1.0, 30) for name in ("u", "v")}
+    series["v"][[0, 1, *range(20, 30)]] = np.nan
+    findings = Findings()
+    (plan,) = plan_stages(program, spec.train, findings)
+    data = dataset(series, train=[10, 10, 10])
+    runs = set_rollouts(plan.rollout, data, "train", 1, "a test", None, findings)
+    assert runs is not None
+    assert runs.t0.tolist() == [2, 10]
+    assert runs.steps.tolist() == [8, 10]
+    series["v"][:] = np.nan
+    data = dataset(series, train=[10, 10, 10])
+    assert set_rollouts(plan.rollout, data, "train", 1, "a test", None, findings) is None
+    found = findings.in_order[-1]
+    assert found.message == "a test finds no row of `train` at which its states can start"
+
+
 @pytest.mark.parametrize("horizon", [1, 3, 7])
 @pytest.mark.parametrize("stride", [1, 2, 5])
 def test_agrees_with_a_plain_search(horizon: int, stride: int) -> None:

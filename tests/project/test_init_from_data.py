@@ -216,6 +216,14 @@ def test_a_target_that_does_not_move_is_told(value: float, told: str, tmp_path: 
         spec_from_data("plant", tmp_path / "my.csv", tmp_path, None)
 
 
+def test_a_target_of_text_is_told_with_the_text(tmp_path: Path):
+    """A logger's own word for a missing value made a column unknown without a reason."""
+    rows = text(table(), "t,u,w,y [K]").splitlines()
+    rows[37] = rows[37].rpartition(",")[0] + ",---"
+    with pytest.raises(TargetNotNamedError, match="`y` is no column of numbers, `---` stands in"):
+        folder_of(tmp_path, "\n".join(rows), "y")
+
+
 def test_dates_give_the_sample_time(tmp_path: Path):
     lines = ["date,u,y"]
     lines += [f"2024-05-01T10:{i // 60:02}:{i % 60:02},{i % 7},{np.sin(i)}" for i in range(300)]

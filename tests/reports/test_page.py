@@ -128,6 +128,24 @@ def test_a_run_of_frames_has_the_records_that_are_handed_over(tmp_path: Path):
     assert any("those that were given are others" in each.message for each in others.warnings)
 
 
+def test_a_warning_of_training_and_data_is_shown_once(tmp_path: Path):
+    spec = {
+        "msnn": 1,
+        "name": "gain",
+        "sample_time": "0.1 s",
+        "inputs": {"u": {"unit": "N", "range": [0, 5]}},
+        "targets": {"y": "N"},
+        "parameters": {"k": 1.0},
+        "outputs": {"out": {"expr": "k * u", "predicts": "y[t]", "unit": "N"}},
+        "train": [{"epochs": 1, "optimizer": {"adam": {}}}],
+    }
+    frames = {"u": np.linspace(-1.0, 1.0, 50), "y": np.linspace(-2.0, 2.0, 50)}
+    result = trainings.train(models.load(spec), frames, runs=tmp_path / "runs")
+    assert result.folder is not None
+    page = report(result.folder, data=frames).path.read_text(encoding="utf-8")
+    assert len(re.findall(r"<li>[^\n]*outside its range", page)) == 1
+
+
 def test_what_is_no_verification_is_refused(trained_run: Path, tmp_path: Path):
     other = tmp_path / "other.json"
     other.write_text('{"results": [{}]}', encoding="utf-8")

@@ -144,6 +144,28 @@ def test_limits_far_from_the_values_are_told(drawn: list[Any], tmp_path: Path):
     assert figure.get_supxlabel() == "not drawn: far limits of u: 400 V"
 
 
+def test_files_that_join_are_drawn_after_each_other(drawn: list[Any], tmp_path: Path):
+    """Each file counts its time from 0: the line went back at each of them."""
+    for name, first in (("a", 0), ("b", 40)):
+        rows = "".join(
+            f"2026-11-22 17:{k // 60:02}:{k % 60:02},{k % 7}\n" for k in range(first, first + 40)
+        )
+        (tmp_path / f"{name}.csv").write_text("time,u\n" + rows)
+    spec = tmp_path / "plant.msnn.yaml"
+    spec.write_text(
+        "msnn: 1\nname: plant\nsample_time: 1 s\ninputs: {u: {}}\noutputs: {y: 2 * u}\n"
+        'data: {source: {train: "*.csv"}, time: time, join: true}\n',
+        encoding="utf-8",
+    )
+    (run,) = runs = msnn.simulate(msnn.load(spec))
+    assert run.places.time is not None
+    plot_simulation(tmp_path / "a.png", simulation_program(msnn.load(spec).program), runs)
+    (figure,) = drawn
+    along = np.asarray(figure.axes[0].lines[0].get_xdata())
+    assert along.tolist() == list(range(80))
+    assert run.places.along(timed=False).tolist() == list(range(80))
+
+
 def test_what_is_not_drawn_stays_inside_the_picture(drawn: list[Any], tmp_path: Path):
     """A line of it that was longer was cut off at the right."""
     names = [f"pressure_{letter}" for letter in "abcd"]

@@ -9,6 +9,7 @@ import numpy as np
 
 from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
+from msnn.data.reading.converted_cells import converted_cells
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.resample import Method, resample
 from msnn.data.reading.rows import RowRange, TimeFault, continuity, picked_rows
@@ -21,6 +22,7 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Date, Moment
 from spec_schema.expressions.tree import Duration, Samples
 from spec_schema.sections.data.data import SECOND, Data, Layout, TimeColumn
+from spec_schema.units.unit import UNCHANGED, Line
 from spec_schema.yaml_tree.writer import scalar_text
 
 
@@ -101,30 +103,28 @@ def _picked(
     time = table.time
     column = file.layout.time or data.time
     if column is not None and not file.keeps_time:
-        factor = _seconds(column, table, findings)
-        if factor is None:
+        line = _to_seconds(column, table, findings)
+        if line is None:
             return None
-        time = table.columns[column.column.column] * factor
+        time = converted_cells(table.columns[column.column.column], line)
     begins = None if column is None else table.begins.get(column.column.column)
     picked = picked_rows(file.layout, data, file.shown, table.rows, time, begins, findings)
     return None if picked is None else (picked, time)
 
 
-def _seconds(column: TimeColumn, table: ColumnTable, findings: Findings) -> float | None:
-    """The seconds in one unit of the time column: of the spec, or the file, else one second."""
+def _to_seconds(column: TimeColumn, table: ColumnTable, findings: Findings) -> Line | None:
+    """From the unit of the time column, of the spec or the file, else the second, to seconds."""
     key = column.column.column
     if key in table.begins:
         if column.unit is None:
-            return 1.0
+            return UNCHANGED
         findings.report(
             data_units.unit_of_moments(str(key), column.unit.value.text, column.unit.span)
         )
         return None
-    stated = table.units.get(key)
-    if column.unit is not None or stated is None:
-        return column.seconds
+    stated = table.units.get(key, SECOND) if column.unit is None else column.unit.value
     if stated.same_dimension(SECOND):
-        return 1.0 if stated.same_as(SECOND) else stated.factor_to(SECOND)
+        return stated.line_to(SECOND)
     place = column.place.value
     findings.report(
         data_units.misfitting_file_unit(

@@ -99,6 +99,10 @@ def episodes_too_short(
     """E0821: no episode of a set holds one rollout."""
     message = f"{wanted_by} needs {needed} rows, the longest episode of `{name}` has {longest}"
     repair = "shorten the horizon, or look for gaps in the data"
+    if longest >= needed:
+        message = f"{wanted_by} finds no row of `{name}` at which its states can start"
+        repair = "look for missing values in what their `init:` reads, or give them a number"
+        return error("E0821", span, message, "every start reads a missing value", help=repair)
     return error("E0821", span, message, "every episode is too short", help=repair)
 
 

@@ -72,6 +72,16 @@ class FoundTable:
     def rows(self) -> int:
         return len(self.columns[0].values)
 
+    def text_in(self, called: str) -> str | None:
+        """The first cell that is no number in the text column with this header; None without."""
+        for index in self.texts:
+            label = self.layout.labels[index]
+            if called in (label, plain_label(label)[0]):
+                cells = [row[index] for row in self.layout.sample if index < len(row)]
+                decimal = self.layout.dialect.decimal
+                return next((c for c in cells if not number(c, decimal)), None)
+        return None
+
 
 def columns_of(path: Path) -> FoundTable:
     """All columns of numbers; SpecError where there are none, or a cell among them is none."""

@@ -60,6 +60,12 @@ def spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> 
     seldom = [] if len(seldom) == len(moving) else seldom
     moving = [c for c in moving if c not in seldom]
     still = [c for c in used if not c.moves]
+    text = None if predict is None else table.text_in(predict)
+    if text is not None:
+        raise TargetNotNamedError(
+            f"`{predict}` is no column of numbers, `{text}` stands in it; "
+            f"{_candidates(moving, still, row_follows)}"
+        )
     target = _target(predict, moving, still, seldom, row_follows)
     # fewer rows than a handful of parameters can be told from
     if np.sum(np.isfinite(target.values)) < _FEWEST_ROWS:

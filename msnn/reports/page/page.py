@@ -78,7 +78,6 @@ def page_text(contents: Contents) -> str:
         "model": contents.model,
         "program": program,
         "run": contents.run,
-        "ended": contents.run.end,
         "facts": _facts(contents),
         "cards": _cards(contents),
         "records": shown,
@@ -103,6 +102,12 @@ def page_text(contents: Contents) -> str:
         "live": live,
         "not_live": None if live is not None else contents.live,
         "left_out": [*contents.left_out, *_undrawn(contents, len(measurements))],
+        # what the training warned of, but for what the data say again
+        "warned": [
+            text
+            for text in contents.run.end.get("warnings", [])
+            if not any(said in text for said in contents.left_out)
+        ],
     }
     script = "".join((_FOLDER / name).read_text(encoding="utf-8") for name in _SCRIPTS)
     style = "".join(

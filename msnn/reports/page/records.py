@@ -159,9 +159,7 @@ def _record(
 
 def _places(run: Simulation) -> Plain:
     """Seconds, or rows; evenly spaced ones need two numbers."""
-    along: FloatArray = np.asarray(
-        run.places.rows if run.places.time is None else run.places.time, np.float64
-    )
+    along = run.places.along(timed=True)
     if len(along) < 2:
         return {"start": float(along[0]), "step": 1.0}
     step = float(along[-1] - along[0]) / (len(along) - 1)

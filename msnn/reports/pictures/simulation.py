@@ -49,8 +49,8 @@ def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) ->
     )
     timed = all(run.places.time is not None for run in shown)
     for column, run in zip(axes.T, shown, strict=True):
-        along = run.places.time if timed and run.places.time is not None else run.places.rows
-        _draw_run(list(column), program, run, np.asarray(along, np.float64), outputs, inputs)
+        along = run.places.along(timed=timed)
+        _draw_run(list(column), program, run, along, outputs, inputs)
         last = len(heights) - len(compared) - 1
         for axis in column[:last]:
             axis.tick_params(labelbottom=False)

@@ -194,7 +194,7 @@ def _on_grid(values: FloatArray, places: IntArray, size: int) -> _Grid:
 
 
 def _autocorrelation(signal: _Grid, lags: int) -> Correlation | None:
-    """That at 0 … lags; None of too few values, or of values that do not vary."""
+    """The correlation at 0 … lags; None of too few values, or of values that do not vary."""
     count = float(signal.there.sum())
     # of a model that diverged squares are beyond all numbers
     with np.errstate(over="ignore"):

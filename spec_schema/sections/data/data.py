@@ -55,11 +55,6 @@ class TimeColumn(Entry):
     unit: UnitField | None = None
     """Unit of time; s by default."""
 
-    @property
-    def seconds(self) -> float:
-        """The seconds in one unit of the column."""
-        return 1.0 if self.unit is None else self.unit.value.factor_to(SECOND)
-
     @model_validator(mode="after")
     def _is_time(self, info: ValidationInfo) -> "TimeColumn":
         if self.unit is not None and not self.unit.value.same_dimension(SECOND):

@@ -120,7 +120,7 @@ def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
 
 
 def _way(parameter: Parameter, value: FloatArray, bound: float, span: float) -> FloatArray:
-    """What a distance to a bound is measured by, as small numbers are small beside any scale.
+    """The measure of a distance to a bound, as small numbers are small beside any scale.
 
     The range or scale, or where that is less the bound, or how far it was to it at first.
     """
