@@ -74,6 +74,8 @@ def test_a_run_is_read_where_it_lies(project: Path, capsys: pytest.CaptureFixtur
     assert here.spec.train[0].epochs == 3  # as `--set` had it
     assert msnn.load(run / "spec.msnn.yaml").program == there.program
     assert msnn.load(run, ["train.0.epochs=7"]).spec.train[0].epochs == 7
+    # the model of another run: what was kept is still what was trained
+    assert msnn.initial_weights(msnn.load(run, ["parameters.a=0.75"])) == {"a": 0.75}
     assert command(["validate", str(run)]) == 0  # finds the data beside the spec
     said = capsys.readouterr()
     assert f"weights: {run.parent / run.readlink() / 'weights.safetensors'}" in said.err
