@@ -120,6 +120,25 @@ def test_every_verb_takes_a_run_on_another_machine(
     assert "`--data-root FOLDER`" in said
 
 
+def test_files_of_validate_that_a_run_does_not_keep_are_told_as_its_data_are(
+    project: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    entry = "validate.0.files=data.csv"
+    assert command(["train", "models/whole.yaml", "--set", "train.0.epochs=3", "--set", entry]) == 0
+    run = tmp_path / "elsewhere" / "run"
+    shutil.copytree(project / "runs" / "whole" / "latest", run)
+    shutil.rmtree(project)
+    monkeypatch.chdir(run.parent)
+    capsys.readouterr()
+    assert command(["validate", "run"]) == 1
+    said = capsys.readouterr().err
+    assert f"the run does not keep its data: it read them from {project / 'models'}" in said
+    assert "say where they are: `--data-root FOLDER`" in said
+
+
 @pytest.mark.parametrize("file", ["spec.msnn.yaml", "parts/scale.msnn.yaml", "run.json"])
 def test_a_run_that_is_not_what_was_trained_is_refused(file: str, project: Path) -> None:
     run = project / "runs" / "whole" / "latest"
