@@ -86,6 +86,25 @@ def test_a_simulation_starts_by_the_first_rows_of_its_record() -> None:
     assert found.warnings == ()
 
 
+def test_a_record_shorter_than_what_decides_its_start_asks_no_other_record() -> None:
+    """Its last evaluation compares with its last row, though 40 evaluations would decide."""
+    model = """
+msnn: 1
+name: late
+sample_time: 1 s
+inputs: {u: 1}
+targets: {q: 1}
+states: {s: {next: "0.5 * s + u", init: {fit: {over: 40}}}}
+outputs: {y: {expr: "0.5 * s + u", predicts: "q[t+1]"}}
+"""
+    random = np.random.default_rng(1)
+    series = {"u": random.normal(size=24), "q": np.repeat([0.1, 1e6], 12)}
+    free = simulation_program(compiled(model)[0])
+    first, _ = simulate(free, dataset(series, test=[12, 12]))
+    (alone,) = simulate(free, dataset(series, test=[12]))
+    np.testing.assert_array_equal(first.outputs["y"], alone.outputs["y"])
+
+
 def test_rollouts_reach_the_noise_where_a_start_at_rest_does_not() -> None:
     series = records(4, 200, seed=7)
     checks = "validate:\n  - {of: y, rollout: record}\n"
