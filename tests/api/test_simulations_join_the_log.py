@@ -309,6 +309,15 @@ def test_given_files_are_laid_out_like_a_set_that_is_named(
         table(tmp_path, plant, msnn.simulate(plant, "b.csv", data_set="val")),
         lambda _: pd.read_csv("b.csv").rename(columns={"force": "u"}),
     )
+    filtered = model(
+        tmp_path, "{source: {train: a.csv, val: {files: b.csv, filter: u > 0}}, time: t}"
+    )
+    write(tmp_path, "b.csv", log(30))
+    kept = [
+        row for run in msnn.simulate(filtered, "b.csv", data_set="val") for row in run.inputs["u"]
+    ]
+    assert kept
+    assert min(kept) > 0
     with pytest.raises(msnn.SpecError, match=r"E0958.*`train`, `val`") as caught:
         msnn.simulate(plant, "b.csv")
     assert "--data-set" in (caught.value.diagnostics[0].help or "")

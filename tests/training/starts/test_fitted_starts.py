@@ -73,9 +73,11 @@ def test_without_entries_whole_records_are_measured() -> None:
     assert row.value == pytest.approx(float(np.sqrt(np.mean(np.square(errors)))), rel=1e-9)
 
 
-def test_a_simulation_starts_by_the_first_rows_of_its_record() -> None:
+@pytest.mark.parametrize("over", [7, 40])
+def test_a_simulation_starts_by_the_first_rows_of_its_record(over: int) -> None:
+    """All states together by as many rows as one of them asks for."""
     series = records(2, 150, seed=5)
-    program, _ = compiled(FITTED)
+    program, _ = compiled(FITTED.replace("over: 40", f"over: {over}"))
     free = simulation_program(program)
     found = simulate(free, dataset(series, test=[150, 150]), TRUE)
     for run, rows in zip(found, (slice(150), slice(150, 300)), strict=True):
