@@ -309,20 +309,23 @@ def test_given_files_are_laid_out_like_a_set_that_is_named(
         table(tmp_path, plant, msnn.simulate(plant, "b.csv", data_set="val")),
         lambda _: pd.read_csv("b.csv").rename(columns={"force": "u"}),
     )
-    filtered = model(
-        tmp_path, "{source: {train: a.csv, val: {files: b.csv, filter: u > 0}}, time: t}"
-    )
-    write(tmp_path, "b.csv", log(30))
-    kept = [
-        row for run in msnn.simulate(filtered, "b.csv", data_set="val") for row in run.inputs["u"]
-    ]
-    assert kept
-    assert min(kept) > 0
     with pytest.raises(msnn.SpecError, match=r"E0958.*`train`, `val`") as caught:
         msnn.simulate(plant, "b.csv")
     assert "--data-set" in (caught.value.diagnostics[0].help or "")
     with pytest.raises(msnn.SpecError, match="E0953"):
         msnn.simulate(plant, "b.csv", data_set="test")
+
+
+@pytest.mark.parametrize("data_set", [None, "train"])
+def test_given_files_are_filtered_as_the_spec_says(
+    data_set: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, "a.csv", log(20))
+    write(tmp_path, "b.csv", log(30))
+    plant = model(tmp_path, "{source: {train: a.csv}, filter: u > 0, time: t}")
+    runs = msnn.simulate(plant, "b.csv", data_set=data_set)
+    assert min(float(run.inputs["u"].min()) for run in runs) > 0
 
 
 def test_frames_join_as_files_do(tmp_path: Path) -> None:
