@@ -10,7 +10,7 @@ from compiler.passes.close_loop import LoopError
 from msnn.data.dataset import FloatArray
 from msnn.errors.failures import MissingExtraError
 from msnn.model.model import Model
-from msnn.model.model_data import data_folder, known_in, measured, sources_of
+from msnn.model.model_data import data_folder, known_in, measured, sources_of, told_where_they_were
 from msnn.model.weights.given_weights import Weights
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -112,7 +112,8 @@ def validate_on(
     chosen, checks = chosen_engine(model, engine), model.spec.checks
     known = known_in(model, weights)
     with sources_of(model):
-        files = load_file_sets(model.program, model.spec, data_folder(model, data_root))
+        with told_where_they_were(model, data_root):
+            files = load_file_sets(model.program, model.spec, data_folder(model, data_root))
         report = validation.validate(
             model.program,
             dataset,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.model.number_files import number_parts, number_texts
+from msnn.model.saved_run import LATEST
 from msnn.model.spec_hash import hash_of, parts_of
 from msnn.model.weights.safetensors_file import arrays_in
 from spec_schema.diagnostics.diagnostic import Findings
@@ -81,7 +83,8 @@ def _read(name: str, use: Use, of: _File, found: SubmodelWeights, findings: Find
         content = _content(path)
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower()
-        repair = f"train it first: `msnn train {file.source.path}`, or leave `weights:` out"
+        command = f"msnn train {file.source.path}{_where(path)}"
+        repair = f"train it first: `{command}`, or leave `weights:` out"
         problem = f"cannot read {path}: {reason}"
         findings.report(errors.unusable_weights(name, problem, place, repair))
         return
@@ -120,6 +123,14 @@ def _read(name: str, use: Use, of: _File, found: SubmodelWeights, findings: Find
 
     if not is_of_this_model(file, parts, path):
         findings.report(errors.weights_of_other_text(name, use.file.value, place))
+
+
+def _where(weights: Path) -> str:
+    """The option by which a training keeps its weights where `OUT/NAME/latest` has them."""
+    above = weights.parents
+    if len(above) < 4 or above[0].name != LATEST or above[2] == Path("runs"):
+        return ""
+    return f" --out {shlex.quote(str(above[2]))}"
 
 
 def _content(path: Path) -> bytes:

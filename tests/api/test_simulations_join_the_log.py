@@ -316,6 +316,18 @@ def test_given_files_are_laid_out_like_a_set_that_is_named(
         msnn.simulate(plant, "b.csv", data_set="test")
 
 
+@pytest.mark.parametrize("data_set", [None, "train"])
+def test_given_files_are_filtered_as_the_spec_says(
+    data_set: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, "a.csv", log(20))
+    write(tmp_path, "b.csv", log(30))
+    plant = model(tmp_path, "{source: {train: a.csv}, filter: u > 0, time: t}")
+    runs = msnn.simulate(plant, "b.csv", data_set=data_set)
+    assert min(float(run.inputs["u"].min()) for run in runs) > 0
+
+
 def test_frames_join_as_files_do(tmp_path: Path) -> None:
     plant = model(tmp_path, "{source: {train: none.csv}, time: t, split: {by: file, val: 0.5}}")
     frames = {"calm": [log(30), log(20, 300)], "storm": log(25, 500)}

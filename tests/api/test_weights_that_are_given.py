@@ -70,6 +70,7 @@ MISTAKES = {
     "misshapen": ({**WEIGHTS, "h.weight": [1.0, 2.0]}, "E0912", None),
     "not finite": ({**WEIGHTS, "rest": np.nan}, "E0923", None),
     "too large": ({**WEIGHTS, "gain": 0.61}, "E1119", "widen `min` and `max`"),
+    "hardly too large": ({**WEIGHTS, "gain": 0.6 + 1e-6}, "E1119", "widen `min` and `max`"),
     "too small": ({**WEIGHTS, "gain": -1.001}, "E1119", "widen `min` and `max`"),
     "no numbers": ({**WEIGHTS, "rest": "much"}, "E0924", None),
     "ragged": ({**WEIGHTS, "h.weight": [[1.0], [2.0, 3.0]]}, "E0912", None),

@@ -16,6 +16,7 @@ from types import SimpleNamespace
 import pytest
 
 from backends.native.compile_kernel import compiled_kernel
+from backends.native.kernel_cache.contents import CacheLimits, clean
 from backends.native.kernel_cache.folders import kernel_folder
 from backends.native.kernel_cache.stored_kernel import StoredKernel
 from backends.native.kernel_cache.trust import why_folder_is_not_trusted
@@ -107,6 +108,17 @@ def test_a_kernel_is_checked_until_it_was_found_right_and_never_again() -> None:
     for number in "abc":
         check_if_fresh(compiled_kernel(SOURCE), lambda number=number: checked.append(number))
     assert checked == ["a"]
+
+
+def test_a_kernel_that_is_used_is_no_old_one(tmp_path: Path) -> None:
+    """Cleaning goes by the day of the last use, not by that of the build."""
+    compiled_kernel(SOURCE)
+    cache, now = tmp_path / "cache", time.time()
+    for file in cache.iterdir():
+        os.utime(file, (now - 2 * 86_400, now - 2 * 86_400))
+    compiled_kernel(SOURCE)
+    assert not clean(cache, CacheLimits(days=1.5))
+    assert clean(cache, CacheLimits(days=0))
 
 
 def test_a_library_is_on_the_disk_before_its_name_and_its_hash_after_both(

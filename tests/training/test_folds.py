@@ -14,6 +14,7 @@ import msnn
 from msnn.model.model import Model
 from msnn.training.folds import FoldsResult, folds_table, of_fold
 from msnn.training.records.progress import EpochEnd, Silent, StageEnd, StageStart
+from msnn.training.records.run_folder import RunFolder
 from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from tests.training.cases import GAIN, gain_series
@@ -155,6 +156,28 @@ def test_an_interrupted_training_of_folds_goes_on_bit_for_bit(
         ]
     assert not list(runs.rglob("checkpoint.safetensors"))
     assert (runs / "gain" / "latest").resolve().name == f"fold_{resumed.best.number}"
+
+
+def test_folds_that_are_all_over_go_on_until_latest_leads_to_the_best(
+    tmp_path: Path, kept: FoldsResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Killed(BaseException):
+        """Ends a training as SIGKILL does."""
+
+    def killed(self: RunFolder) -> None:
+        raise Killed
+
+    runs = tmp_path / "runs"
+    with monkeypatch.context() as context:
+        context.setattr(RunFolder, "become_latest", killed)
+        with pytest.raises(Killed):
+            msnn.train_folds(model(tmp_path), FRAME, runs=runs)
+    assert not (runs / "gain" / "latest").is_symlink()
+    resumed = msnn.train_folds(model(tmp_path), FRAME, runs=runs, resume=True)
+    assert [fold.monitor for fold in resumed.folds] == [fold.monitor for fold in kept.folds]
+    assert (runs / "gain" / "latest").resolve().name == f"fold_{resumed.best.number}"
+    with pytest.raises(msnn.SpecError, match="E0915"):
+        msnn.train_folds(model(tmp_path), FRAME, runs=runs, resume=True)
 
 
 def test_data_without_folds(tmp_path: Path) -> None:

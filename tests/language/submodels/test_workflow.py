@@ -271,6 +271,28 @@ def test_weights_that_do_not_fit(tmp_path: Path, arrays: dict[str, object], said
     assert (found[0].span.file, found[0].span.line) == (str(tmp_path / "main.yaml"), 5)
 
 
+@pytest.mark.parametrize(
+    ("weights", "options"),
+    [
+        ("none.safetensors", ""),
+        ("runs/plant/latest/weights.safetensors", " --out FOLDER/runs"),
+        ("../runs/plant/latest/weights.safetensors", " --out FOLDER/../runs"),
+    ],
+)
+def test_the_training_that_is_named_keeps_its_weights_where_they_are_wanted(
+    weights: str, options: str, tmp_path: Path
+) -> None:
+    text = f"""
+        use: {{plant: {{spec: plant.yaml, weights: {weights}}}}}
+        inputs: {{r: V}}
+        connect: {{plant.x: r, plant.u: r}}
+        outputs: {{y: plant.x_next}}
+        """
+    (found,) = diagnostics(tmp_path, text, plant=PLANT)
+    command = f"`msnn train {tmp_path / 'plant.yaml'}{options}`".replace("FOLDER", str(tmp_path))
+    assert command in (found.help or "")
+
+
 def test_weights_that_are_not_there(tmp_path: Path) -> None:
     text = """
         use: {plant: {spec: plant.yaml, weights: none.safetensors}}

@@ -253,6 +253,26 @@ def test_both_engines_take_the_same_steps(optimizer: str) -> None:
         assert float(native.weights()[name]) == pytest.approx(float(weight), rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    "state",
+    ['{next: "k * u", init: 1}', '{next: "0.5 * s", init: "k * u"}'],
+    ids=["from a step", "from the start"],
+)
+def test_an_infinite_adjoint_of_a_state_times_0_is_0(state: str, engine: str) -> None:
+    """Where u is 0 the root is infinitely steep in the state, and the state does not feel k."""
+    stage = (
+        f"{{epochs: 3, batch: 4, rollout: 3, engine: {engine}, optimizer: {{sgd: {{lr: 0.1}}}}}}"
+    )
+    program, spec = compiled(text(stage, "m * sqrt(s)", f"states: {{s: {state}}}"))
+    u = np.tile([0.0, 0.5, 1.0, 2.0], 6)
+    heard = Warned()
+    data = dataset({"u": u, "z": np.full(len(u), 0.7)}, train=[len(u)])
+    found = train(program, data, spec.train, TrainingOptions(runs=None), heard)
+    assert "W0744" not in heard.codes
+    assert found.stages[0].best_epoch > 0
+    assert found.weights["k"] != 1
+
+
 def test_first_order_goes_on_with_one_warning(engine: str) -> None:
     progress = Warned()
     stage = stage_of(engine).replace("batch: 8", "batch: 2")

@@ -74,6 +74,8 @@ def test_a_run_is_read_where_it_lies(project: Path, capsys: pytest.CaptureFixtur
     assert here.spec.train[0].epochs == 3  # as `--set` had it
     assert msnn.load(run / "spec.msnn.yaml").program == there.program
     assert msnn.load(run, ["train.0.epochs=7"]).spec.train[0].epochs == 7
+    # the model of another run: what was kept is still what was trained
+    assert msnn.initial_weights(msnn.load(run, ["parameters.a=0.75"])) == {"a": 0.75}
     assert command(["validate", str(run)]) == 0  # finds the data beside the spec
     said = capsys.readouterr()
     assert f"weights: {run.parent / run.readlink() / 'weights.safetensors'}" in said.err
@@ -116,6 +118,25 @@ def test_every_verb_takes_a_run_on_another_machine(
     said = capsys.readouterr().err
     assert f"the run does not keep its data: it read them from {project / 'models'}" in said
     assert "`--data-root FOLDER`" in said
+
+
+def test_files_of_validate_that_a_run_does_not_keep_are_told_as_its_data_are(
+    project: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    entry = "validate.0.files=data.csv"
+    assert command(["train", "models/whole.yaml", "--set", "train.0.epochs=3", "--set", entry]) == 0
+    run = tmp_path / "elsewhere" / "run"
+    shutil.copytree(project / "runs" / "whole" / "latest", run)
+    shutil.rmtree(project)
+    monkeypatch.chdir(run.parent)
+    capsys.readouterr()
+    assert command(["validate", "run"]) == 1
+    said = capsys.readouterr().err
+    assert f"the run does not keep its data: it read them from {project / 'models'}" in said
+    assert "say where they are: `--data-root FOLDER`" in said
 
 
 @pytest.mark.parametrize("file", ["spec.msnn.yaml", "parts/scale.msnn.yaml", "run.json"])

@@ -19,11 +19,7 @@ from msnn.training.records.learned import standard_errors as module
 from msnn.training.records.learned.black_boxes import black_boxes
 from msnn.training.records.learned.parameter_warnings import parameter_warnings
 from msnn.training.records.learned.parameters_record import parameters_record
-from msnn.training.records.learned.standard_errors import (
-    StandardErrors,
-    at_bound,
-    standard_errors,
-)
+from msnn.training.records.learned.standard_errors import StandardErrors, at_bound, standard_errors
 from msnn.training.train import TrainingOptions, train
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.training.cases import compiled, dataset, gain, gain_series
@@ -307,3 +303,12 @@ def test_only_what_somebody_reads_is_worth_a_warning(
     warnings = parameter_warnings(program, weights, found, black_boxes(spec))
     assert [w.code for w in warnings] == ([] if said is None else ["W0930"])
     assert said is None or said in warnings[0].message
+
+
+@pytest.mark.parametrize(("scale", "held"), [(1.0, False), (1000.0, True)])
+def test_with_one_bound_the_scale_says_what_is_at_it(scale: float, held: bool) -> None:
+    program, _ = compiled(
+        "msnn: 1\nname: line\ninputs: {u: {}}\n"
+        f"parameters: {{k: {{init: 1000, min: 0, scale: {scale}}}}}\noutputs: {{y: k * u}}\n"
+    )
+    assert bool(at_bound(program.parameter("k"), np.array(0.5))) == held

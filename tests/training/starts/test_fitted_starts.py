@@ -73,9 +73,11 @@ def test_without_entries_whole_records_are_measured() -> None:
     assert row.value == pytest.approx(float(np.sqrt(np.mean(np.square(errors)))), rel=1e-9)
 
 
-def test_a_simulation_starts_by_the_first_rows_of_its_record() -> None:
+@pytest.mark.parametrize("over", [7, 40])
+def test_a_simulation_starts_by_the_first_rows_of_its_record(over: int) -> None:
+    """All states together by as many rows as one of them asks for."""
     series = records(2, 150, seed=5)
-    program, _ = compiled(FITTED)
+    program, _ = compiled(FITTED.replace("over: 40", f"over: {over}"))
     free = simulation_program(program)
     found = simulate(free, dataset(series, test=[150, 150]), TRUE)
     for run, rows in zip(found, (slice(150), slice(150, 300)), strict=True):
@@ -84,6 +86,25 @@ def test_a_simulation_starts_by_the_first_rows_of_its_record() -> None:
         expected = positions(5.0, 0.2, start, u)
         assert run.outputs["y"] == pytest.approx(expected, rel=1e-9, abs=1e-12)
     assert found.warnings == ()
+
+
+def test_a_record_shorter_than_what_decides_its_start_asks_no_other_record() -> None:
+    """Its last evaluation compares with its last row, though 40 evaluations would decide."""
+    model = """
+msnn: 1
+name: late
+sample_time: 1 s
+inputs: {u: 1}
+targets: {q: 1}
+states: {s: {next: "0.5 * s + u", init: {fit: {over: 40}}}}
+outputs: {y: {expr: "0.5 * s + u", predicts: "q[t+1]"}}
+"""
+    random = np.random.default_rng(1)
+    series = {"u": random.normal(size=24), "q": np.repeat([0.1, 1e6], 12)}
+    free = simulation_program(compiled(model)[0])
+    first, _ = simulate(free, dataset(series, test=[12, 12]))
+    (alone,) = simulate(free, dataset(series, test=[12]))
+    np.testing.assert_array_equal(first.outputs["y"], alone.outputs["y"])
 
 
 def test_rollouts_reach_the_noise_where_a_start_at_rest_does_not() -> None:
