@@ -107,6 +107,25 @@ def test_a_wrong_entry_is_found(
     assert [fault.of for fault in found.faults if fault.of == "the matrix A"]
 
 
+@pytest.mark.parametrize("factor", [1e-24, -1.0])
+def test_a_slope_in_place_of_an_infinite_one_is_as_steep_and_has_its_direction(
+    factor: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from msnn.exports.targets import casadi
+
+    plain = casadi._CasadiExport._matrix
+
+    def spoiled(*arguments: object) -> np.ndarray:
+        matrix = plain(*arguments)  # pyright: ignore[reportArgumentType]
+        return np.where(np.abs(matrix) > 1e20, factor * matrix, matrix)
+
+    plan = plan_of("casadi", to_step_form(compiled(STEEP)), "float64")
+    assert checked(plan, initial_weights(plan.program), tmp_path / "right").agrees
+    monkeypatch.setattr(casadi._CasadiExport, "_matrix", spoiled)
+    found = checked(plan, initial_weights(plan.program), tmp_path / "wrong")
+    assert {fault.of for fault in found.faults} >= {"the matrix B"}
+
+
 def test_points_are_the_same_every_time_and_within_their_ranges() -> None:
     program = tanks().program
     program = to_step_form(prune_outputs(program, [output.name for output in program.outputs]))
