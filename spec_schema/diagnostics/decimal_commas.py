@@ -6,7 +6,7 @@ _DECIMAL_COMMA = re.compile(r"([+-]?\d+),(\d+)((?:[^\d,][^,]*)?)")
 
 
 def with_point_or_joined(text: str) -> tuple[str, ...]:
-    """What `2,5` may mean: `2.5`; of `1,200` that number without a comma first, then `1.200`."""
+    """Lists what `2,5` may mean, `2.5`; of `1,200` the number without a comma, then `1.200`."""
     point, joined = text.replace(",", "."), text.replace(",", "")
     return (point,) if with_decimal_point(text) else (joined, point)
 

@@ -88,20 +88,27 @@ def test_slopes_that_are_infinite_agree_too(target: str, tmp_path: Path) -> None
     assert found.jacobian <= 1e-12
 
 
-@pytest.mark.parametrize("spoil", [lambda x: x * (1 + 1e-9), lambda x: -x, lambda x: x * np.nan])
-def test_a_wrong_entry_is_found(
-    spoil: Callable[[np.ndarray], np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def spoil(patch: pytest.MonkeyPatch, spoiled: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Lets exports to CasADi compute other matrices."""
     from msnn.exports.targets import casadi
 
     plain = casadi._CasadiExport._matrix
 
-    def spoiled(*arguments: object) -> np.ndarray:
-        matrix = plain(*arguments)  # pyright: ignore[reportArgumentType]
-        matrix.flat[:1] = spoil(matrix.flat[:1])
+    def matrix(*arguments: object) -> np.ndarray:
+        return spoiled(plain(*arguments))  # pyright: ignore[reportArgumentType]
+
+    patch.setattr(casadi._CasadiExport, "_matrix", matrix)
+
+
+@pytest.mark.parametrize("change", [lambda x: x * (1 + 1e-9), lambda x: -x, lambda x: x * np.nan])
+def test_a_wrong_entry_is_found(
+    change: Callable[[np.ndarray], np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def first_entry(matrix: np.ndarray) -> np.ndarray:
+        matrix.flat[:1] = change(matrix.flat[:1])
         return matrix
 
-    monkeypatch.setattr(casadi._CasadiExport, "_matrix", spoiled)
+    spoil(monkeypatch, first_entry)
     plan = tanks()
     found = checked(plan, initial_weights(plan.program), tmp_path)
     assert [fault.of for fault in found.faults if fault.of == "the matrix A"]
@@ -112,21 +119,23 @@ def test_slopes_by_a_parameter_of_0_are_compared_by_their_own_size(
     factor: float, agrees: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No value of b says how large its slope may be."""
-    from msnn.exports.targets import casadi
-
-    plain = casadi._CasadiExport._matrix
-
-    def spoiled(*arguments: object) -> np.ndarray:
-        matrix = plain(*arguments)  # pyright: ignore[reportArgumentType]
-        return matrix * factor
-
-    monkeypatch.setattr(casadi._CasadiExport, "_matrix", spoiled)
+    spoil(monkeypatch, lambda matrix: matrix * factor)
     model = compiled("inputs: {u: 1}\nparameters: {b: 0}\noutputs: {y: b * u}\n")
-    found = checked(
-        plan_of("casadi", to_step_form(model), "float64"), {"b": np.array(0.0)}, tmp_path
-    )
+    plan = plan_of("casadi", to_step_form(model), "float64")
+    found = checked(plan, {"b": np.array(0.0)}, tmp_path)
     assert found.agrees == agrees
     assert ("the matrix dy_dp" in {fault.of for fault in found.faults}) != agrees
+
+
+@pytest.mark.parametrize("factor", [1e-24, -1.0])
+def test_a_slope_in_place_of_an_infinite_one_is_as_steep_and_has_its_direction(
+    factor: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = plan_of("casadi", to_step_form(compiled(STEEP)), "float64")
+    assert checked(plan, initial_weights(plan.program), tmp_path / "right").agrees
+    spoil(monkeypatch, lambda matrix: np.where(np.abs(matrix) > 1e20, factor * matrix, matrix))
+    found = checked(plan, initial_weights(plan.program), tmp_path / "wrong")
+    assert {fault.of for fault in found.faults} >= {"the matrix B"}
 
 
 def test_points_are_the_same_every_time_and_within_their_ranges() -> None:

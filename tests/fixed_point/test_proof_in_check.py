@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from compiler.fixed_point import compile_integers
@@ -15,7 +17,8 @@ from compiler.fixed_point.lowering.forms import PolynomialForm
 from compiler.fixed_point.lowering.thresholds import Decided, IntegerCondition
 from compiler.ir.ops import Relation
 from msnn.agreement.agreement import Agreement
-from msnn.agreement.faults import BeyondProof
+from msnn.agreement.faults import BeyondProof, beyond_proof
+from msnn.agreement.judging.judgement import Proof
 from msnn.agreement.report import AgreementReport, agreement_diagnostics
 from tests.agreement.exported import checked
 from tests.conditions import require_tool
@@ -141,3 +144,14 @@ def test_what_is_wrong_in_the_c_and_in_its_judge_is_found(
     step = "a step beside the record" if fault.step is None else f"step {fault.step}"
     for part in (step, f"{fault.error:.3g}", f"{fault.bound:.3g}"):
         assert part in mine
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, 0.3])
+def test_a_value_that_is_no_number_is_beyond_every_proof(wrong: float) -> None:
+    exact, values = np.zeros((3, 1)), np.array([[0.1], [wrong], [0.1]])
+    proof = Proof(
+        values={"`y`": values}, exact={"`y`": exact}, bounds={"`y`": 0.2}, steps={"`y`": 3}
+    )
+    (fault,) = beyond_proof(proof)
+    assert isinstance(fault, BeyondProof)
+    assert (fault.of, fault.step) == ("`y`", 1)

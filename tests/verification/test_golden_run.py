@@ -48,6 +48,7 @@ def test_the_answer_of_the_interpreter_is_right(export: ExportedC) -> None:
         ("", "the program ended before its last golden step"),
         ("differing 00000002 selftest 00000000\n", "2 golden steps or starts differ"),
         ("differing 00000000 selftest 00000001\n", "the self-test returned 0x00000001"),
+        ("differing 00000000 selftest 00000200\n", "the self-test returned 0x00000200"),
     ],
 )
 def test_a_summary_that_is_missing_or_counts_faults(

@@ -132,7 +132,7 @@ def _missing(start: _Start) -> list[_Start]:
 
 
 def _after(start: _Start, real: np.dtype[np.floating], *, known: float) -> _Start:
-    """Where a plant may be a sample later, what is known times this factor."""
+    """A place where a plant may be a sample later, what is known times this factor."""
 
     def rounded(values: Array) -> Array:
         return values.astype(real).astype(float)

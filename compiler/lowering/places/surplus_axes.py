@@ -53,7 +53,7 @@ def report_surplus(
 
 
 def _repair(axes: Sequence[Axis], wanted: Sequence[Axis]) -> str | None:
-    """How a list gets the dimension that is wanted, which has as many elements."""
+    """The way by which a list gets the dimension that is wanted, which has as many elements."""
     if len(axes) == len(wanted) == 1 and axes[0] == Axis(UNNAMED, wanted[0].size):
         return f"a list has no dim: declare it as a constant with `dims: {wanted[0].name}`"
     return None
