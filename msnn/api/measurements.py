@@ -105,6 +105,7 @@ def validate_on(
     from msnn.api.results.measurements import ShownReport
     from msnn.data.reading.file_sets import load_file_sets
     from msnn.exports.running.exported_rollouts import chosen_engine
+    from msnn.model.trained_fold import fold_of_another_run
     from msnn.model.weights.known_covariance import known_covariance
     from msnn.simulation.engines.progress import nobody
     from msnn.validation import validate as validation
@@ -127,7 +128,8 @@ def validate_on(
         )
         read = [*([] if dataset is None else [dataset]), *files.values()]
         warnings = [warning for one in read for warning in one.warnings]
-        said = (*warnings, *report.warnings)
+        held = fold_of_another_run(model, weights, {found.data for found in report.measurements})
+        said = (*warnings, *held, *report.warnings)
         return ShownReport(report.rows, report.measurements, said)
 
 

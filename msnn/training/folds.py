@@ -16,6 +16,7 @@ from msnn.errors.learning.stages import no_folds
 from msnn.errors.learning.training import no_checkpoint
 from msnn.model.model import Model
 from msnn.model.saved_run import CHECKPOINT, FOLD, FOLD_SETTING, LATEST, newest, read_json
+from msnn.model.trained_fold import HELD_OUT
 from msnn.tables import Table
 from msnn.training.plans.stage_result import monitor_order
 from msnn.training.records.metrics_log import finite
@@ -30,7 +31,6 @@ from msnn.validation.reports.words import rollout_text, unit_text
 from msnn.validation.validate import MetricRow, ValidationReport, validate
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
-HELD_OUT = "val"
 RECORD = "folds.json"
 
 

@@ -39,6 +39,26 @@ def test_the_run_of_a_fold_is_measured_on_its_own_rows(msnn: CommandLine, projec
     assert [row["value"] for row in rows] == [each["value"] for each in best["metrics"]]
 
 
+def test_rows_that_a_fold_was_trained_on_are_told(msnn: CommandLine, project: Path):
+    on_fold = (*SHORT, "--set", "validate=[{of: x_next, data: val}]")
+    folds = json.loads(msnn("train", SPEC, "--folds", *on_fold, "--format", "json").out)["folds"]
+    first, second = (["--weights", f"{fold['folder']}/weights.safetensors"] for fold in folds)
+    measure = ("validate", SPEC, *on_fold)
+    assert "W1005" not in msnn(*measure, *first).err
+    said = msnn(*measure, *second).err
+    assert said.count("warning[W1005]") == 1
+    # its own rows, and rows that no fold has
+    repaired = re.search(r"`msnn (validate \S+)`", said)
+    assert repaired is not None
+    assert "W1005" not in msnn(*repaired[1].split()).err
+    assert "W1005" not in msnn("validate", SPEC, *SHORT, *second).err
+    # what is no fold's run: a file that somebody wrote
+    record = project / folds[1]["folder"] / "run.json"
+    spoiled = json.loads(record.read_text()) | {"settings": [3, "data.split.fold=two"]}
+    record.write_text(json.dumps(spoiled))
+    assert "W1005" not in msnn(*measure, *second).err
+
+
 def test_folds_as_json(msnn: CommandLine, project: Path):
     record = json.loads(msnn("train", SPEC, "--folds", *SHORT, "--format", "json").out)
     kept = json.loads((project / record["folder"] / "folds.json").read_text())

@@ -85,11 +85,13 @@ def validate(
     chosen = choose_weights(model, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
+    # as a file they say of which rows they were trained and how sure they are
+    known = chosen.weights if chosen.file is None else chosen.file
     every: EnginesReport | None = None
     with StepProgress(progress_stream()) as progress:
         if engine == EVERY_ENGINE:
             every = measurements.validate_every_engine(
-                model, chosen.weights, data_root=data_root, progress=progress.told
+                model, known, data_root=data_root, progress=progress.told
             )
             # limits are judged by the interpreter's figures (decision 0218), the others are
             # compared with it
@@ -97,9 +99,7 @@ def validate(
         else:
             found = measurements.validate(
                 model,
-                # intervals want the covariance of the parameters, which stands in the file beside
-                # the weights
-                chosen.file if intervals else chosen.weights,
+                known,
                 data_root=data_root,
                 engine=engine,
                 progress=progress.told,

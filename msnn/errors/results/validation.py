@@ -1,4 +1,4 @@
-"""E0870 and W1004: what measuring a trained model finds that its user should know."""
+"""E0870, W1004 and W1005: what measuring a trained model finds that its user should know."""
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
@@ -15,6 +15,15 @@ def extrapolates(name: str, signal: str, share: float, low: float, high: float) 
         "each has its share"
     )
     return warning("W1004", None, message, help=repair)
+
+
+def of_another_fold(run: str, trained: int, held_out: int) -> Diagnostic:
+    """W1005: rows held out by one fold, of a model that another one was trained without."""
+    message = (
+        f"the weights in {run} are those of fold {trained}, which was trained on what fold "
+        f"{held_out} holds out: errors on these rows are too small"
+    )
+    return warning("W1005", None, message, help=f"measure that run: `msnn validate {run}`")
 
 
 def broken_limit(
