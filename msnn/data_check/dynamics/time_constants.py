@@ -50,9 +50,10 @@ class TimeConstants:
 def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants | None:
     """The modes of a series, from its responses to all inputs; None where none is visible.
 
-    Where responses outlast the lags of the estimate, it is repeated with means of 4, 16, … rows.
-    A state space of the responses is their Hankel matrix shifted by one lag (Kung 1978); its order
-    is how many singular values exceed what the errors of the responses make of them.
+    Where responses outlast the lags of the estimate, it is repeated with means of 4, 16, … rows;
+    modes that are over within a mean are those of the rows. A state space of the responses is their
+    Hankel matrix shifted by one lag (Kung 1978); its order is how many singular values exceed what
+    the errors of the responses make of them.
     """
     # responses that last longer than the lags are seen at fewer rows a second
     found, factor = first, 1
@@ -72,9 +73,30 @@ def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants |
             break
         found = again
     begins = {i: _begin(found.delay(i), first.delay(i), factor) for i in seen}
-    poles = _poles(found, begins)
-    if not len(poles):
+    constants, periods, natural = factor * _times(_poles(found, begins))
+    if factor > 1:
+        # means say nothing of what is over within one of them, the rows do
+        told = [(i, delay) for i in seen if (delay := first.delay(i)) is not None]
+        rows = _times(_poles(first, {i: _begin(delay, delay, 1) for i, delay in told}))
+        slow, fast = natural >= factor, rows[2] < factor
+        parts = zip((constants, periods, natural), rows, strict=True)
+        constants, periods, natural = (np.concatenate([a[slow], b[fast]]) for a, b in parts)
+    if not len(natural):
         return None
+    if factor == 1 and rows_of(pieces) < _FEWEST_ROWS and np.max(natural) > found.lags:
+        return None  # longer than all that was seen of it
+    order = np.argsort(-constants, kind="stable")
+    lags = [lag for lag in settled if lag is not None]
+    return TimeConstants(
+        modes=tuple(constants[order].tolist()),
+        periods=tuple(periods[order].tolist()),
+        natural=tuple(natural[order].tolist()),
+        settling=float(max(lags) * factor) if len(lags) == len(settled) else None,
+    )
+
+
+def _times(poles: ComplexArray) -> FloatArray:
+    """Time constants, periods and natural times of poles, in rows of their estimate."""
     sizes = np.abs(poles)
     with np.errstate(divide="ignore"):
         # z = e^(−1/τ); on and outside the unit circle nothing decays
@@ -82,17 +104,7 @@ def time_constants(pieces: Sequence[Piece], first: Responses) -> TimeConstants |
         turns = np.abs(np.angle(poles))
         periods = np.where(turns > 0, 2 * np.pi / turns, np.inf)
         natural = np.where(sizes < 1, 1 / np.abs(np.log(poles)), np.inf)
-    if factor == 1 and rows_of(pieces) < _FEWEST_ROWS and np.max(natural) > found.lags:
-        return None  # longer than all that was seen of it
-    order = np.argsort(-constants, kind="stable")
-    lags = [lag for lag in settled if lag is not None]
-    # in rows of the record, however many of them a row of the estimate was
-    return TimeConstants(
-        modes=tuple((constants[order] * factor).tolist()),
-        periods=tuple((periods[order] * factor).tolist()),
-        natural=tuple((natural[order] * factor).tolist()),
-        settling=float(max(lags) * factor) if len(lags) == len(settled) else None,
-    )
+    return np.stack([constants, periods, natural])
 
 
 def _begin(delay: int | None, of_rows: int | None, factor: int) -> int:
