@@ -100,6 +100,14 @@ def refuse_sets(frames: Frames | None) -> None:
         raise TypeError(message)
 
 
+def with_training_rows(data: object) -> Frames | None:
+    """The frames of sets among which is `train`; None of other data."""
+    if not isinstance(data, Mapping) or "train" not in data:
+        return None
+    frames = cast("Mapping[str, Frame | Sequence[Frame]]", data)
+    return frames if _is_of_sets(frames) else None
+
+
 def _is_of_sets(frames: Mapping[Any, Any]) -> bool:
     return bool(frames) and all(_is_records(value) for value in frames.values())
 
