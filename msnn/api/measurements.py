@@ -190,8 +190,9 @@ def simulate(
     `data` are frames as in `train`, or files with the columns that the spec names; None takes the
     data of the spec. `data_set` runs over one set only; of files it says which set of the spec has
     their columns. `horizon` ends each run after so many steps. `engine` and `progress` as in
-    `validate`. `intervals=95` adds half the width of 95 % prediction intervals, `run.bands`;
-    weights are then a result or the path of a run. The answer is a sequence of runs, with
+    `validate`. `intervals=95` adds half the width of 95 % prediction intervals, `run.bands`, by the
+    errors in the set `train` of frames, `{"train": a, "test": b}`, else of the spec; weights are
+    then a result or the path of a run. The answer is a sequence of runs, with
     `warnings`, `to_frame()` and `plot()`. Raises SpecError.
     """
     from msnn.api.results.measurements import ShownSimulations
@@ -211,7 +212,7 @@ def simulate(
     known = known_in(model, weights)
     bands = None
     if intervals is not None:
-        bands = _intervals(model, weights, known, intervals / 100.0, data_root, chosen)
+        bands = _intervals(model, data, weights, known, intervals / 100.0, data_root, chosen)
     with sources_of(model):
         found = run(
             program,
@@ -228,6 +229,7 @@ def simulate(
 
 def _intervals(
     model: Model,
+    data: GivenData | None,
     weights: Weights | None,
     known: Mapping[str, FloatArray],
     level: float,
@@ -235,6 +237,8 @@ def _intervals(
     engine: Engine,
 ) -> Intervals:
     """The widths of the bands of free runs, by the errors that remain on the training rows."""
+    from msnn.data.reading.frames import with_training_rows
+    from msnn.errors.results.intervals import no_training_rows
     from msnn.model.weights.known_covariance import known_covariance
     from msnn.validation.covered import free_intervals
 
@@ -243,5 +247,9 @@ def _intervals(
         raise ValueError(message)
     with sources_of(model):
         covariance = known_covariance(weights, known)
-        trained_on = measured(model, None, data_root, "prediction intervals")
+        frames = with_training_rows(data)
+        if frames is None and model.spec.data is None:
+            why = "the spec has no `data:` section, and no frames are called `train`"
+            raise SpecError([no_training_rows(None, why)])
+        trained_on = measured(model, frames, data_root, "prediction intervals")
         return free_intervals(model.program, trained_on, known, covariance, level, engine)

@@ -42,12 +42,13 @@ def train(
 
     `data` are frames of pandas or polars or mappings of arrays, with the columns that the spec
     names, one a record: a single one, a list, or either for each set, `{"train": a, "val": b}`.
-    None takes the data of the spec. `runs` None keeps no files; `tensorboard` adds curves to them.
-    `device` is where torch computes: cpu, cuda, cuda:N or auto; `weights` is where the first stage
-    begins, by default the initial values. `progress` None shows lines where somebody watches: a
-    terminal, a notebook; True everywhere, False nowhere; a function is given every event, a
-    `StageStart`, `EpochEnd`, `StageEnd` or a warning. `ranks` are the processes that train
-    together, of which only the first keeps files: `GlooRanks()` of `msnn.training.ranks` in each of
+    None takes the data of the spec. `runs` None keeps no files and finds no standard errors, nor
+    the covariance that prediction intervals need; `tensorboard` adds curves to the files. `device`
+    is where torch computes: cpu, cuda, cuda:N or auto; `weights` is where the first stage begins,
+    by default the initial values. `progress` None shows lines where somebody watches: a terminal, a
+    notebook; True everywhere, False nowhere; a function is given every event, a `StageStart`,
+    `EpochEnd`, `StageEnd` or a warning. `ranks` are the processes that train together, of which
+    only the first keeps files: `GlooRanks()` of `msnn.training.ranks` in each of
     those that torchrun has started. Raises SpecError, TrainingDivergedError,
     TrainingInterruptedError and MissingExtraError.
     """

@@ -58,7 +58,12 @@ def draw_line(axis: Any, along: FloatArray, values: FloatArray, **style: Any) ->
 
 def legend_above(axis: Any) -> None:
     """The legend in one line over the axis, where it hides nothing."""
+    handles, labels = axis.get_legend_handles_labels()
+    # both limits are one entry
+    entries = dict(zip(labels, handles, strict=True))
     axis.legend(
+        list(entries.values()),
+        list(entries),
         fontsize="small",
         ncols=4,
         loc="lower right",

@@ -80,6 +80,8 @@ class Measuring:
             metric: score(metric, self._errors, self._learned) for metric in METRICS
         }
         rows = by_row.rows
+        # rows without a target are simulated, not scored (R9)
+        there = ~np.isnan(self._target[rows].reshape(len(rows), -1)).all(axis=1)
         return Measurement(
             of=check.plan.of,
             unit=check.plan.output_unit,
@@ -87,7 +89,7 @@ class Measuring:
             closed=rollout.closed,
             details=check.plan.details,
             data=check.name,
-            rows=rows_text(check.data, rows),
+            rows=rows_text(check.data, rows[there]),
             scored=metrics["rmse"].count,
             metrics=metrics,
             curve=self._curve.curve(),

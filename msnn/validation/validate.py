@@ -173,6 +173,10 @@ def _row(check: ReadyCheck, found: Outcome) -> MetricRow:
     if isinstance(found, LossValue):
         metric, value, elements = "loss", found.value, np.array(found.value)
         rows, scored = f"{found.scored:.6g} values", round(found.scored)
+        # what is counted is no number of values then
+        terms = (t for t in plan.rollout.program.losses if plan.of in (t.name, t.entry))
+        if any(term.rows is not None for term in terms):
+            rows += ", each by its factor"
     else:
         assert plan.metric is not None
         metric, scores, rows = plan.metric, found.metrics[plan.metric], found.rows

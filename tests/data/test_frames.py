@@ -65,6 +65,13 @@ def test_frames_train_as_files_do(model: msnn.Model, kind: str) -> None:
     assert report.rows == msnn.validate(model, by_files.weights).rows
 
 
+@pytest.mark.parametrize("kind", [float, int])
+def test_what_a_mask_leaves_out_is_missing(model: msnn.Model, kind: type) -> None:
+    force = np.ma.masked_array(np.arange(60).astype(kind), mask=np.arange(60) == 7)
+    with pytest.raises(SpecError, match="column `force` has `NaN` in row 7"):
+        msnn.train(model, {"position": np.zeros(60), "force": force}, runs=None)
+
+
 def test_frames_of_sets(model: msnn.Model) -> None:
     train, val = pd.DataFrame(columns(0)), pd.DataFrame(columns(1))
     result = msnn.train(model, {"train": [train], "val": val}, runs=None)

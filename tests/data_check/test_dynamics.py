@@ -44,6 +44,25 @@ def test_the_time_constant_is_found_to_a_tenth(name: str, constant: int, noise: 
     assert found.slowest == pytest.approx(constant, rel=0.1)
 
 
+@pytest.mark.parametrize("hold", [1, 20])
+@pytest.mark.parametrize("delay", [0, 3, 12])
+@pytest.mark.parametrize("constants", [(40,), (100, 20), (200, 8)])
+def test_modes_are_those_of_the_system_also_of_means(
+    hold: int, delay: int, constants: tuple[int, ...]
+):
+    """Means of rows begin to respond before they decay, which is no mode; they hide fast ones."""
+    u = np.repeat(np.random.default_rng(3).normal(size=3_000 // hold), hold)
+    shares = (0.6, 0.4)[: len(constants)]
+    y = sum(
+        (share * first_order(u, one, delay) for share, one in zip(shares, constants, strict=True)),
+        np.zeros(len(u)),
+    )
+    found = checked(noisy(y, 0.01), u).constants
+    assert found is not None
+    assert found.modes == pytest.approx(constants, rel=0.2)
+    assert all(np.isinf(found.periods))
+
+
 def test_an_oscillation_has_its_period_and_its_damping():
     """y″ + 2 d y′ + w² y = w² u with zeros of none: poles exp(−d ± i w₁)."""
     u, period, decay = held(6_000), 40.0, 60.0

@@ -152,7 +152,7 @@ def unmoved(table: dict[str, FloatArray]) -> None:
         (late, "W0820", ("after 4 rows (0.4 s)", "read `u[t-3]`")),
         (at_once, "W0820", ("in the same row", "`between: linear` at `u`", "`predicts: y[t]`")),
         (poor, "W0821", ("`u` excites ", "Hz")),
-        (slow, "W0822", ("sample times; 10 to 30", "`every: 7`")),
+        (slow, "W0822", ("sample times; 10 to 30", "`every: 8`")),
         (slow, "W0824", ("40 rows", "`train.0.rollout.horizon: ")),
         (unmoved, "W0827", ("`y` shows no response to `u` within", "1%")),
     ],

@@ -105,6 +105,29 @@ def test_an_interval_that_is_drawn_is_in_the_legend(
     assert with_bands == [*without, "prediction interval"]
 
 
+def test_a_legend_hides_no_figures(drawn: list[Any], tmp_path: Path):
+    """With limits and intervals it is nearly as wide as one of three axes."""
+    model = msnn.load(
+        "msnn: 1\nname: plant\nsample_time: 1 s\n"
+        "inputs: {u: {unit: m}, x: {unit: m, range: [-1, 1]}}\n"
+        "outputs: {y: {expr: u + 0 * x, predicts: 'x[t+1]'}}\n"
+    )
+    wave = np.sin(np.arange(100.0))
+    runs = [
+        replace(run, bands={"y": np.full_like(run.outputs["y"], 0.1)})
+        for run in msnn.simulate(model, [{"u": 0.999 * wave, "x": wave}] * 3)
+    ]
+    plot_simulation(tmp_path / "a.png", simulation_program(model.program), runs)
+    (figure,) = drawn
+    figure.canvas.draw()
+    for axis in figure.axes[:3]:
+        legend, said = axis.get_legend(), axis.texts[0].get_window_extent()
+        entries = [text.get_text() for text in legend.get_texts()]
+        assert entries == ["measured", "simulated", "prediction interval", "limit"]
+        assert not said.overlaps(legend.get_window_extent())
+        assert not said.overlaps(axis._left_title.get_window_extent())
+
+
 def test_runs_beside_each_other_show_the_same_limits(
     trained_run: Path, drawn: list[Any], tmp_path: Path
 ):

@@ -146,6 +146,7 @@ def test_a_missing_target_is_not_scored() -> None:
     series["y"][3:5] = np.nan
     (row,) = validate(program, dataset(series, test=[10]), spec.checks, {"a": np.array(3.0)}).rows
     assert (row.value, row.scored) == (2.0, 8)
+    assert row.rows == "8 of rows 0…9 of 10"
 
 
 @pytest.mark.parametrize(

@@ -268,6 +268,24 @@ def test_intervals_need_rows_that_were_trained_on(line: Path) -> None:
     assert "2 numbers were learned from 2 values" in refused(model, result)
 
 
+def test_sets_of_frames_have_the_intervals_of_files(line: Path) -> None:
+    del line
+    frames = {
+        name: dict(zip("uy", np.loadtxt(f"{name}.csv", delimiter=",", skiprows=1).T, strict=True))
+        for name in ("train", "test")
+    }
+    files = msnn.load("line.msnn.yaml")
+    (known,) = msnn.simulate(files, "test.csv", msnn.train(files), data_set="test", intervals=95)
+    # a spec without data, all of which is in memory
+    model = msnn.load(LINE.replace("data: {source: {train: train.csv, test: test.csv}}\n", ""))
+    assert model.spec.data is None
+    result = msnn.train(model, frames["train"])
+    with pytest.raises(msnn.SpecError, match="E1048"):
+        msnn.simulate(model, frames["test"], result, intervals=95)
+    (run,) = msnn.simulate(model, frames, result, data_set="test", intervals=95)
+    np.testing.assert_allclose(run.bands["z"], known.bands["z"], rtol=1e-9)
+
+
 def test_outputs_that_predict_nothing_have_no_intervals(line: Path) -> None:
     (line / "line.msnn.yaml").write_text(
         LINE.replace(', predicts: "y[t]"', "").replace("data:", "losses: {fit: 'mse(z, y)'}\ndata:")

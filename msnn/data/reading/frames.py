@@ -100,6 +100,14 @@ def refuse_sets(frames: Frames | None) -> None:
         raise TypeError(message)
 
 
+def with_training_rows(data: object) -> Frames | None:
+    """The frames of sets among which is `train`; None of other data."""
+    if not isinstance(data, Mapping) or "train" not in data:
+        return None
+    frames = cast("Mapping[str, Frame | Sequence[Frame]]", data)
+    return frames if _is_of_sets(frames) else None
+
+
 def _is_of_sets(frames: Mapping[Any, Any]) -> bool:
     return bool(frames) and all(_is_records(value) for value in frames.values())
 
@@ -129,7 +137,7 @@ def _records(value: object) -> list[Frame]:
 def _arrays(shown: str, frame: Frame) -> NamedArrays:
     if isinstance(frame, Mapping):
         names = tuple(frame)
-        return NamedArrays(shown, names, lambda name: np.asarray(frame[name]))
+        return NamedArrays(shown, names, lambda name: _unmasked(frame[name]))
     names = tuple(str(name) for name in frame.columns)
 
     def get(name: str) -> NDArray[Any]:
@@ -139,6 +147,19 @@ def _arrays(shown: str, frame: Frame) -> NamedArrays:
     # dates of polars with a zone come as those of UTC without one
     zoned = {name for name in names if getattr(frame[name].dtype, "time_zone", None) is not None}
     return NamedArrays(shown, names, get, frozenset(zoned))
+
+
+def _unmasked(values: ArrayLike) -> NDArray[Any]:
+    """An array in which what a mask leaves out is missing: NaN, or NaT of dates."""
+    if not isinstance(values, np.ma.MaskedArray):
+        return np.asarray(values)
+    masked = cast("np.ma.MaskedArray[Any, Any]", values)
+    # of what is no number the kind alone is looked at, and refused
+    found = np.array(masked.data, np.float64 if masked.dtype.kind in "biu" else None)
+    fill = {"f": np.nan, "M": np.datetime64("NaT"), "m": np.timedelta64("NaT")}
+    if found.dtype.kind in fill:
+        found[np.ma.getmaskarray(masked)] = fill[found.dtype.kind]
+    return found
 
 
 def _layout(data: Data | None, place: KeyAndValueSpan) -> Source:

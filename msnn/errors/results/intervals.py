@@ -12,9 +12,10 @@ def no_covariance(why: str) -> Diagnostic:
     return error("E1047", None, message, help=repair)
 
 
-def no_training_rows(output: str, why: str) -> Diagnostic:
+def no_training_rows(output: str | None, why: str) -> Diagnostic:
     """E1048: intervals without rows that tell how large errors are."""
-    message = f"there are no prediction intervals of `{output}`: {why}"
+    of = "" if output is None else f" of `{output}`"
+    message = f"there are no prediction intervals{of}: {why}"
     repair = "how large errors are is measured on the set `train`: data without it do not tell"
     return error("E1048", None, message, help=repair)
 

@@ -23,6 +23,8 @@ _MOST_OUTPUTS = 4
 _MOST_INPUTS = 4
 _LETTERS = 15
 """Of small print in an inch."""
+_LEGEND_HEIGHT = 20.0
+"""Points from an axis to what stands over its legend."""
 
 
 def plot_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -> Path:
@@ -132,7 +134,7 @@ def _draw_run(
     inputs: Sequence[DrawnNumber],
 ) -> None:
     first = axes[0]
-    first.set_title(_name(run), fontsize="medium", loc="left", pad=22)
+    first.set_title(_name(run), fontsize="medium", loc="left", pad=_LEGEND_HEIGHT + 16.0)
     correlations: list[tuple[DrawnNumber, Correlation | None]] = []
     for channel in outputs:
         axis = axes.pop(0)
@@ -172,8 +174,15 @@ def _draw_output(axis: Any, run: Simulation, along: FloatArray, channel: DrawnNu
         fit, rmse = score("fit", errors).value, score("rmse", errors).value
         figures = [f"fit {fit:.4g} %"] if np.isfinite(fit) else []
         figures += [f"rmse {rmse:.4g} {channel.unit}".strip()] if np.isfinite(rmse) else []
-        axis.text(
-            0.0, 1.01, ", ".join(figures), transform=axis.transAxes, fontsize="small", va="bottom"
+        # over the legend, which with limits and intervals is as wide as the axis
+        axis.annotate(
+            ", ".join(figures),
+            (0.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(0.0, _LEGEND_HEIGHT),
+            textcoords="offset points",
+            fontsize="small",
+            va="bottom",
         )
     axis.plot(along, values, color=plotting.SIMULATED, linewidth=1.3, label="simulated")
     if channel.source in run.bands:

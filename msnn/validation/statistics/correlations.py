@@ -10,6 +10,7 @@ from statistics import NormalDist
 import numpy as np
 
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
+from msnn.validation.statistics.clumps import dispersion, most_beyond
 
 _BAND = NormalDist().inv_cdf(0.995)
 """Of a normal distribution 99 % lie within so many standard deviations."""
@@ -36,6 +37,9 @@ class Correlation:
     """Of the pairs that the band counts, those that there are at each lag."""
     effective: float
     """How many independent values would have this band."""
+    dispersion: float = 1.0
+    """The variance of the number of lags of noise beyond the band, over that of independent lags:
+    neighbours leave it together where an input is slow."""
 
     @property
     def bands(self) -> FloatArray:
@@ -52,15 +56,7 @@ class Correlation:
     @property
     def allowed(self) -> int:
         """The number of lags there that no more than 3 % of noise exceeds; 1 of 25."""
-        count, left = len(self.lags), 1.0
-        for number in range(count):
-            ways = math.lgamma(count + 1) - math.lgamma(number + 1)
-            ways -= math.lgamma(count - number + 1)
-            chances = number * math.log(_OUTSIDE) + (count - number) * math.log1p(-_OUTSIDE)
-            left -= math.exp(ways + chances)
-            if left <= _ACCUSED:
-                return number
-        return count
+        return most_beyond(len(self.lags), self.dispersion, _OUTSIDE, _ACCUSED)
 
     @property
     def is_noise(self) -> bool:
@@ -230,6 +226,7 @@ def _cross(
         band=_BAND / math.sqrt(effective),
         shares=pairs / there,
         effective=effective,
+        dispersion=dispersion(own, other, _BAND, _OUTSIDE),
     )
 
 

@@ -141,6 +141,8 @@ def test_a_measured_loss_has_its_factors() -> None:
     error, factor, _ = scored(data)
     assert row.value == pytest.approx(float(np.mean(error[factor > 0.02] ** 2)), rel=1e-12)
     assert row.scored == 2 * np.sum(factor > 0.02)
+    # that is no number of values, and the table says so
+    assert row.rows == f"{row.scored} values, each by its factor"
 
 
 def test_a_loss_that_scores_no_row_keeps_no_limit() -> None:
