@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from compiler.differentiation.training_step import element_factors, scored_error
 from compiler.ir.builder import GraphBuilder
@@ -17,7 +19,8 @@ from compiler.ir.types import Axis
 class LossResiduals:
     """A loss as Σ r² over its elements: r with its slopes ∂r/∂θ, both 0 where nothing is scored.
 
-    Both are 0, too, where a slope is infinite: no step can be made of it (decision 0184).
+    Both are 0, too, where a slope is infinite: no step can be made of it (decision 0184). What is
+    above the largest slope is so, θ counted in multiples of its scale.
     The slopes of the sum are exact, 2 Σ r ∂r/∂θ; for huber r has the weight of its element, and
     where rows have factors w it is √w times the residual.
     """
@@ -66,16 +69,23 @@ def residual_row(
     loss: Loss,
     residual: Unsquared,
     slopes: NodeId,
+    scales: Sequence[float],
     leaves_out: Callable[[], bool],
 ) -> LossResiduals:
-    """A residual with its slopes, without those that are infinite."""
+    """A residual with its slopes, without those that are infinite; `scales` of LEARNED."""
     directions = builder.type(slopes).axes[0]
     values = _weighted(builder, residual.factor, residual.error)
     slopes = _weighted(builder, residual.factor, slopes, directions)
     if not builder.infinite_values.can_be_infinite(slopes) or not leaves_out():
         return LossResiduals(loss, values, slopes, None)
     # one slope that is no number leaves the whole residual out, for every learned number
-    size = builder.sum(builder.apply("abs", slopes), directions.name)
+    steepness = builder.apply("abs", slopes)
+    if any(scale != 1.0 for scale in scales):
+        # by the number itself, slopes of a leak in m^3/s/Pa are huge though it hardly matters
+        factors = builder.constant(np.array(scales), (directions,), unit=None)
+        factors = builder.broadcast(factors, builder.type(steepness).axes)
+        steepness = builder.multiply(steepness, factors)
+    size = builder.sum(steepness, directions.name)
     axes = builder.type(size).axes
     # no relation holds for NaN
     largest = builder.broadcast(builder.constant(LARGEST_SLOPE), axes)

@@ -132,10 +132,11 @@ class _Step:
             if name in infinite:
                 step.infinite_values.expect(seeds[node])
         found = tangents(step, directions, seeds, buffers, infinite)
+        scales = scales_of(program, learned)
 
         def row(loss: Loss, residual: Unsquared) -> LossResiduals:
             tangent = _or_zero(step, directions, residual.error, found)
-            return residual_row(step, loss, residual, tangent, leaves_out)
+            return residual_row(step, loss, residual, tangent, scales, leaves_out)
 
         self.residuals = tuple(row(*each) for each in unsquared.items())
         self.slopes = {s.name: _or_zero(step, directions, s.next, found) for s in moving}
@@ -143,6 +144,11 @@ class _Step:
         can_be = step.infinite_values.can_be_infinite
         self.infinite = frozenset(name for name, node in self.slopes.items() if can_be(node))
         self.graph = step.graph()
+
+
+def scales_of(program: Program, learned: Sequence[str]) -> list[float]:
+    """The scale of every number of the parameters `learned`, in the order of LEARNED."""
+    return [program.parameter(name).scale for name in learned for _ in range(_size(program, name))]
 
 
 def _size(program: Program, parameter: str) -> int:

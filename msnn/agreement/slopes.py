@@ -173,7 +173,7 @@ def _sums(subject: Subject, drawn: Points) -> dict[str, _Sums]:
 def _terms_of_slopes(
     subject: Subject, jacobian: Jacobian, drawn: Points
 ) -> dict[str, NDArray[np.float64]]:
-    """Of how large terms each entry is made, (points, rows, columns); 0 where nothing bounds it."""
+    """The size of the terms of each entry, (points, rows, columns); 0 where nothing bounds it."""
     _, terms = _bounded(subject, jacobian.graph, jacobian.roots, drawn)
     return {
         matrix.name: _magnitude(matrix.filled(terms, drawn.count, np.dtype(np.float64)))

@@ -120,10 +120,12 @@ def calls_no_name(span: Span) -> Diagnostic:
     return error("E0332", span, message, "not a name", help="a product needs `*`")
 
 
-def malformed_time(span: Span, meant: str | None = None) -> Diagnostic:
+def malformed_time(span: Span, meant: str | None = None, element: str | None = None) -> Diagnostic:
     """E0333: something else than t, t+k, t-k in a window."""
     message = "time is `t`, `t+k` or `t-k`, with k in samples or a duration"
     repair = "write for example `x[t-1]`, or `x[t-4:t]` for a window"
+    if element is not None:  # a number stands in its place
+        repair += f"; an element of an array is `part(x, {element})`"
     if meant is not None:
         repair = f"write `{meant}`: the present sample is `t`"
     return error("E0333", span, message, "not a time", help=repair, replacement=meant)

@@ -57,6 +57,9 @@ FORMULAS = {
     "reciprocal": "write `1 / x`",
     "rsqrt": "write `1 / sqrt(x)`",
     "square": "write `x**2`",
+    "sat": "write `clip(x, low, high)`",
+    "saturate": "write `clip(x, low, high)`",
+    "saturation": "write `clip(x, low, high)`",
     "tau": "write `2 * pi`",
     "tensor": "write a list as it is: `[1, 2]`",
 }

@@ -9,7 +9,7 @@ from spec_schema.diagnostics.source import SourceText, Span
 from spec_schema.errors import expressions as errors
 from spec_schema.expressions.python_positions import PythonPositions
 from spec_schema.expressions.scanner import DEEPEST, ScannedExpression, scan_expression
-from spec_schema.expressions.times_elsewhere import time_elsewhere
+from spec_schema.expressions.times_elsewhere import index_of, time_elsewhere
 from spec_schema.expressions.tree import (
     Binary,
     Call,
@@ -259,7 +259,7 @@ class _Admission:
                     return TimeOffset(sign, length, span)
             case _:
                 pass
-        self.findings.report(errors.malformed_time(span, time_elsewhere(node)))
+        self.findings.report(errors.malformed_time(span, time_elsewhere(node), index_of(node)))
         return TimeOffset(1, Samples(0, span), span)
 
     def length(self, node: ast.expr) -> Length | None:

@@ -30,6 +30,16 @@ def time_elsewhere(node: ast.expr) -> str | None:
             return None
 
 
+def index_of(node: ast.expr) -> str | None:
+    """The number that stands where a time is wanted, as an index of a list; None for others."""
+    match node:
+        # `True` is an integer to Python
+        case ast.Constant(value=int(index)) if not isinstance(index, bool):
+            return str(index)
+        case _:
+            return None
+
+
 def _offset(op: ast.operator, count: int) -> str | None:
     match op:
         case ast.Add():

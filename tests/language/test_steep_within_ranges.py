@@ -93,7 +93,14 @@ def test_a_point_that_a_where_excludes_is_silent(expr: str) -> None:
 
 @pytest.mark.parametrize(
     "expr",
-    ["sqrt(abs(v))", "sqrt(v * v + u * u)", "where(v > 0, sqrt(abs(v)), -sqrt(abs(v)))"],
+    [
+        "sqrt(abs(v))",
+        "sqrt(v * v + u * u)",
+        "where(v > 0, sqrt(abs(v)), -sqrt(abs(v)))",
+        "sqrt(relu(v))",
+        "sqrt(max(0, v))",
+        "relu(v)**0.5",
+    ],
 )
 def test_an_infinite_slope_times_0_is_silent(expr: str) -> None:
     assert found(expr) == []

@@ -66,6 +66,20 @@ export:
   c: {dtype: DTYPE}
 """
 
+SATURATED = """
+msnn: 1
+name: sums
+sample_time: 1 s
+inputs:
+  u: {range: [-1, 1], on_invalid: clamp}
+states:
+  i: {next: i + 0.1 * u, init: 0, range: [-1, 1], on_range: saturate}
+outputs:
+  y: 2 * i
+export:
+  c: {dtype: DTYPE}
+"""
+
 CODE = """\
 void step(void)
 {
@@ -132,6 +146,18 @@ def test_inputs_just_beyond_their_range_are_drawn(
     # values up to 1.5 are no longer clamped: 1.25 is the pole
     source.write_text(text.replace(limit, "<= 1.5f"), encoding="utf-8")
     assert run(["verify", str(tmp_path / "c"), "--targets", "", "--proof"]) == 1
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_state_that_saturates_is_compared_with_infinity_without_an_alarm(
+    dtype: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = SATURATED.replace("DTYPE", dtype)
+    code, said = verified(spec, tmp_path, capsys)
+    assert "INFINITY" in (tmp_path / "c" / "src" / "sums.c").read_text(encoding="utf-8")
+    assert code == 0, said
+    (step,) = said["results"]
+    assert "inductive: yes: i stays in -1 .. 1" in step["notes"]
 
 
 def test_every_element_of_a_state_is_looked_at(

@@ -82,13 +82,16 @@ def _arguments(
 
 
 def _is_flat(graph: Graph, node: NodeId) -> bool:
-    """Whether a value has slope 0 wherever it is 0: squares, magnitudes, and sums of these."""
+    """Whether a value has slope 0 wherever it is 0: squares, magnitudes, relu, sums of these."""
     made = graph[node]
     match made.op:
         case ops.Apply("abs"):
             return True
         case ops.Constant(values):
             return min(values, default=0.0) >= 0.0
+        case ops.Maximum():
+            # a tie belongs to the first operand: relu(x) is max(0, x), and its slope at 0 is 0
+            return _is_flat(graph, made.args[0])
         case ops.Multiply():
             # x·x and |x|, scaled and summed: √ of them is steep at 0, but their own slope is 0
             # there, and the product counts as 0 (decision 0184)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from compiler.ir.scalars.slope_products import LARGEST_SLOPE
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
@@ -54,10 +55,12 @@ def left_out(stage: str, span: Span | None) -> Diagnostic:
     notes = (
         "levenberg_marquardt leaves out such values, other optimizers the batches with them",
         "the losses count them all the same",
+        f"slopes above {LARGEST_SLOPE:g} in multiples of the `scale` of a number count as infinite",
     )
     repair = (
         "roots, logarithms and powers are infinitely steep at 0: keep their arguments away "
-        "from it (`sqrt(x + 1e-6)`)"
+        "from it (`sqrt(x + 1e-6)`); of rollouts that grow without bound shorten the horizon, "
+        "and give tiny numbers a `scale`"
     )
     return warning("W0744", span, message, "no step is made of it", notes=notes, help=repair)
 

@@ -64,6 +64,8 @@ def analysed(model: ExportedC, main: Path, *, infinite: bool, folder: Path) -> A
     """
     # of kernels Eva gets bounds instead of bodies
     sources = [path for path in model.model_sources if not path.stem.endswith("_math")]
+    if not infinite:
+        sources = [_among_numbers(path, folder) for path in sources]
     said = run_tool(
         [
             *(FRAMA_C.command, "-eva", "-eva-precision", PRECISION),
@@ -78,6 +80,27 @@ def analysed(model: ExportedC, main: Path, *, infinite: bool, folder: Path) -> A
         folder,
     )
     return Analysis(tuple(dict.fromkeys(_alarms(said))), _values(said))
+
+
+def _among_numbers(source: Path, folder: Path) -> Path:
+    """The source with the largest number where something is compared with INFINITY.
+
+    Where every float is finite or an alarm it says the same, and INFINITY itself is an alarm,
+    behind which Eva follows no call.
+    """
+    text = source.read_text(encoding="utf-8")
+    changed = text
+    for limit, largest in _LARGEST.items():
+        changed = changed.replace(f"<= {limit})", f"<= {largest})")
+    if changed == text:
+        return source
+    copy = folder / source.name
+    copy.write_text(changed, encoding="utf-8")
+    return copy
+
+
+_LARGEST = {"INFINITY": "3.40282347e+38f", "((double)INFINITY)": "1.7976931348623157e+308"}
+"""By the limit as C has it: the largest number of its type."""
 
 
 def _alarms(said: str) -> Iterator[Alarm]:

@@ -106,6 +106,10 @@ def planned(stage: str, expr: str = HELD, states: str = "") -> StagePlan:
 LM = "{epochs: 30, engine: ENGINE, optimizer: {levenberg_marquardt: {}}}"
 
 
+SMALL = 2.0**-83
+"""A power of 2, so that k / SMALL is exactly what k is in the unit without it."""
+
+
 def both(expr: str, states: str, series: dict[str, FloatArray], runs: Runs) -> list[Products]:
     require_tool("gcc", install="apt install gcc")
     plan = planned(LM.replace("ENGINE", "auto"), expr, states)
@@ -160,6 +164,23 @@ def test_an_infinite_slope_times_0_is_0_and_stays_in() -> None:
     native, torch = both(HELD, "", series, runs_of([*range(40)], 1))
     assert_alike(native, torch)
     assert native.left_out == 0
+
+
+def test_a_large_slope_in_a_number_of_small_scale_is_finite(engine: str) -> None:
+    """A leak in m^3/s/Pa is tiny: what it does is as in any other unit."""
+    small = text(LM.replace("ENGINE", engine), HELD.replace("k", f"k / {SMALL!r}")).replace(
+        "k: {init: 1}", f"k: {{init: {SMALL!r}, scale: {SMALL!r}}}"
+    )
+    program, spec = compiled(small)
+    (plan,) = plan_stages(program, spec.train, Findings())
+    squares = NativeSquares if engine == "native" else TorchSquares
+    made = squares(plan, measured(at_first=3), None, None)
+    first = {"k": np.array(FIRST * SMALL), "m": np.array(1.0)}
+    (found,) = made.products(runs_of([*range(40)], 1), first).values()
+    assert (found.count, found.left_out) == (40, 3)
+    plain, _ = both(HELD, "", measured(at_first=3), runs_of([*range(40)], 1))
+    by_scale = found.slope * [SMALL if name == "k" else 1.0 for name in plan.trained]
+    np.testing.assert_allclose(by_scale, plain.slope, rtol=1e-9)
 
 
 def test_a_pole_that_saturates_has_slope_0() -> None:

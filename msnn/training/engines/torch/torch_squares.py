@@ -12,7 +12,7 @@ from torch import Tensor
 
 from backends.gauss_newton_products import Products
 from backends.torch_module.module import build_module
-from compiler.differentiation.sensitivities import sensitivities
+from compiler.differentiation.sensitivities import scales_of, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.ir.program import Loss, Measure
 from compiler.ir.scalars.slope_products import LARGEST_SLOPE
@@ -53,6 +53,8 @@ class TorchSquares:
             for one in sensitivities(program, plan.trained).residuals
         }
         """Whether a residual of the loss can have an infinite slope."""
+        scales = scales_of(program, plan.trained)
+        self._scales = torch.tensor(scales, dtype=torch.float64, device=plan.device)
         self._model = build_module(program, torch.float64, plan.device).requires_grad_(False)
         series, skip = own_series(plan, series), plan.train_skip
         self._train = scoring(self._model, own_series(plan, series), skip, train_rows)
@@ -110,7 +112,7 @@ class TorchSquares:
                 residuals[name],
                 slopes[name],
                 factors[name],
-                steep=self._steep.get(name, False),
+                scales=self._scales if self._steep.get(name, False) else None,
             )
             for name, loss in self._losses.items()
         }
@@ -138,9 +140,9 @@ class TorchSquares:
 
 
 def _products(
-    loss: Loss, error: Tensor, slopes: Tensor, factors: Tensor | None, *, steep: bool
+    loss: Loss, error: Tensor, slopes: Tensor, factors: Tensor | None, scales: Tensor | None
 ) -> Products:
-    """Products of one batch, without slopes that are infinite where one can be so.
+    """Products of one batch, without slopes that are infinite where one can be so: with `scales`.
 
     Huber by the weight that gives the square its slope; factors of rows are weights too.
     """
@@ -153,8 +155,8 @@ def _products(
     if factors is not None:
         error, slopes = each.sqrt() * error, each.sqrt()[:, None] * slopes
     left_out = 0.0
-    if steep:
-        finite = slopes.abs().sum(1) <= LARGEST_SLOPE  # false for NaN
+    if scales is not None:
+        finite = (slopes.abs() * scales).sum(1) <= LARGEST_SLOPE  # false for NaN
         left_out = each[~finite].sum().item()
         # where, not a product: 0 · inf is not a number
         error, slopes = torch.where(finite, error, 0.0), torch.where(finite[:, None], slopes, 0.0)
