@@ -20,7 +20,7 @@ from backends.fixed_point.calibrated_model import calibrated_model
 from backends.fixed_point.functions import FixedFunctions
 from backends.fixed_point.names import FixedNames, fixed_names, fixed_printer
 from backends.fixed_point.port_facts import port_facts, real_type
-from backends.fixed_point.selftest.test_texts import (
+from backends.fixed_point.selftest.golden_files import (
     SELFTEST_STEPS,
     selftest_functions,
     test_texts,

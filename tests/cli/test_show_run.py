@@ -141,6 +141,16 @@ def test_an_interrupted_run_that_was_taken_elsewhere_goes_on_there(
     assert Path(json.loads(line)["folder"]) == taken
 
 
+def test_an_interrupted_run_goes_on_under_the_name_latest(msnn: CommandLine, project: Path):
+    run = interrupted()
+    assert LATEST.resolve() == run.resolve()
+    said = msnn("train", str(LATEST), "--resume")
+    assert said.code == 0, said.err
+    # the link still leads to the run, not to itself
+    assert LATEST.resolve() == run.resolve()
+    assert json.loads(msnn("show", str(LATEST), "--format", "json").out)["state"] == "finished"
+
+
 def test_of_two_interrupted_runs_the_one_that_is_named_goes_on(msnn: CommandLine, project: Path):
     first, second = interrupted(), interrupted()
     commands = [

@@ -77,3 +77,26 @@ def test_the_test_program_sees(fault: str, exported: Path, tmp_path: Path) -> No
     before, _, after = text.rpartition(old)
     source.write_text(before + new + after, encoding="utf-8")
     assert _outcome(tmp_path / "c", tmp_path) != 0
+
+
+COARSE = """\
+msnn: 1
+name: model
+sample_time: 10 ms
+inputs: {u: {range: [-2, 2], on_invalid: hold}, w: {range: [-2, 2]}}
+outputs: {y: 0.001 * u + w}
+"""
+
+
+def test_what_reset_forgets_is_seen_where_a_word_of_minus_1_rounds_to_0(tmp_path: Path) -> None:
+    """What memory held before is no such word."""
+    require_tool("gcc", "apt-get install gcc")
+    write_export(planned(fixed_model(tmp_path, COARSE, "q15")), {}, tmp_path / "c")
+    assert _outcome(tmp_path / "c", tmp_path) == 0
+    source = tmp_path / "c" / "src" / "model.c"
+    text = source.read_text(encoding="utf-8")
+    # `init` has the same line before it
+    before, forgotten, after = text.rpartition("s->u_held = (model_word_t)0;")
+    assert forgotten
+    source.write_text(before + after, encoding="utf-8")
+    assert _outcome(tmp_path / "c", tmp_path) != 0
