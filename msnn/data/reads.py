@@ -1,4 +1,4 @@
-"""Finds what values read of the log, directly or through all that they are made of."""
+"""Finds the signals that values read of the log, directly or through all that they are made of."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from compiler.ir.liveness import Extent, needed
 from compiler.ir.ops import ReadLog, ReadSignal
-from compiler.ir.program import Graph, NodeId
+from compiler.ir.program import Graph, NodeId, Program, Role
 
 
 def reads(graph: Graph, wanted: Iterable[NodeId]) -> dict[str, Extent]:
@@ -24,6 +24,19 @@ def reads(graph: Graph, wanted: Iterable[NodeId]) -> dict[str, Extent]:
             case _:
                 pass
     return found
+
+
+def compared_signals(program: Program) -> frozenset[str]:
+    """The signals that predictions are compared with and that no step or initial state reads."""
+    compared = {signal.name for signal in program.signals if signal.role is Role.TARGET}
+    compared |= {o.predicts.signal for o in program.outputs if o.predicts is not None}
+    targets = [loss.target for loss in program.losses if loss.target is not None]
+    compared |= reads(program.step, targets).keys()
+    nodes = [output.node for output in program.outputs]
+    nodes += [state.next for state in program.states]
+    nodes += [loss.prediction for loss in program.losses]
+    starts = reads(program.start, [state.start for state in program.states])
+    return frozenset(compared - reads(program.step, nodes).keys() - starts.keys())
 
 
 def span(extents: Iterable[Extent]) -> Extent | None:

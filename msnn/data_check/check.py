@@ -66,6 +66,9 @@ def check_datasets(
         findings.report(*dataset.warnings)
         findings.report(*sampling_findings(model, checked[-1], resampled=resampled is not None))
         findings.report(*signal_findings(checked[-1]))
+    if resampled is not None:
+        told = set(findings.in_order)
+        findings.report(*(said for said in resampled.warnings if said not in told))
     system = None
     if model.program.sample_time is not None:
         step = _step(checked[0], model.program.sample_time)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compiler.ir.program import Role, Signal
+from compiler.ir.program import Signal
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.table import ColumnKey
 from msnn.data.reading.converted_cells import converted_cells
@@ -116,9 +116,10 @@ def wanted_columns(found: Iterable[Feed]) -> dict[ColumnKey, str]:
     return wanted
 
 
-def target_columns(found: Iterable[Feed]) -> frozenset[ColumnKey]:
-    """Columns that feed targets only: their values may be missing."""
-    needed = {key for feed in found if feed.signal.role is Role.INPUT for key in feed.keys}
+def columns_of_only(found: Iterable[Feed], names: Collection[str]) -> frozenset[ColumnKey]:
+    """Columns that feed none but these signals."""
+    found = tuple(found)
+    needed = {key for feed in found if feed.signal.name not in names for key in feed.keys}
     return frozenset(key for feed in found for key in feed.keys if key not in needed)
 
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import Dataset, FloatArray, Record
+from msnn.data.formats.table import ColumnKey
 from msnn.data.formats.table_of_formats import require_reader
 from msnn.data.reading.disk_series import DiskSeries
 from msnn.data.reading.files import DataFile, find_files
-from msnn.data.reading.part import FilePart, read_part
+from msnn.data.reading.part import FilePart, KeptValues, read_part
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data.reading.splits import RecordTimes, SetCodes, split_rows, split_source
@@ -91,6 +92,7 @@ def joined_files(
     whole = None
     if disk is not None:
         parts, whole = disk.returned(parts)
+    _report_kept(parts, findings)
     parts = _with_files_joined(parts, data, program.sample_time)
     sets = data.sets
     rows = _sets(data, parts, sets, program.sample_time, findings)
@@ -230,6 +232,25 @@ def _report_ranges(
                     high=high,
                     unit=unit,
                     place=place,
+                )
+            )
+
+
+def _report_kept(parts: Sequence[FilePart], findings: Findings) -> None:
+    """Tells of measured values what resampling made of them, unless every row has just one."""
+    total: dict[ColumnKey, KeptValues] = {}
+    for part in parts:
+        for key, kept in part.kept.items():
+            total[key] = total[key] + kept if key in total else kept
+    for key, kept in total.items():
+        if not kept.measured == kept.kept == kept.rows:
+            findings.report(
+                errors.kept_values(
+                    column=str(key),
+                    measured=kept.measured,
+                    kept=kept.kept,
+                    lost=kept.lost,
+                    rows=kept.rows,
                 )
             )
 

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from compiler.ir.program import Program, Role, Signal
-from msnn.data.dataset import BoolArray, FileRows, FloatArray
+from msnn.data.dataset import BoolArray, FileRows, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.reading.columns import (
     Feed,
+    columns_of_only,
     feeds,
     in_units_of_file,
-    target_columns,
     wanted_columns,
 )
 from msnn.data.reading.files import DataFile
-from msnn.data.reading.record_rows import RecordRows, record_rows
+from msnn.data.reading.record_rows import ColumnUses, RecordRows, record_rows, resampling
 from msnn.data.reading.row_filter import RowFilter
+from msnn.data.reads import compared_signals
 from msnn.errors.data import formats as data_formats
 from msnn.errors.data.files import no_column_read
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
@@ -29,6 +30,27 @@ from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.data import Csv, Data
 
 _TO = " … "
+
+
+@dataclass(frozen=True, slots=True)
+class KeptValues:
+    """The measured values of a column, by what resampling made of them."""
+
+    measured: int
+    kept: int
+    """Rows that have one."""
+    lost: int
+    """Values for which there is no row, or only one at which an input is missing."""
+    rows: int
+    """All rows, with and without a value."""
+
+    def __add__(self, other: KeptValues) -> KeptValues:
+        return KeptValues(
+            self.measured + other.measured,
+            self.kept + other.kept,
+            self.lost + other.lost,
+            self.rows + other.rows,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +66,8 @@ class FilePart:
     usable: BoolArray
     begins: Moment | None = None
     """Time 0, where the file says."""
+    kept: Mapping[ColumnKey, KeptValues] = field(default_factory=dict[ColumnKey, KeptValues])
+    """Of resampled columns that predictions are compared with."""
 
     def seconds_to(self, other: FilePart) -> float:
         """From the time 0 of this one to that of another; NaN where the files do not tell."""
@@ -101,7 +125,9 @@ def read_part(
     if read is not None and not mine.failed:
         # a column that a signal of the program needs as well may not be missing
         spare = wanted_columns(more).keys() - wanted_columns(found).keys()
-        rows = record_rows(read, file, data, program.sample_time, mine, spare)
+        scored = columns_of_only(found, compared_signals(program))
+        uses = ColumnUses(beside=frozenset(spare), scored=scored)
+        rows = record_rows(read, file, data, program.sample_time, mine, uses)
     findings.report(*mine.in_order)
     if rows is None:
         return None
@@ -115,10 +141,21 @@ def read_part(
     for feed in found:
         # missing targets are only not scored (R9)
         if feed.signal.role is Role.INPUT and feed.signal in program.signals:
+            # a prediction alone is compared with it
+            if rows.moments.keys() >= set(feed.keys):
+                continue
             values = series[feed.signal.name].reshape(len(usable), -1)
             usable &= np.isfinite(values).all(axis=1)
+    kept = {key: _kept_values(moments, usable) for key, moments in rows.moments.items()}
     if row_filter is not None:
         usable &= _kept(row_filter, series, rows, file, findings)
+    # after the filter, which may read between measured values; a prediction is compared with none
+    measured = {**rows.columns, **{key: _at_moments(key, rows) for key in rows.moments}}
+    series |= {
+        feed.signal.name: feed.series(measured)
+        for feed in found
+        if rows.moments.keys() & set(feed.keys)
+    }
     # what only the filter read is not kept
     series = {signal.name: series[signal.name] for signal in program.signals}
     series |= {feed.signal.name: feed.series_if_there(rows.columns, len(usable)) for feed in more}
@@ -131,7 +168,23 @@ def read_part(
         continues=rows.continues,
         usable=usable,
         begins=rows.begins,
+        kept=kept,
     )
+
+
+def _kept_values(moments: IntArray, usable: BoolArray) -> KeptValues:
+    there = moments[moments >= 0]
+    there = there[usable[there]]
+    return KeptValues(len(moments), len(np.unique(there)), len(moments) - len(there), len(usable))
+
+
+def _at_moments(key: ColumnKey, rows: RecordRows) -> FloatArray:
+    """A resampled column without the values at moments for which none was measured."""
+    moments = rows.moments[key]
+    values = np.full(len(rows.continues), np.nan)
+    belongs = moments[moments >= 0]
+    values[belongs] = rows.columns[key][belongs]
+    return values
 
 
 def _signals(program: Program, row_filter: RowFilter | None) -> tuple[Signal, ...]:
@@ -161,7 +214,10 @@ def _read(
     users = {**wanted_columns(more), **needed}
     # a column that both need is needed
     spare = frozenset(users) - frozenset(needed)
-    optional = spare | (frozenset(users) if data.nan != "error" else target_columns(found))
+    targets = {feed.signal.name for feed in found if feed.signal.role is not Role.INPUT}
+    # resampling knows which missing values it fills
+    may_all_miss = data.nan != "error" or resampling(file, data) is not None
+    optional = spare | (frozenset(users) if may_all_miss else columns_of_only(found, targets))
     time = file.layout.time or data.time
     moments = frozenset[ColumnKey]()
     if time is not None and not file.keeps_time:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,16 +11,18 @@ from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
 from msnn.data.reading.converted_cells import converted_cells
 from msnn.data.reading.files import DataFile
-from msnn.data.reading.resample import Method, resample
+from msnn.data.reading.resample import Method, Samples, lost_values, resample
 from msnn.data.reading.rows import RowRange, TimeFault, continuity, picked_rows
 from msnn.data.reading.time_bounds import time_bound
+from msnn.errors.data import cells
 from msnn.errors.data import formats as data_formats
 from msnn.errors.data import rows as errors
 from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Date, Moment
-from spec_schema.expressions.tree import Duration, Samples
+from spec_schema.expressions.tree import Duration
+from spec_schema.expressions.tree import Samples as SampleCount
 from spec_schema.sections.data.data import SECOND, Data, Layout, TimeColumn
 from spec_schema.units.unit import UNCHANGED, Line
 from spec_schema.yaml_tree.writer import scalar_text
@@ -40,6 +42,24 @@ class RecordRows:
     """Whether a row stands on data: false for moments that resampling put into a hole."""
     begins: Moment | None = None
     """Time 0, where times are dates."""
+    moments: Mapping[ColumnKey, IntArray] = field(default_factory=dict[ColumnKey, IntArray])
+    """Of resampled columns that are only scored: the row of each measured value, or −1."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ColumnUses:
+    """The columns of a file by the way in which a model uses them; it reads the others."""
+
+    beside: frozenset[ColumnKey] = frozenset()
+    """They have no say in which rows there are."""
+    scored: frozenset[ColumnKey] = frozenset()
+    """Predictions are compared with them: a value that was not measured is not compared."""
+
+
+def resampling(file: DataFile, data: Data) -> Method | None:
+    """The method that brings the rows of a file to the sample time; None where none does."""
+    how = file.layout.resample or data.resample
+    return how if how in ("linear", "nearest") else None
 
 
 def record_rows(
@@ -48,17 +68,13 @@ def record_rows(
     data: Data,
     sample_time: float | None,
     findings: Findings,
-    beside: Collection[ColumnKey] = (),
+    uses: ColumnUses,
 ) -> RecordRows | None:
-    """The rows of a record that the spec picks; None after a report of what is wrong.
-
-    Columns `beside` have no say in which rows there are.
-    """
-    how = file.layout.resample or data.resample or "error"
+    """The rows of a record that the spec picks; None after a report of what is wrong."""
     span = file.layout.place.key
-    method: Method | None = how if how in ("linear", "nearest") else None
+    method = resampling(file, data)
     # resampling brings columns beside to the moments; without it only those of the same times fit
-    fitting = beside if method is None else ()
+    fitting = uses.beside if method is None else ()
     table = _one_table(read, fitting) if isinstance(read, Streams) else read
     column = file.layout.time or data.time
     begins = None
@@ -70,17 +86,18 @@ def record_rows(
             return None
         if table is None:
             assert isinstance(read, Streams)
-            return _streams(read, file, data, sample_time, method, findings, beside)
-        rows = _resampled(table, file, data, sample_time, method, findings)
+            return _streams(read, file, data, sample_time, method, findings, uses)
+        rows = _resampled(table, file, data, sample_time, method, findings, uses)
         return None if rows is None else replace(rows, begins=begins)
     if table is None:
         assert isinstance(read, Streams)
-        first, *others = (key for key in read.columns if key not in beside)
+        first, *others = (key for key in read.columns if key not in uses.beside)
         times = read.columns[first][0]
         other = next(k for k in others if not np.array_equal(read.columns[k][0], times))
         findings.report(data_formats.different_times(file.shown, str(first), str(other), span))
         return None
-    rows = _as_recorded(table, file, data, sample_time, how == "error", findings)
+    gaps_are_errors = (file.layout.resample or data.resample or "error") == "error"
+    rows = _as_recorded(table, file, data, sample_time, gaps_are_errors, findings)
     return None if rows is None else replace(rows, begins=begins)
 
 
@@ -173,6 +190,7 @@ def _resampled(
     sample_time: float,
     method: Method,
     findings: Findings,
+    uses: ColumnUses,
 ) -> RecordRows | None:
     found = _picked(table, file, data, findings)
     if found is None:
@@ -190,7 +208,11 @@ def _resampled(
         findings.report(_time_fault(fault, file, data, sample_time, table))
         return None
     columns = {key: (moments, column[picked.rows]) for key, column in table.columns.items()}
-    found_rows = _on_grid(columns, sample_time, method, None)
+    if data.nan == "error" and not _complete(
+        columns, picked, file, sample_time, findings, uses, table
+    ):
+        return None
+    found_rows = _on_grid(columns, sample_time, method, None, uses)
     assert found_rows.time is not None
     return replace(found_rows, rows=_rows_at(found_rows.time, moments, picked, sample_time))
 
@@ -202,7 +224,7 @@ def _streams(
     sample_time: float,
     method: Method,
     findings: Findings,
-    beside: Collection[ColumnKey],
+    uses: ColumnUses,
 ) -> RecordRows | None:
     span = _time_span(file, data, findings)
     if span is None:
@@ -212,7 +234,12 @@ def _streams(
             row = int(np.argmin(np.diff(time) > 0)) + 1
             findings.report(errors.time_not_increasing(f"`{key}` in {file.shown}", row, 0, None))
             return None
-    rows = _on_grid(streams.columns, sample_time, method, span, beside)
+    whole = RowRange(0, 0, 1)
+    if data.nan == "error" and not _complete(
+        streams.columns, whole, file, sample_time, findings, uses
+    ):
+        return None
+    rows = _on_grid(streams.columns, sample_time, method, span, uses)
     if not len(rows.continues):
         place = file.layout.place.key
         findings.report(
@@ -227,9 +254,9 @@ def _on_grid(
     sample_time: float,
     method: Method,
     span: tuple[float, float] | None,
-    beside: Collection[ColumnKey] = (),
+    uses: ColumnUses,
 ) -> RecordRows:
-    found = resample(columns, sample_time, method, span, beside)
+    found = resample(columns, sample_time, method, span, uses.beside, uses.scored)
     count = len(found.time)
     rows = np.full(count, BETWEEN_ROWS, dtype=np.int64)
     return RecordRows(
@@ -238,7 +265,31 @@ def _on_grid(
         time=found.time,
         continues=_unbroken(count),
         covered=found.covered,
+        moments=found.moments,
     )
+
+
+def _complete(
+    columns: Mapping[ColumnKey, Samples],
+    picked: RowRange,
+    file: DataFile,
+    sample_time: float,
+    findings: Findings,
+    uses: ColumnUses,
+    table: ColumnTable | None = None,
+) -> bool:
+    """Whether no input has lost a value; reports those that have."""
+    is_complete = True
+    for key, samples in columns.items():
+        if key in uses.beside or key in uses.scored:
+            continue
+        absent = lost_values(samples, sample_time)
+        if len(absent):
+            row, more = picked.first + int(absent[0]) * picked.every, len(absent) - 1
+            place = None if table is None else table.place(row)
+            findings.report(cells.missing_value(file.shown, row, str(key), "", more, place))
+            is_complete = False
+    return is_complete
 
 
 def _rows_at(
@@ -267,7 +318,7 @@ def _time_span(file: DataFile, data: Data, findings: Findings) -> tuple[float, f
                 if bound is None:
                     return None
                 bounds[index] = bound.seconds
-            case Samples():
+            case SampleCount():
                 findings.report(data_formats.rows_of_streams(key, file.shown, length.span))
                 return None
     if (layout.every or data.every or 1) > 1:
@@ -295,6 +346,8 @@ def _time_fault(
             time = file.layout.time or data.time
             # some formats keep their time by themselves
             column = "…" if time is None else scalar_text(time.column.column, in_flow=True)
-            return errors.wrong_sample_time(file.shown, fault.step, sample_time, column, place)
+            return errors.wrong_sample_time(
+                file.shown, fault.step, sample_time, column, place, is_even=fault.is_even
+            )
         case "order":
             return errors.time_not_increasing(file.shown, fault.row, fault.more, place)

@@ -8,13 +8,21 @@ from typing import Literal
 
 import numpy as np
 
-from msnn.data.dataset import BoolArray, FloatArray
+from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey
+from msnn.data.reading.rows import GAP_TOLERANCE
 
 Method = Literal["linear", "nearest"]
+Samples = tuple[FloatArray, FloatArray]
+"""Seconds, and the values at them; NaN where nothing was measured."""
 
 LONGEST_STEP = 2.0
 """A step longer than this many sample times, and than this many usual steps, is a hole."""
+LOST_STEP = 1.5
+"""Empty cells in a step longer than this many usual ones are values that were lost."""
+
+_SLACK = 1e-6
+"""Part of the sample time by which sums of it and printed times may differ."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,30 +32,48 @@ class Resampled:
     time: FloatArray
     columns: dict[ColumnKey, FloatArray]
     covered: BoolArray
+    moments: Mapping[ColumnKey, IntArray]
+    """For each scored column the moment that each of its measured values belongs to, or −1."""
 
 
 def resample(
-    columns: Mapping[ColumnKey, tuple[FloatArray, FloatArray]],
+    columns: Mapping[ColumnKey, Samples],
     sample_time: float,
     method: Method,
     span: tuple[float, float] | None = None,
     beside: Collection[ColumnKey] = (),
+    scored: Collection[ColumnKey] = (),
 ) -> Resampled:
     """Columns (seconds, values) at the moments that all of them cover, `sample_time` apart.
 
-    Those `beside` have no say in what is covered: they are missing where they have nothing.
+    `linear` draws straight lines between the measured values of a column, `nearest` takes the
+    closest of them, the earlier of two. `span` limits the moments.
 
-    `linear` draws straight lines between neighbours, `nearest` takes the closest one, the earlier
-    of two. A missing value makes the moments beside it missing. `span` limits the moments.
+    Of columns that are only `scored` holes end nothing; `moments` says which moments have a
+    measured value, the one within half a sample time. Those `beside` have no say in what is
+    covered: they are missing where they have nothing.
     """
-    deciding = [time for key, (time, _) in columns.items() if key not in beside]
+    scored = {key for key in scored if key not in beside}
+    measured = {key: _measured(samples) for key, samples in columns.items()}
+    # a column that is only scored begins with its rows, whether or not their cells are empty
+    deciding = {
+        key: columns[key][0] if key in scored or not len(time) else time
+        for key, (time, _) in measured.items()
+        if key not in beside
+    }
     # where all columns have begun and none has ended
-    low = max(float(time[0]) for time in deciding)
-    high = min(float(time[-1]) for time in deciding)
+    low = max(float(time[0]) for time in deciding.values())
+    # a lone target decides itself: no other column says where the record has rows
+    hole_makers = deciding.keys() - scored or deciding.keys()
+    # a value that is only scored belongs to the nearest row, which may be behind it
+    high = min(
+        float(time[-1]) + (0.0 if key in hole_makers else 0.5 * sample_time)
+        for key, time in deciding.items()
+    )
     if span is not None:
         low, high = max(low, span[0]), min(high, span[1])
-    # the last row is kept where rounding puts it a hair before its moment
-    count = int(np.floor((high - low) / sample_time + 1e-6)) + 1 if high >= low else 0
+    # the last row is kept where jitter puts it a hair before its moment
+    count = int(np.floor((high - low) / sample_time + GAP_TOLERANCE)) + 1 if high >= low else 0
     # k · step, in place: adding steps up would gather rounding, and long logs have room for one
     # array
     grid = np.arange(count, dtype=np.float64)
@@ -55,16 +81,63 @@ def resample(
     grid += low
     covered = np.ones(count, dtype=np.bool_)
     found: dict[ColumnKey, FloatArray] = {}
-    for key, (time, values) in columns.items():
-        found[key] = _at(grid, time, values, method)
-        known = ~_in_holes(grid, time, sample_time)
-        if key in beside:
-            # np.interp repeats the first and last value outside: that is no measurement
-            known &= (grid >= time[0]) & (grid <= time[-1] + 1e-6 * sample_time)
-            found[key] = np.where(known, found[key], np.nan)
+    moments: dict[ColumnKey, IntArray] = {}
+    for key, (time, values) in measured.items():
+        if not len(time):
+            found[key] = np.full(count, np.nan)
+            covered &= key in beside or key in scored
+        elif key in scored:
+            moments[key] = _moments_of(grid, time, sample_time)
+            # a line through a hole joins values that say nothing of what lies between
+            alone = _in_holes(grid, time, sample_time)
+            drawn = _at(grid, time, values, method)
+            found[key] = np.where(alone, _at(grid, time, values, "nearest"), drawn)
         else:
-            covered &= known
-    return Resampled(grid, found, covered)
+            found[key] = _at(grid, time, values, method)
+        if key in beside and len(time):
+            known = ~_in_holes(grid, time, sample_time)
+            # np.interp repeats the first and last value outside: that is no measurement
+            known &= (grid >= time[0]) & (grid <= time[-1] + GAP_TOLERANCE * sample_time)
+            found[key] = np.where(known, found[key], np.nan)
+        elif key in hole_makers:
+            covered &= ~_in_holes(grid, deciding[key], sample_time)
+            if key not in scored:
+                covered &= ~_in_lost(grid, columns[key], sample_time)
+    return Resampled(grid, found, covered, moments)
+
+
+def lost_values(samples: Samples, sample_time: float) -> IntArray:
+    """The rows at which a column has no value although it usually has one.
+
+    Empty cells between the values of a slower column are none: no value is more than a sample time
+    and 1.5 usual steps from the next. Rows before its first value and after its last count by the
+    same measure.
+    """
+    time, values = samples
+    absent = np.flatnonzero(np.isnan(values))
+    own = _measured(samples)[0]
+    if not len(own) or not len(absent):
+        return absent
+    longest = max(sample_time, LOST_STEP * _usual_step(own)) * (1 + _SLACK)
+    after = np.searchsorted(own, time[absent])
+    before = np.where(after > 0, own[after - 1], time[0])
+    behind = np.where(after < len(own), own[np.minimum(after, len(own) - 1)], time[-1])
+    return absent[behind - before > longest]
+
+
+def _measured(samples: Samples) -> Samples:
+    time, values = samples
+    there = ~np.isnan(values)
+    return samples if there.all() else (time[there], values[there])
+
+
+def _moments_of(grid: FloatArray, time: FloatArray, sample_time: float) -> IntArray:
+    """The nearest moment of each measured value; −1 where none is within half a sample time."""
+    if not len(grid):
+        return np.full(len(time), -1, np.int64)
+    # of two moments alike far the earlier
+    index = np.ceil((time - grid[0]) / sample_time - 0.5 - _SLACK).astype(np.int64)
+    return np.where((index < 0) | (index >= len(grid)), -1, index)
 
 
 def _at(grid: FloatArray, time: FloatArray, values: FloatArray, method: Method) -> FloatArray:
@@ -72,26 +145,53 @@ def _at(grid: FloatArray, time: FloatArray, values: FloatArray, method: Method) 
         case "linear":
             return np.interp(grid, time, values)
         case "nearest":
-            after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1) if len(time) > 1 else 0
-            before = np.maximum(after - 1, 0)
-            # of two alike far the earlier: the later one was not known at that moment
-            earlier = grid - time[before] <= time[after] - grid
-            return values[np.where(earlier, before, after)]
+            return values[_nearest(grid, time)]
+
+
+def _nearest(grid: FloatArray, time: FloatArray) -> IntArray:
+    """The value closest to each moment."""
+    if len(time) == 1:
+        return np.zeros(len(grid), np.int64)
+    after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
+    before = after - 1
+    # of two alike far the earlier: the later one was not known at that moment
+    return np.where(grid - time[before] <= time[after] - grid, before, after)
+
+
+def _longest_step(time: FloatArray, sample_time: float) -> float:
+    # a slow column has no holes between all of its rows
+    # printed times of equal steps differ in their last digits
+    return LONGEST_STEP * max(sample_time, _usual_step(time)) * (1 + _SLACK)
+
+
+def _usual_step(time: FloatArray) -> float:
+    return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
 
 
 def _in_holes(grid: FloatArray, time: FloatArray, sample_time: float) -> BoolArray:
-    steps = np.diff(time)
-    if not len(steps):
-        return np.zeros(len(grid), dtype=np.bool_)
-    # a slow column has no holes between all of its rows
-    longest = LONGEST_STEP * max(sample_time, float(np.median(steps)))
+    longest = _longest_step(time, sample_time)
+    return _inside(grid, time, np.diff(time) > longest, sample_time)
+
+
+def _in_lost(grid: FloatArray, samples: Samples, sample_time: float) -> BoolArray:
+    """The moments between the values around those that a column has lost."""
+    own = _measured(samples)[0]
+    lost = np.searchsorted(own, samples[0][lost_values(samples, sample_time)]) - 1
+    steps = np.zeros(max(len(own) - 1, 0), dtype=np.bool_)
+    # what is lost before the first value and after the last is in no step
+    steps[lost[(lost >= 0) & (lost < len(steps))]] = True
+    return _inside(grid, own, steps, sample_time)
+
+
+def _inside(grid: FloatArray, time: FloatArray, steps: BoolArray, sample_time: float) -> BoolArray:
+    """The moments that lie inside of the chosen steps of a time."""
     inside = np.zeros(len(grid), dtype=np.bool_)
-    # rows at the ends of a hole are data, whatever rounding has made of the grid
-    slack = 1e-9 * max(abs(float(time[0])), abs(float(time[-1])), sample_time)
-    holes = np.flatnonzero(steps > longest)
-    first = np.searchsorted(grid, time[holes] + slack, side="right")
-    stop = np.searchsorted(grid, time[holes + 1] - slack, side="left")
-    # holes are few; two arrays of comparisons would be as long as the log for each
+    # rows at the ends of a step are data, whatever rounding and jitter have made of the grid
+    slack = GAP_TOLERANCE * sample_time
+    chosen = np.flatnonzero(steps)
+    first = np.searchsorted(grid, time[chosen] + slack, side="right")
+    stop = np.searchsorted(grid, time[chosen + 1] - slack, side="left")
+    # chosen steps are few; two arrays of comparisons would be as long as the log for each
     for a, b in zip(first.tolist(), stop.tolist(), strict=True):
         inside[a:b] = True
     return inside

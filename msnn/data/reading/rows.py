@@ -40,7 +40,10 @@ class TimeFault:
     row: int
     """Row of the file."""
     step: float
+    """Seconds: of the step before the row, or the usual step where that is another one."""
     more: int
+    is_even: bool = True
+    """Whether all steps are alike."""
 
 
 def picked_rows(
@@ -106,7 +109,7 @@ def continuity(
     continues = np.concatenate((np.zeros(min(len(time), 1), dtype=np.bool_), good))
     faults: list[TimeFault] = []
 
-    def fault(kind: Literal["gap", "sample time", "order"], wrong: BoolArray) -> None:
+    def fault(kind: Literal["gap", "order"], wrong: BoolArray) -> None:
         index = int(np.argmax(wrong))
         row = picked.first + (index + 1) * picked.every
         faults.append(TimeFault(kind, row, float(steps[index]), int(wrong.sum()) - 1))
@@ -118,6 +121,11 @@ def continuity(
     elif not good.all():
         # most steps agree with the spec: single gaps; else the sample time itself is another
         common = float(np.median(steps))
-        same = np.abs(common - sample_time) <= GAP_TOLERANCE * sample_time
-        fault("gap" if same else "sample time", ~good)
+        if np.abs(common - sample_time) <= GAP_TOLERANCE * sample_time:
+            fault("gap", ~good)
+        else:
+            row = picked.first + (int(np.argmin(good)) + 1) * picked.every
+            is_even = bool((np.abs(steps - common) <= GAP_TOLERANCE * common).all())
+            more = int(np.sum(~good)) - 1
+            faults.append(TimeFault("sample time", row, common, more, is_even))
     return continues, faults

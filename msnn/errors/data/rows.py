@@ -1,9 +1,9 @@
-"""E0811-E0850, E0958, E1131, W0801-W0811: rows of data, their times, the sets that they form."""
+"""E0811-E0850, E0958, E1131, W0801-W0811, W0830: rows of data, their times, their sets."""
 
 from collections.abc import Iterable, Sequence
 
 from msnn.errors.data.lists import and_more, listed
-from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, remark, warning
 from spec_schema.diagnostics.source import Span
 
 
@@ -18,12 +18,23 @@ def time_gap(
 
 
 def wrong_sample_time(
-    file: str, found: float, expected: float, column: str, place: Span | None
+    file: str, found: float, expected: float, column: str, place: Span | None, *, is_even: bool
 ) -> Diagnostic:
-    """E0812: a file whose rows are all spaced otherwise than `sample_time`."""
-    message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
-    repair = _repair_of_step(found, expected, column)
-    return error("E0812", place, message, "the second row", help=repair)
+    """E0812: a file whose rows are usually spaced otherwise than `sample_time`."""
+    usual = "" if is_even else "usually "
+    message = (
+        f"the rows of {file} are {usual}{found:.6g} s apart, `sample_time` is {expected:.6g} s"
+    )
+    repair = _repair_of_step(found, expected, column) if is_even else _TO_NEAREST_ROWS
+    label = "not one sample after the row before"
+    return error("E0812", place, message, label, help=repair)
+
+
+_TO_NEAREST_ROWS = (
+    "`resample: linear` brings the rows to `sample_time`; a value that predictions are compared "
+    "with, and that the model does not read, belongs to the nearest row"
+)
+"""The repair where no sample time fits all steps."""
 
 
 def other_sample_time(*, file: str, found: float, expected: float) -> Diagnostic:
@@ -167,3 +178,18 @@ def episodes_skipped(
 def record_dropped(file: str, row: int) -> Diagnostic:
     """W0803: a record left out because an input is missing in it."""
     return warning("W0803", None, f"{file} is left out: an input is missing in row {row}")
+
+
+def kept_values(*, column: str, measured: int, kept: int, lost: int, rows: int) -> Diagnostic:
+    """W0830: how many measured values of a resampled column are compared with predictions."""
+    message = (
+        f"resampling keeps {kept} of {measured} measured values of column `{column}`, "
+        f"one in each of {kept} rows of {rows}"
+    )
+    notes: list[str] = []
+    if shared := measured - kept - lost:
+        notes.append(f"{shared} are nearest to a row that has one already")
+    if lost:
+        notes.append(f"{lost} are nearest to a row without inputs, or to none")
+    make = warning if lost else remark
+    return make("W0830", None, message, notes=tuple(notes))
