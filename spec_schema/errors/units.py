@@ -27,6 +27,15 @@ def incomparable_unit(written: str, wanted: str, span: Span) -> Diagnostic:
     return error("E0503", span, f"{written} is not a unit of {wanted}", f"expected {wanted}")
 
 
+def turns_or_radians(
+    written: str, wanted: str, count: str, turns: str, radians: str, span: Span
+) -> Diagnostic:
+    """E0507: a unit that counts per time, converted to one of angle per time or from it."""
+    message = f"{written} is no clear number of {wanted}: {count} may count revolutions or radians"
+    repair = f"write `{turns}` in place of `{count}` for revolutions, or `{radians}` for radians"
+    return error("E0507", span, message, f"expected {wanted}", help=repair)
+
+
 def unit_of_none(name: str, written: str, span: Span) -> Diagnostic:
     """E0978: a number with a unit, of something that has none."""
     message = f"`{name}` has no unit in which {written} is a number"

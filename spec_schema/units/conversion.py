@@ -5,6 +5,7 @@ import math
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import schema, units
 from spec_schema.units.quantity import Quantity
+from spec_schema.units.turns import turn_readings
 from spec_schema.units.unit import Unit
 
 
@@ -14,12 +15,19 @@ def converted(
     """The number in this unit; a bare one, and one of what has no unit, is in it already.
 
     Of a distance between two values scales alone count: 10 K wide is 10 degC wide. Gives None
-    after reporting a unit of another dimension, or a number that is beyond floats there.
+    after reporting a unit of another dimension, a count per time for an angle per time, or a number
+    that is beyond floats there.
     """
     if quantity.unit is None or unit is None:
         return quantity.value
     if not quantity.unit.same_dimension(unit):
         fault = units.incomparable_unit(quantity.unit.text, unit.text, quantity.span)
+        findings.report(fault)
+        return None
+    if (readings := turn_readings(quantity.unit, unit)) is not None:
+        fault = units.turns_or_radians(
+            quantity.unit.text, unit.text, *readings.texts, quantity.span
+        )
         findings.report(fault)
         return None
     number = quantity.unit.convert(quantity.value, unit, is_distance=is_distance)

@@ -99,6 +99,11 @@ class Unit:
         """The unit whose `degree`-th power is this one."""
         return self.power(Fraction(1, degree))
 
+    @property
+    def angle(self) -> Rational:
+        """The exponent of rad, which counts as 1 in dimension checks."""
+        return self.exponents[_ANGLE]
+
     def same_dimension(self, other: "Unit") -> bool:
         """Whether the SI exponents agree; the tag of angle is left out, so `1/s` is `rad/s`."""
         return _without_angle(self.exponents) == _without_angle(other.exponents)

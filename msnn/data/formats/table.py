@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.written_units import StatedUnit
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment
-from spec_schema.units.unit import Unit
 
 ColumnKey = str | int
 """A column's name, or its index counted from 0."""
@@ -41,7 +41,7 @@ class ColumnTable:
     """Seconds of each row, where the format keeps them itself."""
     place: Callable[[int], Span | None] = _no_place
     """Where a row stands in the file."""
-    units: Mapping[ColumnKey, Unit] = field(default_factory=dict[ColumnKey, Unit])
+    units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
     """What the file itself says of columns."""
     begins: Mapping[ColumnKey, Moment] = field(default_factory=dict[ColumnKey, Moment])
     """Of columns of dates, which are seconds from their first row: the moment of that row."""
@@ -56,3 +56,5 @@ class Streams:
     """Columns that were each recorded at moments of their own: (seconds, values)."""
 
     columns: Mapping[ColumnKey, tuple[FloatArray, FloatArray]]
+    units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
+    """What the file itself says of columns."""

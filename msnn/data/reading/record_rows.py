@@ -9,6 +9,7 @@ import numpy as np
 
 from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
+from msnn.data.reading.columns import file_unit
 from msnn.data.reading.converted_cells import converted_cells
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.resample import Method, Samples, lost_values, resample
@@ -120,7 +121,7 @@ def _picked(
     time = table.time
     column = file.layout.time or data.time
     if column is not None and not file.keeps_time:
-        line = _to_seconds(column, table, findings)
+        line = _to_seconds(column, table, file.shown, findings)
         if line is None:
             return None
         time = converted_cells(table.columns[column.column.column], line)
@@ -129,7 +130,9 @@ def _picked(
     return None if picked is None else (picked, time)
 
 
-def _to_seconds(column: TimeColumn, table: ColumnTable, findings: Findings) -> Line | None:
+def _to_seconds(
+    column: TimeColumn, table: ColumnTable, file: str, findings: Findings
+) -> Line | None:
     """From the unit of the time column, of the spec or the file, else the second, to seconds."""
     key = column.column.column
     if key in table.begins:
@@ -139,10 +142,14 @@ def _to_seconds(column: TimeColumn, table: ColumnTable, findings: Findings) -> L
             data_units.unit_of_moments(str(key), column.unit.value.text, column.unit.span)
         )
         return None
-    stated = table.units.get(key, SECOND) if column.unit is None else column.unit.value
+    place = column.place.value
+    if column.unit is not None:
+        stated = column.unit.value
+    else:
+        unit = table.units.get(key)
+        stated = file_unit(unit, file, "time", str(key), SECOND, place, findings) or SECOND
     if stated.same_dimension(SECOND):
         return stated.line_to(SECOND)
-    place = column.place.value
     findings.report(
         data_units.misfitting_file_unit(
             signal="time", column=str(key), found=stated.text, declared="s", span=place

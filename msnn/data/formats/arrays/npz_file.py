@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import zipfile
 import zlib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.arrays.array_units import unit_beside
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data import files as errors
@@ -25,6 +27,8 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
             archive = np.load(file, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise SpecError((errors.unreadable_file(shown, "it is a lone array"),))
-            return NamedArrays(shown, tuple(archive.files), archive.__getitem__).table(wanted)
+            names, get = tuple(archive.files), archive.__getitem__
+            units = partial(unit_beside, names, get=get)
+            return NamedArrays(shown, names, get, unit_texts=units).table(wanted)
     except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error

@@ -57,4 +57,6 @@ def _channel(file: Any, shown: str, key: str) -> tuple[FloatArray, NamedArrays] 
     ((group, index),) = places
     signal = file.get(name, group=group, index=index)
     values = np.asarray(signal.samples)
-    return np.asarray(signal.timestamps, np.float64), NamedArrays(shown, (key,), lambda _: values)
+    unit = (str(signal.unit or ""),)
+    arrays = NamedArrays(shown, (key,), lambda _: values, unit_texts=lambda _: unit)
+    return np.asarray(signal.timestamps, np.float64), arrays

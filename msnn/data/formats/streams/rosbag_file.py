@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.streams.rosbag_units import field_unit
 from msnn.data.formats.streams.stream_columns import stream_columns
 from msnn.data.formats.table import Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
@@ -32,9 +33,13 @@ class _Channel:
     path: tuple[tuple[str, int | None], ...]
     time: list[float] = field(default_factory=list[float])
     values: list[float] = field(default_factory=list[float])
+    unit: str = ""
 
     def take(self, seconds: float, message: Any) -> None:
         for name, index in self.path:
+            # the first that has one: `angular_velocity` of an IMU, not its x
+            if not self.time and not self.unit:
+                self.unit = field_unit(message.__msgtype__, name)
             # only names that `_channel` has admitted, none of which begins with an underscore
             message = getattr(message, name)
             if index is not None:
@@ -69,7 +74,9 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
         if channel is None:
             return None
         values = np.array(channel.values)
-        return np.array(channel.time), NamedArrays(shown, (key,), lambda _: values)
+        unit = (channel.unit,)
+        arrays = NamedArrays(shown, (key,), lambda _: values, unit_texts=lambda _: unit)
+        return np.array(channel.time), arrays
 
     return stream_columns(shown, wanted, topics, find)
 
