@@ -25,9 +25,9 @@ from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_check import check_kernel, check_sensitivities
 from msnn.simulation.engines.kernel_trials import WrongKernelError, cases, compare
 from msnn.simulation.engines.native_rollouts import check_rollouts
-from msnn.training.engines.native.kernel_check import check_kernel, check_sensitivities
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 from tests.native.test_kernel import MODELS, initial, log_of
@@ -147,8 +147,8 @@ class Fault:
 
 
 GRADIENT = "all->slopes[i] += slopes[i];"
-SUM = "sums[l] += (double)sum_lanes(summed[l]);"
-COUNT = "counts[l] += (double)sum_lanes(counted[l]);"
+SUM = "add_lanes(sums + l * each, summed[l], apart);"
+COUNT = "add_lanes(counts + l * each, counted[l], apart);"
 USED = "memcpy(&found.used, g->used, sizeof found.used);"
 PRODUCT = "found[a][b] = fused(row[i + a], row[j + b], found[a][b]);"
 
