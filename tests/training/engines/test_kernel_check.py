@@ -147,8 +147,8 @@ class Fault:
 
 
 GRADIENT = "all->slopes[i] += slopes[i];"
-SUM = "add_lanes(sums + l * each, summed[l], apart);"
-COUNT = "add_lanes(counts + l * each, counted[l], apart);"
+SUM = "sums[l] += (double)sum_lanes(summed[l]);"
+COUNT = "counts[l] += (double)sum_lanes(counted[l]);"
 USED = "memcpy(&found.used, g->used, sizeof found.used);"
 PRODUCT = "found[a][b] = fused(row[i + a], row[j + b], found[a][b]);"
 
@@ -234,6 +234,9 @@ def test_a_wrong_kernel_of_losses_alone_is_found(fault: Fault, spoil: Spoil) -> 
         check_kernel(kernel, log_of(program), runs_of(90, 12), initial(program))
 
 
+SUM_OF_SLOPES = "add_lanes(sums + l * each, summed[l], apart);"
+COUNT_OF_SLOPES = "add_lanes(counts + l * each, counted[l], apart);"
+
 FAULTS_OF_SLOPES = {
     "products of slopes": Fault(
         PRODUCT,
@@ -245,9 +248,16 @@ FAULTS_OF_SLOPES = {
         "add_row(&products[l], rows + (l ? 3 : r) * WIDTH, scored);",
         "the slopes and residuals of `size`",
     ),
-    "the sum of the second loss": FAULTS["the sum of the second loss"],
-    "the elements of the first loss": FAULTS["the elements of the first loss"],
+    "the sum of the second loss": Fault(
+        SUM_OF_SLOPES, f"if (l != 1) {SUM_OF_SLOPES}", "the loss `size`"
+    ),
+    "the elements of the first loss": Fault(
+        COUNT_OF_SLOPES, f"if (l) {COUNT_OF_SLOPES}", "the elements of `fit`"
+    ),
     "steps that are not skipped": Fault("(size_t)p->skip", "0", "the loss `fit`"),
+    "products of one rollout in those of the next": Fault(
+        "products[l].sum += (size_t)LOSSES", "products[l].sum += (size_t)0 * LOSSES", "the slopes"
+    ),
 }
 
 
