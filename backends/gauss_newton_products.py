@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,3 +76,40 @@ class Products:
             count=self.count + other.count,
             left_out=self.left_out + other.left_out,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class ProductsOfRuns:
+    """The products of one loss, in which each run has numbers of its own beside the shared ones."""
+
+    all: Products
+    """The products of the shared numbers, summed over the runs, with the blocks of each run."""
+    squares: FloatArray
+    """rᵀr of each run."""
+    cost: FloatArray
+    """Σ of the loss over the elements of each run."""
+    count: FloatArray
+    """Scored elements of each run."""
+
+    @property
+    def blocks(self) -> StartBlocks:
+        """The blocks of the numbers of each run."""
+        assert self.all.starts is not None, "each run has numbers"
+        return self.all.starts
+
+
+def joined_runs(runs: Sequence[Products], own: int) -> ProductsOfRuns:
+    """One run's products after the other, the last `own` numbers in each being its own."""
+    n = len(runs[0].slope) - own
+    blocks = StartBlocks(
+        np.array([one.curvature[:n, n:] for one in runs]),
+        np.array([one.curvature[n:, n:] for one in runs]),
+        np.array([one.slope[n:] for one in runs]),
+    )
+    shared = [replace(one, curvature=one.curvature[:n, :n], slope=one.slope[:n]) for one in runs]
+    return ProductsOfRuns(
+        all=replace(sum(shared[1:], shared[0]), starts=blocks),
+        squares=np.array([one.squares for one in runs]),
+        cost=np.array([one.cost for one in runs]),
+        count=np.array([one.count for one in runs]),
+    )

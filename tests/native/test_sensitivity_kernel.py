@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from backends.gauss_newton_products import Products
+from backends.gauss_newton_products import Products, joined_runs
 from backends.native.kernel import Kernel
 from backends.native.rollouts.sensitivity_kernel import STACK, SensitivityKernel, with_stack
 from compiler.differentiation.sensitivities import Sensitivities, sensitivities
@@ -167,3 +167,28 @@ def test_what_runs_on_a_stack_of_its_own_raises_here(needed: int) -> None:
 
     with pytest.raises(MemoryError):
         with_stack(needed, fail)
+
+
+@pytest.mark.parametrize("name", SQUARED)
+def test_products_of_runs_are_those_of_each_run_alone(name: str) -> None:
+    """20 rollouts of three lengths in any order: full groups of lanes and ones that are not."""
+    program = squared(name)
+    found = sensitivities(program, [p.name for p in program.parameters if p.learn])
+    kernel, log = SensitivityKernel(found), log_of(program, 60)
+    random = np.random.default_rng(5)
+    t0 = random.permutation(np.arange(10, 30))
+    steps = random.choice([3, 7, 8], 20)
+    data, physical = kernel.data(log, 2), flat(program, initial(program))
+    together = kernel.products_of_runs(data, t0, steps, physical, 2)
+    alone = [kernel.products(data, t0[[i]], steps[[i]], physical) for i in range(20)]
+    for loss, one in together.items():
+        right = joined_runs([run[loss] for run in alone], 2)
+        assert right.count.sum() > 0
+        np.testing.assert_array_equal(one.count, right.count)
+        pairs = [(one.squares, right.squares), (one.cost, right.cost)]
+        pairs += [(getattr(one.blocks, n), getattr(right.blocks, n)) for n in ("cross", "slope")]
+        pairs += [(one.blocks.curvature, right.blocks.curvature)]
+        pairs += [(getattr(one.all, n), getattr(right.all, n)) for n in ("curvature", "slope")]
+        for value, expected in pairs:
+            # sums in another order
+            np.testing.assert_allclose(value, expected, rtol=1e-12, atol=1e-13)

@@ -77,5 +77,7 @@ def stage_starts(
     plan: StagePlan, data: Dataset, warned: Callable[[Diagnostic], None]
 ) -> StageStarts | None:
     """None where every state says itself where it starts."""
-    fit = fit_of(plan.rollout)
+    # kernels fuse operations where a processor can: their bits are not those of other machines
+    native = plan.engine != "torch" and not plan.reproducible
+    fit = fit_of(plan.rollout, searches=plan.epochs, native=native)
     return None if fit is None else StageStarts(plan, fit, data, warned)

@@ -25,9 +25,9 @@ from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_check import check_kernel, check_sensitivities
 from msnn.simulation.engines.kernel_trials import WrongKernelError, cases, compare
 from msnn.simulation.engines.native_rollouts import check_rollouts
-from msnn.training.engines.native.kernel_check import check_kernel, check_sensitivities
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 from tests.native.test_kernel import MODELS, initial, log_of
@@ -234,6 +234,9 @@ def test_a_wrong_kernel_of_losses_alone_is_found(fault: Fault, spoil: Spoil) -> 
         check_kernel(kernel, log_of(program), runs_of(90, 12), initial(program))
 
 
+SUM_OF_SLOPES = "add_lanes(sums + l * each, summed[l], apart);"
+COUNT_OF_SLOPES = "add_lanes(counts + l * each, counted[l], apart);"
+
 FAULTS_OF_SLOPES = {
     "products of slopes": Fault(
         PRODUCT,
@@ -245,9 +248,16 @@ FAULTS_OF_SLOPES = {
         "add_row(&products[l], rows + (l ? 3 : r) * WIDTH, scored);",
         "the slopes and residuals of `size`",
     ),
-    "the sum of the second loss": FAULTS["the sum of the second loss"],
-    "the elements of the first loss": FAULTS["the elements of the first loss"],
+    "the sum of the second loss": Fault(
+        SUM_OF_SLOPES, f"if (l != 1) {SUM_OF_SLOPES}", "the loss `size`"
+    ),
+    "the elements of the first loss": Fault(
+        COUNT_OF_SLOPES, f"if (l) {COUNT_OF_SLOPES}", "the elements of `fit`"
+    ),
     "steps that are not skipped": Fault("(size_t)p->skip", "0", "the loss `fit`"),
+    "products of one rollout in those of the next": Fault(
+        "products[l].sum += (size_t)LOSSES", "products[l].sum += (size_t)0 * LOSSES", "the slopes"
+    ),
 }
 
 

@@ -12,7 +12,9 @@ from scipy.optimize import least_squares
 
 from compiler.program_file.file import program_from_json, program_to_json
 from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
 from msnn.simulation.simulate import simulate, simulation_program
+from msnn.simulation.start_fit import FoundStarts, StartFit
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.learned.standard_errors import standard_errors
 from msnn.training.records.progress import EpochEnd, Silent
@@ -403,3 +405,44 @@ def test_resuming_continues_bit_for_bit(stage: str, tmp_path: Path) -> None:
     resumed = train(program, data, spec.train, TrainingOptions(runs=tmp_path, resume=True))
     for name, value in undisturbed.weights.items():
         np.testing.assert_array_equal(resumed.weights[name], value)
+
+
+# ---- by kernels
+
+
+@pytest.mark.parametrize("rows", [False, True])
+def test_kernels_find_the_starts_that_the_interpreter_finds(
+    rows: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    require_tool("gcc", install="apt install gcc")
+    series = records(3, 400, seed=8)
+    series["q"][[3, 30, 31, 404]] = np.nan
+    program, _ = compiled(FITTED)
+    data = dataset(series, train=[400] * 3)
+    some = {"y": np.arange(1200) % 3 != 1} if rows else None
+    runs = Runs(np.array([800, 0, 400, 410]), np.array([400, 400, 400, 20]), 0, 400)
+
+    def found(native: bool) -> FoundStarts:
+        fit = StartFit(program, None, 5, searches=1000, native=native)
+        return fit.find(data.series, runs, TRUE, {"y": 2.0}, some)
+
+    right = found(native=False)
+    # no step may be interpreted
+    monkeypatch.setattr("msnn.simulation.start_products.moments", None)
+    by_kernel = found(native=True)
+    for name, value in right.values.items():
+        assert by_kernel.values[name] == pytest.approx(value, rel=1e-9)
+
+
+def test_standard_errors_beside_a_long_record_are_computed_by_kernels(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Interpreting a record of 20,000 rows took 30 times as long as the training."""
+    require_tool("gcc", install="apt install gcc")
+    stage = "train:\n  - {epochs: 1, optimizer: levenberg_marquardt, rollout: record}\n"
+    program, spec = compiled(FITTED + stage)
+    data = dataset(records(1, 20_000, seed=3), train=[20_000])
+    (plan,) = plan_stages(program, spec.train, Findings())
+    monkeypatch.setattr("msnn.simulation.start_products.moments", None)
+    errors = standard_errors(plan, data, {n: np.array(v) for n, v in TRUE.items()})
+    assert errors.noise["y"] == pytest.approx(NOISE, rel=0.02)

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from backends.gauss_newton_products import Products
+from backends.gauss_newton_products import Products, ProductsOfRuns, joined_runs
 from backends.torch_module.module import build_module
 from compiler.differentiation.sensitivities import scales_of, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
@@ -78,6 +78,11 @@ class TorchSquares:
             for name, found in self._batch_products(batch, values, learned).items():
                 sums[name] = sums[name] + found if name in sums else found
         return sums
+
+    def products_of_runs(self, runs: Runs, weights: Weights, own: int) -> dict[str, ProductsOfRuns]:
+        """The same, the last `own` numbers of every run apart."""
+        each = [self.products(runs.take(np.array([i])), weights) for i in range(len(runs))]
+        return {name: joined_runs([run[name] for run in each], own) for name in each[0]}
 
     def _batch_products(
         self, runs: Runs, values: Mapping[str, Tensor], learned: Tensor

@@ -43,7 +43,8 @@ def information_of(
         products = squares.products(runs, weights)
         return _symmetric(plan, products, {}), products, notes
     joint = plan.estimates_starts
-    fit = StartFit(starts.program, None if joint else starts.over, starts.skip if joint else 0)
+    over, skip = (None, starts.skip) if joint else (starts.over, 0)
+    fit = StartFit(starts.program, over, skip, native=plan.engine != "torch")
     found = fit.find(data.series, runs, weights, plan.loss_weights, rows if joint else None)
     series = found.series(data.rows)
     unknown = JointStarts(plan, data.series)
