@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import re
 import select
 import socket
 import subprocess
@@ -23,9 +24,11 @@ from msnn.cli.application import run
 from msnn.verification.exported_c import read_exported_c
 from msnn.verification.on_board import serial_line
 from msnn.verification.on_board.cores import core_of
-from msnn.verification.on_board.link import Gdb, Serial, link_of
+from msnn.verification.on_board.gdb_servers import gdb_server
+from msnn.verification.on_board.link import Gdb, PyOcd, Serial, link_of
 from msnn.verification.on_board.packets import Packets, StubFailedError
 from msnn.verification.tools import ARM_GCC, ARM_QEMU, GCC
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.verification.test_verify import exported, require, verified
 
 PLANT = """
@@ -289,6 +292,28 @@ def test_openocd_is_started_and_ended(
     said = refused(capsys, plant, "openocd:other.cfg")
     assert "error[E1320]" in said
     assert "Error: no such file other.cfg" in said
+
+
+@pytest.mark.parametrize("named", [None, "project"])
+def test_pyocd_runs_no_script_of_the_working_folder(
+    named: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would run a `pyocd_user.py` of its project folder, which the user alone may name."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("PYOCD_PROJECT_DIR", raising=False)
+    if named is not None:
+        monkeypatch.setenv("PYOCD_PROJECT_DIR", named)
+    script = tmp_path / "pyocd"
+    seen = "import os; place = os.environ['PYOCD_PROJECT_DIR']; print(place, os.listdir(place))"
+    script.write_text(f"#!{sys.executable}\n{seen}\n", encoding="utf-8")
+    script.chmod(0o755)
+    (tmp_path / "project").mkdir()
+    with pytest.raises(SpecError) as caught, gdb_server(PyOcd("0123")):
+        pass
+    (said,) = caught.value.diagnostics[0].notes
+    assert str(tmp_path) not in said
+    assert re.search(r"project \[\]" if named else r"msnn-pyocd-\w+ \[\]", said), said
 
 
 @pytest.mark.parametrize("link", ["openocd:board.cfg", "pyocd:0123"])
