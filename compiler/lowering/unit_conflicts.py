@@ -10,8 +10,13 @@ from spec_schema.expressions.text import number_text
 from spec_schema.expressions.tree import Binary, Expression, Number
 
 
-def report_unit_conflicts(context: Context, builder: GraphBuilder, expression: Expression) -> None:
-    """Turns the conflicts that building the expression's node met into diagnostics."""
+def report_unit_conflicts(
+    context: Context, builder: GraphBuilder, expression: Expression, operation: str | None = None
+) -> None:
+    """Turns the conflicts that building the expression's node met into diagnostics.
+
+    `operation` is what the user wrote, where its node has another name.
+    """
     for conflict in builder.conflicts:
         secondary = ()
         if isinstance(expression, Binary):
@@ -21,7 +26,7 @@ def report_unit_conflicts(context: Context, builder: GraphBuilder, expression: E
             )
         context.findings.report(
             units.units_differ(
-                conflict.operation,
+                operation or conflict.operation,
                 conflict.found.text,
                 conflict.expected.text,
                 expression.span,

@@ -236,7 +236,7 @@ def test_overlapping_rollouts_count_a_row_once() -> None:
 
 def test_too_many_numbers_and_losses_without_squares_say_so() -> None:
     assert found_at(line(0.3, 1), np.array([0.7, 2.0]), "'mse(z, y)'").reason is None
-    text = LINE.replace("LOSS", "'mae(z, y)'").replace("levenberg_marquardt", "adam")
+    text = LINE.replace("LOSS", "'l2(a)'").replace("levenberg_marquardt", "adam")
     data = dataset(line(0.3, 1), train=[60])
     weights = {"a": np.array(0.7), "b": np.array(2.0)}
     none = standard_errors(planned(text), data, weights)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from backends.torch_module.module import Frame, TorchModel, Windows
 from compiler.ir.liveness import Extent, extents
-from compiler.ir.program import Measure, Program
+from compiler.ir.program import Loss, Measure, Program
 from msnn.data.dataset import BoolArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum, longest_first
@@ -79,9 +79,7 @@ def batch_losses(
     `frame` has the parameters where they are not those of the model.
     """
     scored = scored_values(model, frame or model.frame(), data, runs)
-    return {
-        loss.name: _summed(loss.measure, scored[loss.name], model) for loss in model.program.losses
-    }
+    return {loss.name: _summed(loss, scored[loss.name], model) for loss in model.program.losses}
 
 
 def evaluated(
@@ -204,26 +202,26 @@ def _joined(parts: list[Tensor]) -> Tensor:
     return parts[0] if len(parts) == 1 else torch.cat(parts)
 
 
-def _summed(measure: Measure, scored: ScoredValues | None, model: TorchModel) -> TorchLossSum:
+def _summed(loss: Loss, scored: ScoredValues | None, model: TorchModel) -> TorchLossSum:
     if scored is None:
         return TorchLossSum(torch.zeros((), dtype=model.dtype, device=model.device), 0)
-    costs = cost(measure, scored.prediction, scored.target)
+    costs = cost(loss, scored.prediction, scored.target)
     if scored.factors is None:
         return TorchLossSum(costs.sum(), scored.prediction.numel())
     return TorchLossSum((scored.factors * costs).sum(), scored.factors.sum().item())
 
 
-def cost(measure: Measure, prediction: Tensor, target: Tensor | None) -> Tensor:
+def cost(loss: Loss, prediction: Tensor, target: Tensor | None) -> Tensor:
     """The term of each element in the mean of a loss."""
     error = prediction if target is None else prediction - target
-    match measure:
+    match loss.measure:
         case Measure.MSE | Measure.RMSE:
             return error * error
         case Measure.MAE:
             return error.abs()
         case Measure.HUBER:
             return torch.nn.functional.huber_loss(
-                error, torch.zeros_like(error), reduction="none", delta=1.0
+                error, torch.zeros_like(error), reduction="none", delta=loss.delta
             )
         case Measure.MEAN:
             return prediction

@@ -152,10 +152,10 @@ def _products(
     Huber by the weight that gives the square its slope; factors of rows are weights too.
     """
     each = torch.ones_like(error) if factors is None else factors.reshape(-1)
-    total = (each * cost(loss.measure, error, None)).sum().item()
-    # below 1 that makes f²e² = e²/2, above it the slope 2f²e is the sign of e
+    total = (each * cost(loss, error, None)).sum().item()
+    # below δ that makes f²e² = e²/2, above it the slope 2f²e is δ times the sign of e
     if loss.measure is Measure.HUBER:
-        factor = torch.sqrt(0.5 / error.abs().clamp(min=1.0))
+        factor = torch.sqrt(0.5 * loss.delta / error.abs().clamp(min=loss.delta))
         error, slopes = factor * error, factor[:, None] * slopes
     if factors is not None:
         error, slopes = each.sqrt() * error, each.sqrt()[:, None] * slopes

@@ -23,7 +23,7 @@ import numpy as np
 from backends.gauss_newton_products import Products, ProductsOfRuns, StartBlocks
 from msnn.data.dataset import FloatArray, IntArray
 from msnn.training.engines.second_order.joint_starts import inverted_blocks
-from msnn.training.records.learned.information import Information, numbers
+from msnn.training.records.learned.information import Information, Sandwich, numbers
 
 _ROUNDS = 50
 """Of the equations for the variances of several losses; one loss is solved in the first."""
@@ -79,6 +79,11 @@ class HeldStarts:
         decided = {name: weights[name] / np.maximum(first[name].count, 1.0) for name in shares}
         blocks = {name: first[name].blocks for name in shares}
         return cls.of_blocks(products, shares, blocks, decided)
+
+    @property
+    def robust(self) -> Mapping[str, Sandwich]:
+        """None: starts are those of squares, beside which a robust loss has no errors."""
+        return {}
 
     def of(self, free: IntArray) -> Information:
         """The same of some of the numbers."""

@@ -10,6 +10,8 @@ as white: rows that are correlated say less than they seem to, and the errors co
 Where a row has a factor w, r and J are √w times what they are, as if its noise were σ/√w; n counts
 every row with w > 0 once. Starts that were estimated with the parameters are eliminated from H and
 JₗᵀJₗ first, and count among the pₗ; what starts add that were found apart, `held_starts` says.
+Of `huber` H is c/2 Σ ψ' jjᵀ and the middle (c/2)² Σ ψ² jjᵀ · n/(n − p), with ψ the clipped residual
+and j its slope (`squared_losses`): noise may differ from row to row there (Huber 1967, White 1980).
 """
 
 from __future__ import annotations
@@ -21,11 +23,13 @@ import numpy as np
 
 from backends.gauss_newton_products import Products
 from backends.known_terms import KnownTerms, in_corners
-from compiler.ir.program import Parameter
+from compiler.differentiation.sums_of_squares import is_sum_of_squares
+from compiler.ir.program import Measure, Parameter
 from msnn.data.dataset import Dataset, FloatArray, IntArray
 from msnn.model.weights.covariance_file import Covariance
 from msnn.simulation.rollout import LossSum
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
+from msnn.training.plans.concerned_losses import concerns
 from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
 from msnn.training.plans.squared_losses import squared
 from msnn.training.plans.stage_data import TRAIN
@@ -48,6 +52,13 @@ MOST_SLOPES = 300_000
 
 Every operation has a slope in every number. 240,000, an arm of six joints with 73 numbers, take gcc
 5 to 6 s and the kernel as long.
+"""
+
+_WITHIN = 10
+"""Residuals within δ beside two a learned number, of which the curvature of `huber` is made.
+
+With so many 89 to 93 % of the 95 % intervals of a line through rows with heavy tails (Student's t,
+2.5 degrees of freedom) have the true value, with a half of them 77 %.
 """
 
 AT_BOUND = 1e-3
@@ -78,10 +89,14 @@ def standard_errors(
 ) -> StandardErrors:
     """The standard errors of the parameters that a stage trained, from its train rows.
 
-    Rollouts are those of the stage, a horizon apart, so that each row counts once. `huber` and
-    `rmse` count as mse; losses that are no sums of squares are left out.
+    Rollouts are those of the stage, a horizon apart, so that each row counts once. `rmse` counts as
+    mse with the weight that it has near its minimum. There are none beside a loss whose curvature
+    nobody knows (`mae`, a cost that is no square), as the parameters minimise that one too.
     """
-    program = squared(plan.rollout.program, plan.loss_weights)
+    unknown = _unknown_curvature(plan)
+    if unknown is not None:
+        return without_errors(unknown)
+    program = squared(plan.rollout.program, plan.loss_weights, robust=True)
     parameters = [program.parameter(name) for name in plan.trained]
     learned = sum(weights[p.name].size for p in parameters)
     if not any(loss.target is not None for loss in program.losses):
@@ -96,6 +111,9 @@ def standard_errors(
     starts = plan.rollout.starts
     if starts is not None:
         starts = replace(starts, program=squared(starts.program, plan.loss_weights))
+        robust = [loss.name for loss in program.losses if loss.measure is Measure.HUBER]
+        if robust:
+            return without_errors(f"`{robust[0]}` is huber, and its starts are those of squares")
     rollout = replace(plan.rollout, program=program, starts=starts)
     runs = set_rollouts(rollout, data, TRAIN, None, "standard errors", plan.span, Findings())
     if runs is None:
@@ -104,6 +122,25 @@ def standard_errors(
     plan = replace(plan, rollout=rollout)
     said, products, notes = information_of(plan, data, rows, runs, weights)
     return replace(_estimated(plan, parameters, weights, said, products), notes=notes)
+
+
+def _unknown_curvature(plan: StagePlan) -> str | None:
+    """Why the curvature of the total is not known, None where it is."""
+    for loss in plan.program.losses:
+        # a penalty is straight beside its corner
+        known = loss.measure is Measure.RMSE or is_sum_of_squares(plan.program.step, loss)
+        if known or loss.penalty is not None or not plan.loss_weights[loss.name]:
+            continue
+        alone = {one.name: float(one is loss) for one in plan.program.losses}
+        if not concerns(plan.program, alone, plan.trained):
+            continue
+        if loss.measure is Measure.MAE:
+            return (
+                f"those of `{loss.name}`, a mae, depend on the density of its noise at 0; "
+                "`huber(…, delta=…)` has them"
+            )
+        return f"`{loss.name}` is no sum of squares"
+    return None
 
 
 def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
@@ -150,11 +187,21 @@ def _estimated(
     free = np.flatnonzero(~held)
     names = [n for p in parameters for n in number_names(p.name, weights[p.name].shape)]
     said = said.of(free)
+    for name, one in said.robust.items():
+        if one.within < _WITHIN + 2 * len(free):
+            return without_errors(
+                f"only {one.within:.0f} of {numbers(products, name):.0f} residuals of `{name}` are "
+                f"within its delta, too few for {len(free)} learned numbers"
+            )
     prior = _prior_curvature(plan, known, products)[free]
     total, equations = said.curvature() + np.diag(prior[:, 0]), said.equations()
     if equations is not None:
         equations = equations + np.diag(prior[:, 0])
-    inverse, nothing = inverted(total, equations)
+    try:
+        inverse, nothing = inverted(total, equations)
+    except np.linalg.LinAlgError:
+        found = "residuals within delta" if said.robust else "the scored residuals"
+        return without_errors(f"{found} do not determine the learned numbers")
     # the residuals of a penalty such as l2(w) are no measurements: it has no noise
     targets = (loss.name for loss in plan.rollout.program.losses if loss.target is not None)
     noise = said.variances(inverse, frozenset(targets))
