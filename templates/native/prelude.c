@@ -162,27 +162,40 @@ inline_function lanes lane_sqrt(lanes x)
     return r;
 }
 
+typedef real bytes_32 __attribute__((vector_size(32)));
+typedef real bytes_16 __attribute__((vector_size(16)));
+
 /* Sum over a group, the first of its PARTS vectors at x and the next `apart` behind: by a tree of
    fixed shape in which each half is added to the other. */
 inline_function real sum_group(const lanes *x, size_t apart)
 {
-    lanes part[PARTS];
-    real rest[LANES];
-    for (int k = 0; k < PARTS; k++) {
-        part[k] = x[(size_t)k * apart];
-    }
-    for (int half = PARTS / 2; half > 0; half /= 2) {
-        for (int k = 0; k < half; k++) {
-            part[k] += part[k + half];
-        }
-    }
-    memcpy(rest, part, sizeof rest);
-    for (int half = LANES / 2; half > 0; half /= 2) {
-        for (int i = 0; i < half; i++) {
-            rest[i] += rest[i + half];
-        }
-    }
-    return rest[0];
+#if PARTS == 4
+    const lanes whole = (x[0] + x[2 * apart]) + (x[apart] + x[3 * apart]);
+#elif PARTS == 2
+    const lanes whole = x[0] + x[apart];
+#else
+    const lanes whole = x[0];
+    (void)apart;
+#endif
+#if VECTOR_BYTES == 64
+    bytes_32 half[2];
+    memcpy(half, &whole, sizeof half);
+    const bytes_32 two = half[0] + half[1];
+#elif VECTOR_BYTES == 32
+    const bytes_32 two = whole;
+#endif
+#if VECTOR_BYTES == 16
+    const bytes_16 one = whole;
+#else
+    bytes_16 quarter[2];
+    memcpy(quarter, &two, sizeof quarter);
+    const bytes_16 one = quarter[0] + quarter[1];
+#endif
+#if MSNN_DOUBLE
+    return one[0] + one[1];
+#else
+    return (one[0] + one[2]) + (one[1] + one[3]);
+#endif
 }
 
 #if defined(__has_builtin)
@@ -254,7 +267,6 @@ LOOK_UP(look_up_wide, wides, uint64_t)
 /* TILE samples of every lane, from rows that lie apart to one vector a sample. */
 #define TILE (16 / REAL_BYTES)
 typedef real part1 __attribute__((vector_size(16), aligned(sizeof(real))));
-typedef real part2 __attribute__((vector_size(32)));
 #if !defined(HAS_SHUFFLE)
 inline_function void transpose(const real *const *from, int64_t at, lanes *out)
 {
@@ -302,13 +314,13 @@ inline_function lanes beside(const real *const *from, int64_t at, int l)
     return a;
 #else
     const part1 b = *(const part1 *)(from[l + TILE] + at);
-    const part2 low = __builtin_shufflevector(a, b, TWO_PARTS);
+    const bytes_32 low = __builtin_shufflevector(a, b, TWO_PARTS);
 #if LANES == 2 * TILE
     return low;
 #else
     const part1 c = *(const part1 *)(from[l + 2 * TILE] + at);
     const part1 d = *(const part1 *)(from[l + 3 * TILE] + at);
-    const part2 high = __builtin_shufflevector(c, d, TWO_PARTS);
+    const bytes_32 high = __builtin_shufflevector(c, d, TWO_PARTS);
     return __builtin_shufflevector(low, high, FOUR_PARTS);
 #endif
 #endif

@@ -163,7 +163,7 @@ FAULTS = {
     "one element of a gradient": Fault(GRADIENT, f"if (i != 1) {GRADIENT}", "the slope in `A`"),
     "losses that all weigh alike": Fault("? weights[l]", "? weights[0]", "the slope in `A`"),
     "a sum that leaves lanes out": Fault(
-        "half = LANES / 2; half > 0", "half = LANES / 2; half > 1", "the loss `fit`"
+        "quarter[0] + quarter[1];", "quarter[0];", "the loss `fit`"
     ),
     "lanes that count without a rollout": Fault(
         USED,
