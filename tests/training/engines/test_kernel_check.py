@@ -147,9 +147,9 @@ class Fault:
 
 
 GRADIENT = "all->slopes[i] += slopes[i];"
-SUM = "sums[l] += (double)sum_lanes(summed[l]);"
-COUNT = "counts[l] += (double)sum_lanes(counted[l]);"
-USED = "memcpy(&found.used, g->used, sizeof found.used);"
+SUM = "sums[l] += (double)sum_group("
+COUNT = "counts[l] += (double)sum_group("
+USED = "memcpy(&found.used, g->used + number * LANES, sizeof found.used);"
 PRODUCT = "found[a][b] = fused(row[i + a], row[j + b], found[a][b]);"
 
 # each shows in one of the numbers that are compared, or in one of the cases alone
@@ -162,9 +162,13 @@ FAULTS = {
     ),
     "one element of a gradient": Fault(GRADIENT, f"if (i != 1) {GRADIENT}", "the slope in `A`"),
     "losses that all weigh alike": Fault("? weights[l]", "? weights[0]", "the slope in `A`"),
-    "a sum that leaves a lane out": Fault("half[0] += half[1];", "", "the loss `fit`"),
+    "a sum that leaves lanes out": Fault(
+        "quarter[0] + quarter[1];", "quarter[0];", "the loss `fit`"
+    ),
     "lanes that count without a rollout": Fault(
-        USED, USED.replace("memcpy", "memset").replace("g->used", "-1"), "the loss `fit`"
+        USED,
+        USED.replace("memcpy", "memset").replace("g->used + number * LANES", "-1"),
+        "the loss `fit`",
     ),
     "the sum of the second loss": Fault(SUM, f"if (l != 1) {SUM}", "the loss `size`"),
     "the elements of the first loss": Fault(COUNT, f"if (l) {COUNT}", "the elements of `fit`"),
@@ -234,8 +238,8 @@ def test_a_wrong_kernel_of_losses_alone_is_found(fault: Fault, spoil: Spoil) -> 
         check_kernel(kernel, log_of(program), runs_of(90, 12), initial(program))
 
 
-SUM_OF_SLOPES = "add_lanes(sums + l * each, summed[l], apart);"
-COUNT_OF_SLOPES = "add_lanes(counts + l * each, counted[l], apart);"
+SUM_OF_SLOPES = "add_group(sums + l * each, &summed[0][l], LOSSES + 1, apart);"
+COUNT_OF_SLOPES = "add_group(counts + l * each, &counted[0][l], LOSSES + 1, apart);"
 
 FAULTS_OF_SLOPES = {
     "products of slopes": Fault(
@@ -244,8 +248,8 @@ FAULTS_OF_SLOPES = {
         "the slopes and residuals of `fit`",
     ),
     "products of the second loss": Fault(
-        "add_row(&products[l], rows + r * WIDTH, scored);",
-        "add_row(&products[l], rows + (l ? 3 : r) * WIDTH, scored);",
+        "add_row(&products[l], rows + r * WIDTH, scored[l]);",
+        "add_row(&products[l], rows + (l ? 3 : r) * WIDTH, scored[l]);",
         "the slopes and residuals of `size`",
     ),
     "the sum of the second loss": Fault(
