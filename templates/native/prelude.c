@@ -119,18 +119,22 @@ inline_function lanes fused(lanes a, lanes b, lanes c) { return a * b + c; }
 #elif defined(__FMA__) && !defined(__clang__)
 /* gcc makes one instruction of the loop below only sometimes */
 #if MSNN_DOUBLE
+#define FUSED_128 __builtin_ia32_vfmaddpd
 #define FUSED_256 __builtin_ia32_vfmaddpd256
 #define FUSED_512(a, b, c) __builtin_ia32_vfmaddpd512_mask(a, b, c, (uint8_t)-1, 4)
 #else
+#define FUSED_128 __builtin_ia32_vfmaddps
 #define FUSED_256 __builtin_ia32_vfmaddps256
 #define FUSED_512(a, b, c) __builtin_ia32_vfmaddps512_mask(a, b, c, (uint16_t)-1, 4)
 #endif
 inline_function lanes fused(lanes a, lanes b, lanes c)
 {
-#if defined(__AVX512F__)
+#if VECTOR_BYTES == 64
     return FUSED_512(a, b, c);
-#else
+#elif VECTOR_BYTES == 32
     return FUSED_256(a, b, c);
+#else
+    return FUSED_128(a, b, c);
 #endif
 }
 #else
