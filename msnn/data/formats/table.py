@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from msnn.data.dataset import FloatArray
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment
+from spec_schema.sections.data.data import TimeColumn
 from spec_schema.units.unit import Unit
 
 ColumnKey = str | int
@@ -30,6 +31,8 @@ class WantedColumns:
     """Columns that a file need not have."""
     moments: frozenset[ColumnKey] = frozenset()
     """Columns of time, which may have dates in place of numbers."""
+    time: TimeColumn | None = None
+    """The times of values in a file that keeps several; None for those it keeps by itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +42,8 @@ class ColumnTable:
     columns: Mapping[ColumnKey, FloatArray]
     time: FloatArray | None = None
     """Seconds of each row, where the format keeps them itself."""
+    time_begins: Moment | None = None
+    """The moment of their time 0, where the format keeps it."""
     place: Callable[[int], Span | None] = _no_place
     """Where a row stands in the file."""
     units: Mapping[ColumnKey, Unit] = field(default_factory=dict[ColumnKey, Unit])
@@ -56,3 +61,7 @@ class Streams:
     """Columns that were each recorded at moments of their own: (seconds, values)."""
 
     columns: Mapping[ColumnKey, tuple[FloatArray, FloatArray]]
+    time_units: Mapping[ColumnKey, Unit] = field(default_factory=dict[ColumnKey, Unit])
+    """Units of times that are values of the file, as far as it states them; others are seconds."""
+    begins: Moment | None = None
+    """The moment of time 0, where the file keeps it."""

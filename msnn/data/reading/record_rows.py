@@ -24,7 +24,7 @@ from spec_schema.expressions.moments import Date, Moment
 from spec_schema.expressions.tree import Duration
 from spec_schema.expressions.tree import Samples as SampleCount
 from spec_schema.sections.data.data import SECOND, Data, Layout, TimeColumn
-from spec_schema.units.unit import UNCHANGED, Line
+from spec_schema.units.unit import UNCHANGED, Line, Unit
 from spec_schema.yaml_tree.writer import scalar_text
 
 
@@ -75,18 +75,22 @@ def record_rows(
     method = resampling(file, data)
     # resampling brings columns beside to the moments; without it only those of the same times fit
     fitting = uses.beside if method is None else ()
-    table = _one_table(read, fitting) if isinstance(read, Streams) else read
     column = file.layout.time or data.time
-    begins = None
-    if column is not None and table is not None and not file.keeps_time:
-        begins = table.begins.get(column.column.column)
+    if isinstance(read, Streams) and column is not None:
+        found = _in_seconds(read, column, findings)
+        if found is None:
+            return None
+        read = found
+    table = _one_table(read, fitting) if isinstance(read, Streams) else read
+    begins = read.begins if isinstance(read, Streams) else _begins(read, column)
     if method is not None:
         if sample_time is None:
             findings.report(data_formats.static_resample(span))
             return None
         if table is None:
             assert isinstance(read, Streams)
-            return _streams(read, file, data, sample_time, method, findings, uses)
+            rows = _streams(read, file, data, sample_time, method, findings, uses)
+            return None if rows is None else replace(rows, begins=begins)
         rows = _resampled(table, file, data, sample_time, method, findings, uses)
         return None if rows is None else replace(rows, begins=begins)
     if table is None:
@@ -109,8 +113,15 @@ def _one_table(streams: Streams, beside: Collection[ColumnKey]) -> ColumnTable |
     if not alike >= times.keys() - set(beside):
         return None
     return ColumnTable(
-        columns={key: v for key, (_, v) in streams.columns.items() if key in alike}, time=first
+        columns={key: v for key, (_, v) in streams.columns.items() if key in alike},
+        time=first,
+        time_begins=streams.begins,
     )
+
+
+def _begins(table: ColumnTable, column: TimeColumn | None) -> Moment | None:
+    """The moment of the first row, where times are dates."""
+    return None if column is None else table.begins.get(column.column.column)
 
 
 def _picked(
@@ -124,7 +135,7 @@ def _picked(
         if line is None:
             return None
         time = converted_cells(table.columns[column.column.column], line)
-    begins = None if column is None else table.begins.get(column.column.column)
+    begins = table.time_begins if file.keeps_time else _begins(table, column)
     picked = picked_rows(file.layout, data, file.shown, table.rows, time, begins, findings)
     return None if picked is None else (picked, time)
 
@@ -139,16 +150,32 @@ def _to_seconds(column: TimeColumn, table: ColumnTable, findings: Findings) -> L
             data_units.unit_of_moments(str(key), column.unit.value.text, column.unit.span)
         )
         return None
-    stated = table.units.get(key, SECOND) if column.unit is None else column.unit.value
-    if stated.same_dimension(SECOND):
-        return stated.line_to(SECOND)
-    place = column.place.value
+    return _seconds_line(column, table.units.get(key, SECOND), findings)
+
+
+def _seconds_line(column: TimeColumn, stated: Unit, findings: Findings) -> Line | None:
+    """From the unit of the spec, else from that which the file states, to seconds."""
+    unit = stated if column.unit is None else column.unit.value
+    if unit.same_dimension(SECOND):
+        return unit.line_to(SECOND)
+    place, key = column.place.value, str(column.column.column)
     findings.report(
         data_units.misfitting_file_unit(
-            signal="time", column=str(key), found=stated.text, declared="s", span=place
+            signal="time", column=key, found=unit.text, declared="s", span=place
         )
     )
     return None
+
+
+def _in_seconds(streams: Streams, column: TimeColumn, findings: Findings) -> Streams | None:
+    """Streams whose times are values of the file, in seconds; None after a report."""
+    columns: dict[ColumnKey, Samples] = {}
+    for key, (time, values) in streams.columns.items():
+        line = _seconds_line(column, streams.time_units.get(key, SECOND), findings)
+        if line is None:
+            return None
+        columns[key] = (converted_cells(time, line), values)
+    return replace(streams, columns=columns)
 
 
 def _as_recorded(
@@ -226,7 +253,7 @@ def _streams(
     findings: Findings,
     uses: ColumnUses,
 ) -> RecordRows | None:
-    span = _time_span(file, data, findings)
+    span = _time_span(file, data, streams.begins, findings)
     if span is None:
         return None
     for key, (time, _) in streams.columns.items():
@@ -304,7 +331,9 @@ def _rows_at(
     return np.where(same, picked.first + nearest * picked.every, BETWEEN_ROWS)
 
 
-def _time_span(file: DataFile, data: Data, findings: Findings) -> tuple[float, float] | None:
+def _time_span(
+    file: DataFile, data: Data, begins: Moment | None, findings: Findings
+) -> tuple[float, float] | None:
     """`from` and `to` in seconds; rows cannot be counted where every column has its own."""
     bounds = [-np.inf, np.inf]
     layout: Layout = file.layout
@@ -314,7 +343,7 @@ def _time_span(file: DataFile, data: Data, findings: Findings) -> tuple[float, f
             case None:
                 pass
             case Duration() | Date():
-                bound = time_bound(f"`{key}`", length, None, file.shown, findings)
+                bound = time_bound(f"`{key}`", length, begins, file.shown, findings)
                 if bound is None:
                     return None
                 bounds[index] = bound.seconds

@@ -1,7 +1,7 @@
-"""E0979, E0989-E0991, E0997-E0999, E1319: moments and units that a logger's file states."""
+"""E0979, E0989-E0991, E0997-E0999, E1319, W0831: moments and units that a logger's file states."""
 
 from msnn.errors.data.lists import and_more
-from spec_schema.diagnostics.diagnostic import Diagnostic, error
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
 
@@ -84,3 +84,12 @@ def too_far_a_moment(file: str, row: int, column: str, text: str, more: int) -> 
     notes = (f"row {row} of {file}", *and_more(more, "cell"))
     repair = "leave rows out whose clock was not set, or whose date stands for none"
     return error("E1319", None, message, notes=notes, help=repair)
+
+
+def unit_without_effect(signal: str, unit: str, span: Span | None) -> Diagnostic:
+    """W0831: the unit of a column that feeds a signal without a declared unit."""
+    message = (
+        f"the column of `{signal}` is in {unit}, and `{signal}` declares no unit to convert to"
+    )
+    repair = f"declare it: `{signal}: {{unit: {unit}}}`, or remove `unit:` here"
+    return warning("W0831", span, message, "converts nothing", help=repair)
