@@ -99,7 +99,8 @@ def _as_recorded(data: Data, model: Model) -> Data:
         return data.model_copy(update=_KEPT)
     # gaps and uneven steps are what is to be found: nothing fills them
     source = {name: one.model_copy(update={"resample": None}) for name, one in data.source.items()}
-    how = "none" if model.program.sample_time is not None else None
+    has_time = data.time is not None or any(one.time is not None for one in source.values())
+    how = "none" if has_time and model.program.sample_time is not None else None
     update = {"nan": "split", "resample": how, "source": source, "split": None}
     return data.model_copy(update=update)
 

@@ -9,6 +9,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data.formats.written_units import StatedUnit
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment
+from spec_schema.sections.data.data import TimeColumn
 
 ColumnKey = str | int
 """A column's name, or its index counted from 0."""
@@ -30,6 +31,8 @@ class WantedColumns:
     """Columns that a file need not have."""
     moments: frozenset[ColumnKey] = frozenset()
     """Columns of time, which may have dates in place of numbers."""
+    time: TimeColumn | None = None
+    """The times of values in a file that keeps several; None for those it keeps by itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +42,8 @@ class ColumnTable:
     columns: Mapping[ColumnKey, FloatArray]
     time: FloatArray | None = None
     """Seconds of each row, where the format keeps them itself."""
+    time_begins: Moment | None = None
+    """The moment of their time 0, where the format keeps it."""
     place: Callable[[int], Span | None] = _no_place
     """Where a row stands in the file."""
     units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
@@ -58,3 +63,7 @@ class Streams:
     columns: Mapping[ColumnKey, tuple[FloatArray, FloatArray]]
     units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
     """What the file itself says of columns."""
+    time_units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
+    """Units of times that are values of the file, as far as it states them; others are seconds."""
+    begins: Moment | None = None
+    """The moment of time 0, where the file keeps it."""

@@ -28,6 +28,8 @@ class FileFormat:
     module: str
     packages: tuple[OptionalPackage, ...] = ()
     is_text: bool = False
+    text_keys: tuple[str, ...] = ()
+    """The keys of `csv:` that say something of it."""
     keeps_time: bool = False
     """Whether the file itself says when each value was recorded."""
 
@@ -47,6 +49,7 @@ TEXT = FileFormat(
     suffixes=(".csv", ".txt", ".tsv", ".dat"),
     module="msnn.data.formats.text.csv_file",
     is_text=True,
+    text_keys=("delimiter", "decimal", "comment", "header", "skip"),
 )
 
 FORMATS = (
@@ -56,6 +59,7 @@ FORMATS = (
         suffixes=(".xlsx",),
         module="msnn.data.formats.text.xlsx_file",
         packages=(OPENPYXL,),
+        text_keys=("comment", "header", "skip"),
     ),
     FileFormat(name="NPZ", suffixes=(".npz",), module="msnn.data.formats.arrays.npz_file"),
     FileFormat(

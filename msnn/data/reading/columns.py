@@ -194,6 +194,9 @@ def _conversion(signal: Signal, column: Column, findings: Findings) -> Line:
     """From cells to the signal's unit (the only place where units convert)."""
     declared: Unit | None = signal.unit
     line = UNCHANGED
+    if column.unit is not None and declared is None:
+        text = column.unit.value.text
+        findings.report(data_units.unit_without_effect(signal.name, text, column.unit.span))
     if column.unit is not None and declared is not None:
         unit = column.unit.value
         key = str(column.column[0].column)

@@ -104,11 +104,18 @@ def data_of_files(data: Data, files: Sequence[Path], data_set: str | None = None
     set, or where the sets differ and none is named.
     """
     layout = _layout(data, data_set)
+    formats = [format_of(path) for path in files]
+    # keys that say nothing of the given files say something of those of the spec
+    unread: dict[str, None] = {}
+    if not any(format.is_text for format in formats):
+        unread["csv"] = None
+    if not any(format.name == "Parquet" for format in formats):
+        unread["records"] = None
     names = tuple(Located(str(path.absolute()), layout.place.value) for path in files)
-    source = layout.model_copy(update={"files": names})
+    source = layout.model_copy(update={"files": names, **unread})
     # the split goes as well: all of the given files are one set
     update = {"source": {data_set or GIVEN: source}, "split": None, "first": None, "last": None}
-    return data.model_copy(update=update)
+    return data.model_copy(update={**update, **unread})
 
 
 def _layout(data: Data, data_set: str | None) -> Source:

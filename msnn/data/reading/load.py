@@ -18,6 +18,7 @@ from msnn.data.reading.part import FilePart, KeptValues, read_part
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data.reading.splits import RecordTimes, SetCodes, split_rows, split_source
+from msnn.data.reading.unused_keys import unused_keys
 from msnn.errors.data import rows as errors
 from msnn.errors.disk_data import not_on_disk
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
@@ -45,6 +46,7 @@ def load_data(
     for file in files:
         # all formats before the first file is read: a package that is missing is told at once
         require_reader(file.path)
+    findings.report(*unused_keys(data, files, program.sample_time))
     return joined_files(program, data, files, filters or {}, findings, beside)
 
 
@@ -106,7 +108,8 @@ def joined_files(
 
 def _is_outside(file: DataFile, own: Findings) -> bool:
     """Whether a row group has no row between `from` and `to`, as others of its file may have."""
-    return file.is_row_group and [found.code for found in own.since(0)] == ["E0818"]
+    faults = [found.code for found in own.since(0) if found.severity == "error"]
+    return file.is_row_group and faults == ["E0818"]
 
 
 def _texts(files: Iterable[DataFile], faults: Iterable[Diagnostic]) -> list[SourceText]:

@@ -226,7 +226,7 @@ def _read(
         optional -= {time.column.column}
         spare -= {time.column.column}
     try:
-        wanted = WantedColumns(users, optional, spare, moments)
+        wanted = WantedColumns(users, optional, spare, moments, time if file.keeps_time else None)
         if file.arrays is not None:
             return file.arrays.table(wanted)
         dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")

@@ -9,6 +9,7 @@ import numpy as np
 
 from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
+from msnn.data.formats.written_units import StatedUnit
 from msnn.data.reading.columns import file_unit
 from msnn.data.reading.converted_cells import converted_cells
 from msnn.data.reading.files import DataFile
@@ -76,18 +77,22 @@ def record_rows(
     method = resampling(file, data)
     # resampling brings columns beside to the moments; without it only those of the same times fit
     fitting = uses.beside if method is None else ()
-    table = _one_table(read, fitting) if isinstance(read, Streams) else read
     column = file.layout.time or data.time
-    begins = None
-    if column is not None and table is not None and not file.keeps_time:
-        begins = table.begins.get(column.column.column)
+    if isinstance(read, Streams) and column is not None:
+        found = _in_seconds(read, column, file.shown, findings)
+        if found is None:
+            return None
+        read = found
+    table = _one_table(read, fitting) if isinstance(read, Streams) else read
+    begins = read.begins if isinstance(read, Streams) else _begins(read, column)
     if method is not None:
         if sample_time is None:
             findings.report(data_formats.static_resample(span))
             return None
         if table is None:
             assert isinstance(read, Streams)
-            return _streams(read, file, data, sample_time, method, findings, uses)
+            rows = _streams(read, file, data, sample_time, method, findings, uses)
+            return None if rows is None else replace(rows, begins=begins)
         rows = _resampled(table, file, data, sample_time, method, findings, uses)
         return None if rows is None else replace(rows, begins=begins)
     if table is None:
@@ -110,8 +115,15 @@ def _one_table(streams: Streams, beside: Collection[ColumnKey]) -> ColumnTable |
     if not alike >= times.keys() - set(beside):
         return None
     return ColumnTable(
-        columns={key: v for key, (_, v) in streams.columns.items() if key in alike}, time=first
+        columns={key: v for key, (_, v) in streams.columns.items() if key in alike},
+        time=first,
+        time_begins=streams.begins,
     )
+
+
+def _begins(table: ColumnTable, column: TimeColumn | None) -> Moment | None:
+    """The moment of the first row, where times are dates."""
+    return None if column is None else table.begins.get(column.column.column)
 
 
 def _picked(
@@ -125,7 +137,7 @@ def _picked(
         if line is None:
             return None
         time = converted_cells(table.columns[column.column.column], line)
-    begins = None if column is None else table.begins.get(column.column.column)
+    begins = table.time_begins if file.keeps_time else _begins(table, column)
     picked = picked_rows(file.layout, data, file.shown, table.rows, time, begins, findings)
     return None if picked is None else (picked, time)
 
@@ -142,20 +154,39 @@ def _to_seconds(
             data_units.unit_of_moments(str(key), column.unit.value.text, column.unit.span)
         )
         return None
-    place = column.place.value
+    return _seconds_line(column, table.units.get(key), file, findings)
+
+
+def _seconds_line(
+    column: TimeColumn, stated: StatedUnit | None, file: str, findings: Findings
+) -> Line | None:
+    """From the unit of the spec, else from that which the file states, to seconds."""
+    place, key = column.place.value, str(column.column.column)
     if column.unit is not None:
-        stated = column.unit.value
+        unit = column.unit.value
     else:
-        unit = table.units.get(key)
-        stated = file_unit(unit, file, "time", str(key), SECOND, place, findings) or SECOND
-    if stated.same_dimension(SECOND):
-        return stated.line_to(SECOND)
+        unit = file_unit(stated, file, "time", key, SECOND, place, findings) or SECOND
+    if unit.same_dimension(SECOND):
+        return unit.line_to(SECOND)
     findings.report(
         data_units.misfitting_file_unit(
-            signal="time", column=str(key), found=stated.text, declared="s", span=place
+            signal="time", column=key, found=unit.text, declared="s", span=place
         )
     )
     return None
+
+
+def _in_seconds(
+    streams: Streams, column: TimeColumn, file: str, findings: Findings
+) -> Streams | None:
+    """Streams whose times are values of the file, in seconds; None after a report."""
+    columns: dict[ColumnKey, Samples] = {}
+    for key, (time, values) in streams.columns.items():
+        line = _seconds_line(column, streams.time_units.get(key), file, findings)
+        if line is None:
+            return None
+        columns[key] = (converted_cells(time, line), values)
+    return replace(streams, columns=columns)
 
 
 def _as_recorded(
@@ -233,7 +264,7 @@ def _streams(
     findings: Findings,
     uses: ColumnUses,
 ) -> RecordRows | None:
-    span = _time_span(file, data, findings)
+    span = _time_span(file, data, streams.begins, findings)
     if span is None:
         return None
     for key, (time, _) in streams.columns.items():
@@ -311,7 +342,9 @@ def _rows_at(
     return np.where(same, picked.first + nearest * picked.every, BETWEEN_ROWS)
 
 
-def _time_span(file: DataFile, data: Data, findings: Findings) -> tuple[float, float] | None:
+def _time_span(
+    file: DataFile, data: Data, begins: Moment | None, findings: Findings
+) -> tuple[float, float] | None:
     """`from` and `to` in seconds; rows cannot be counted where every column has its own."""
     bounds = [-np.inf, np.inf]
     layout: Layout = file.layout
@@ -321,7 +354,7 @@ def _time_span(file: DataFile, data: Data, findings: Findings) -> tuple[float, f
             case None:
                 pass
             case Duration() | Date():
-                bound = time_bound(f"`{key}`", length, None, file.shown, findings)
+                bound = time_bound(f"`{key}`", length, begins, file.shown, findings)
                 if bound is None:
                     return None
                 bounds[index] = bound.seconds

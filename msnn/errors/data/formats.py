@@ -1,4 +1,4 @@
-"""E084x: data that is not text: arrays of files, streams with times of their own, filters."""
+"""E084x, E0875-E0877: data that is not text: arrays, streams with times of their own, filters."""
 
 from collections.abc import Mapping
 
@@ -37,6 +37,26 @@ def static_resample(span: Span | None) -> Diagnostic:
     message = "`resample:` needs a `sample_time`, and this model is static"
     repair = "declare `sample_time:`, or remove `resample:`"
     return error("E0844", span, message, "to which time step?", help=repair)
+
+
+def time_of_another_group(column: str, file: str, other: str, span: Span | None) -> Diagnostic:
+    """E0875: a column of time that says nothing of when another column was recorded."""
+    message = f"`{column}` of {file} does not have the times of `{other}`"
+    repair = "name a time that all columns have, or leave `time:` out: the file keeps times itself"
+    return error("E0875", span, message, "recorded by another clock", help=repair)
+
+
+def unused_key(key: str, reason: str, span: Span | None) -> Diagnostic:
+    """E0876: a key of `data:` that changes nothing about its files."""
+    message = f"`{key}` has no effect: {reason}"
+    return error("E0876", span, message, "for these files", help=f"remove `{key}`")
+
+
+def decimal_between_cells(file: str, decimal: str, span: Span | None) -> Diagnostic:
+    """E0877: a decimal sign that separates the cells of a file as well."""
+    message = f"`{decimal}` is the decimal sign of {file} and separates its cells"
+    repair = 'name the other one: `csv: {delimiter: ";"}`, or remove `decimal:`'
+    return error("E0877", span, message, "cells of this line", help=repair)
 
 
 def rows_of_streams(key: str, file: str, span: Span | None) -> Diagnostic:

@@ -1,4 +1,4 @@
-"""E0508, W0511, E0979, E0989-E0991, E0997-E0999, E1319: moments and units that files state."""
+"""Units and moments that files state: E0508, E0979, E0989-91, E0997-99, E1319, W0511, W0831."""
 
 from msnn.errors.data.lists import and_more
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
@@ -135,3 +135,12 @@ def _key_with_unit(signal: str, column: str, unit: str) -> str:
     """The key of `data:` that says in which unit a signal's column is."""
     said = f"{{column: {column!r}, unit: {unit}}}"
     return f"time: {said}" if signal == "time" else f"columns: {{{signal}: {said}}}"
+
+
+def unit_without_effect(signal: str, unit: str, span: Span | None) -> Diagnostic:
+    """W0831: the unit of a column that feeds a signal without a declared unit."""
+    message = (
+        f"the column of `{signal}` is in {unit}, and `{signal}` declares no unit to convert to"
+    )
+    repair = f"declare it: `{signal}: {{unit: {unit}}}`, or remove `unit:` here"
+    return warning("W0831", span, message, "converts nothing", help=repair)

@@ -15,6 +15,7 @@ import numpy as np
 
 from backends.files.text_templates import text_templates
 from msnn.data.dataset import BoolArray
+from msnn.data.formats.table_of_formats import FileFormat, format_of
 from msnn.data_check.signals.sampling import follows
 from msnn.errors.data.new_specs import few_rows, no_target
 from msnn.project.from_data.baseline import Baseline, choose_baseline
@@ -217,7 +218,7 @@ def _values(facts: _Facts) -> dict[str, Any]:
         "time": None
         if time.column is None
         else {"key": _key(time.column.key), "unit": None if time.unit == "s" else time.unit},
-        "csv": _csv(facts.table),
+        "csv": _csv(facts.table, format_of(facts.file)),
         "resample": time.resample,
         "nan": "split" if lacking else None,
         "horizon": baseline.horizon,
@@ -264,20 +265,21 @@ def _key(key: str | int) -> str:
     return str(key) if isinstance(key, int) else quoted(key)
 
 
-def _csv(table: FoundTable) -> str | None:
-    """The `csv:` entry, None where the file has the usual layout."""
-    dialect, entries = table.layout.dialect, list[str]()
+def _csv(table: FoundTable, format: FileFormat) -> str | None:
+    """The `csv:` entry with what the format has a use for, None where the layout is the usual."""
+    dialect, entries = table.layout.dialect, dict[str, str]()
     if dialect.delimiter != ",":
-        entries.append(f"delimiter: {quoted(dialect.delimiter)}")
+        entries["delimiter"] = quoted(dialect.delimiter)
     if dialect.decimal != ".":
-        entries.append(f"decimal: {quoted(dialect.decimal)}")
+        entries["decimal"] = quoted(dialect.decimal)
     if dialect.comment is not None:
-        entries.append(f"comment: {quoted(dialect.comment)}")
+        entries["comment"] = quoted(dialect.comment)
     if not dialect.header:
-        entries.append("header: false")
+        entries["header"] = "false"
     if dialect.skip:
-        entries.append(f"skip: {dialect.skip}")
-    return ", ".join(entries) or None
+        entries["skip"] = str(dialect.skip)
+    used = [f"{key}: {value}" for key, value in entries.items() if key in format.text_keys]
+    return ", ".join(used) or None
 
 
 def _duration(seconds: float) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,13 @@ from asammdf.blocks.utils import MdfException
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.streams.stream_columns import stream_columns
-from msnn.data.formats.table import Streams, WantedColumns
+from msnn.data.formats.table import ColumnKey, Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
+from msnn.data.formats.written_units import StatedUnit
 from msnn.errors.data import files as errors
+from msnn.errors.data import formats
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.sections.data.data import TimeColumn
 
 _IN_GROUP = re.compile(r"(?P<name>.+)@(?P<group>[0-9]{1,6})")
 
@@ -25,14 +30,22 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
     """The wanted channels with their conversions to physical values applied.
 
     A name that several channel groups have is written with the group, `speed@2`. Times count from
-    the start of the measurement. Raises SpecError with everything that is wrong.
+    the start of the measurement, or are the values of a channel of the same group that the spec
+    names. Raises SpecError with everything that is wrong.
     """
     del dialect  # lays out text
     try:
         with MDF(path) as file:
             # an index counts along the values, not the channels that hold times
             names = [name for name in file.channels_db if name not in _masters(file)]
-            return stream_columns(shown, wanted, names, lambda key: _channel(file, shown, key))
+            units: dict[ColumnKey, StatedUnit] = {}
+            times = _times(file, shown, wanted.time, names, units)
+
+            def find(key: str) -> tuple[FloatArray, NamedArrays] | None:
+                found = _channel(file, shown, key)
+                return found if found is None or times is None else (times(key), found[1])
+
+            return replace(stream_columns(shown, wanted, names, find), time_units=units)
     except (OSError, MdfException, ValueError, IndexError, MemoryError) as error:
         raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
 
@@ -42,20 +55,65 @@ def _masters(file: Any) -> set[str]:
     return {file.groups[g].channels[i].name for g, i in file.masters_db.items()}
 
 
-def _channel(file: Any, shown: str, key: str) -> tuple[FloatArray, NamedArrays] | None:
+def _times(
+    file: Any,
+    shown: str,
+    column: TimeColumn | None,
+    names: Sequence[str],
+    units: dict[ColumnKey, StatedUnit],
+) -> Callable[[str], FloatArray] | None:
+    """The times of a channel's values by the channel of its group that the spec names as time.
+
+    `units` takes their units, as far as the file states them.
+    """
+    if column is None:
+        return None
+    key = column.column.column
+    wanted = key if isinstance(key, str) else names[key] if key < len(names) else None
+    if wanted is None or not _places(file, wanted):
+        known, place = tuple(file.channels_db), column.place.value
+        missing = errors.missing_columns({str(key): "`time`"}, shown, known, place, numbers=False)
+        raise SpecError((missing,))
+
+    def times(name: str) -> FloatArray:
+        ((group, _),) = _places(file, name)
+        place = next((place for place in _places(file, wanted) if place[0] == group), None)
+        if place is None:
+            span = column.place.value
+            raise SpecError((formats.time_of_another_group(wanted, shown, name, span),))
+        signal = file.get(None, group=group, index=place[1])
+        unit = (str(signal.unit or ""),)
+        arrays = NamedArrays(
+            shown, (wanted,), lambda _: np.asarray(signal.samples), unit_texts=lambda _: unit
+        )
+        table = arrays.table(WantedColumns({wanted: "`time`"}))
+        if wanted in table.units:
+            units[name] = table.units[wanted]
+        return table.columns[wanted]
+
+    return times
+
+
+def _places(file: Any, key: str) -> list[tuple[int, int]]:
+    """The group and index of each channel that a name means."""
     found = _IN_GROUP.fullmatch(key)
     # a channel may have an `@` in its own name
     name = found["name"] if found and key not in file.channels_db else key
     places = list(file.channels_db.get(name, ()))
     if found and name != key:
         places = [place for place in places if place[0] == int(found["group"])]
+    return places
+
+
+def _channel(file: Any, shown: str, key: str) -> tuple[FloatArray, NamedArrays] | None:
+    places = _places(file, key)
     if not places:
         return None
     if len(places) > 1:
-        groups = ", ".join(f"`{name}@{group}`" for group, _ in places)
-        raise SpecError((errors.duplicate_column(name, shown, None, f"choose one of {groups}"),))
+        groups = ", ".join(f"`{key}@{group}`" for group, _ in places)
+        raise SpecError((errors.duplicate_column(key, shown, None, f"choose one of {groups}"),))
     ((group, index),) = places
-    signal = file.get(name, group=group, index=index)
+    signal = file.get(None, group=group, index=index)
     values = np.asarray(signal.samples)
     unit = (str(signal.unit or ""),)
     arrays = NamedArrays(shown, (key,), lambda _: values, unit_texts=lambda _: unit)

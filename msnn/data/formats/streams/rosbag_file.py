@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
@@ -20,9 +20,18 @@ from msnn.data.formats.streams.stream_columns import stream_columns
 from msnn.data.formats.table import Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data import files as errors
+from msnn.errors.data import formats
+from msnn.errors.data.units import unit_of_moments
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.expressions.moments import Moment
+from spec_schema.sections.data.data import TimeColumn
 
 _STEP = re.compile(r"(?P<field>\w+)(?:\[(?P<index>[0-9]{1,6})\])?", re.ASCII)
+_DAY = 86_400 * 10**9
+"""Nanoseconds by which a clock is off that is not the recorder's, as that of a simulator."""
+
+_Path: TypeAlias = tuple[tuple[str, int | None], ...]
+"""Names of fields, each with the index of an element where it is a list."""
 
 
 @dataclass(slots=True)
@@ -30,27 +39,54 @@ class _Channel:
     """One field of a topic's messages, as `/imu.linear_acceleration.x` or `/joints.position[2]`."""
 
     topic: str
-    path: tuple[tuple[str, int | None], ...]
+    path: _Path
+    clock: _Path | None = None
+    """The field that has the time of a message; None where it is when it was recorded."""
     time: list[float] = field(default_factory=list[float])
     values: list[float] = field(default_factory=list[float])
     unit: str = ""
 
-    def take(self, seconds: float, message: Any) -> None:
-        for name, index in self.path:
-            # the first that has one: `angular_velocity` of an IMU, not its x
-            if not self.time and not self.unit:
-                self.unit = field_unit(message.__msgtype__, name)
-            # only names that `_channel` has admitted, none of which begins with an underscore
-            message = getattr(message, name)
-            if index is not None:
-                message = message[index]
-        self.time.append(seconds)
-        self.values.append(float(message))
+    def take(self, recorded: int, begin: int, message: Any) -> None:
+        if not self.values:
+            self.unit = _unit(message, self.path)
+        self.values.append(float(_field(message, self.path)))
+        if self.clock is not None:
+            stamp = _field(message, self.clock)
+            if not hasattr(stamp, "nanosec"):
+                self.time.append(float(stamp))
+                return
+            recorded = _nanoseconds(stamp)
+        # subtracted as integers
+        self.time.append((recorded - begin) * 1e-9)
+
+
+def _nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def _field(message: Any, path: _Path) -> Any:
+    for name, index in path:
+        # only names that `_path` has admitted, none of which begins with an underscore
+        message = getattr(message, name)
+        if index is not None:
+            message = message[index]
+    return message
+
+
+def _unit(message: Any, path: _Path) -> str:
+    """The unit of a field: of the first on its path that has one, `angular_velocity` not its x."""
+    for number, (name, _) in enumerate(path):
+        unit = field_unit(_field(message, path[:number]).__msgtype__, name)
+        if unit:
+            return unit
+    return ""
 
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Streams:
-    """The wanted fields; the time of a message is when it was recorded, from the bag's start.
+    """The wanted fields. The time of a message is when it was recorded, from the bag's start.
 
+    `time: header.stamp` takes the stamp of all topics that have one, `time: /imu.header.stamp` that
+    of one topic, from the bag's start too. A field of numbers is the time of one topic alone.
     Raises SpecError with everything that is wrong.
     """
     del dialect  # lays out text
@@ -61,7 +97,10 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
             topics = tuple(dict.fromkeys(connection.topic for connection in bag.connections))
             keys = [str(key) for key in wanted.users]
             channels = {key: c for key in keys if (c := _channel(key, topics)) is not None}
-            _fill(bag, channels)
+            begin: Moment | None = Moment(bag.start_time, has_zone=True)
+            if wanted.time is not None and channels:
+                begin = _set_clocks(bag, channels, topics, wanted.time, shown)
+            _fill(bag, channels, 0 if begin is None else begin.nanoseconds)
     except (OSError, AnyReaderError, TypesysError, ValueError, struct.error, KeyError) as error:
         raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error
     # a field that the message does not have, or an index into what is no list
@@ -78,31 +117,89 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
         arrays = NamedArrays(shown, (key,), lambda _: values, unit_texts=lambda _: unit)
         return np.array(channel.time), arrays
 
-    return stream_columns(shown, wanted, topics, find)
+    return replace(stream_columns(shown, wanted, topics, find), begins=begin)
+
+
+def _set_clocks(
+    bag: AnyReader,
+    channels: Mapping[str, _Channel],
+    topics: Sequence[str],
+    column: TimeColumn,
+    shown: str,
+) -> Moment | None:
+    """Gives channels the field of time that the spec names, of their topic or of all topics.
+
+    Returns the time 0: the bag's start, the first stamp of a simulated clock, None for numbers.
+    """
+    key, span = str(column.column.column), column.place.value
+    topic, path = _split(key, topics)
+    examples: dict[str, Any] = {}
+    stamps: list[int] = []
+    for channel in channels.values():
+        if path is None or topic not in (None, channel.topic):
+            continue
+        if channel.topic not in examples:
+            examples[channel.topic] = _first(bag, channel.topic)
+        example = examples[channel.topic]
+        try:
+            stamp = None if example is None else _field(example, path)
+        except (AttributeError, TypeError, IndexError):
+            continue
+        channel.clock = path
+        if hasattr(stamp, "nanosec"):
+            if column.unit is not None:
+                text = column.unit.value.text
+                raise SpecError((unit_of_moments(key, text, column.unit.span),))
+            stamps.append(_nanoseconds(stamp))
+            continue
+        # numbers may begin anywhere: they cannot be compared with times of other topics
+        other = next((n for n, c in channels.items() if c.topic != channel.topic), None)
+        if other is not None:
+            raise SpecError((formats.time_of_another_group(key, shown, other, span),))
+    if all(channel.clock is None for channel in channels.values()):
+        if topic is not None and topic not in {channel.topic for channel in channels.values()}:
+            other = next(iter(channels))
+            raise SpecError((formats.time_of_another_group(key, shown, other, span),))
+        missing = errors.missing_columns({key: "`time`"}, shown, topics, span, numbers=False)
+        raise SpecError((missing,))
+    if not stamps:
+        return None
+    is_simulated = len(stamps) == len(channels) and abs(min(stamps) - bag.start_time) > _DAY
+    return Moment(min(stamps) if is_simulated else bag.start_time, has_zone=not is_simulated)
+
+
+def _first(bag: AnyReader, topic: str) -> Any:
+    """The first message of a topic; None where it has none."""
+    connections = [c for c in bag.connections if c.topic == topic]
+    for connection, _, raw in bag.messages(connections):
+        return bag.deserialize(raw, connection.msgtype)
+    return None
 
 
 def _channel(key: str, topics: Sequence[str]) -> _Channel | None:
+    topic, path = _split(key, topics)
+    return None if topic is None or path is None else _Channel(topic, path)
+
+
+def _split(key: str, topics: Sequence[str]) -> tuple[str | None, _Path | None]:
+    """The topic with which a name begins, and the field that the rest of it names."""
     # the longest: `/imu` and `/imu.raw` may both be there
     topic = max((t for t in topics if key.startswith(f"{t}.")), key=len, default=None)
-    if topic is None:
-        return None
     path: list[tuple[str, int | None]] = []
-    for step in key.removeprefix(f"{topic}.").split("."):
+    for step in (key if topic is None else key.removeprefix(f"{topic}.")).split("."):
         found = _STEP.fullmatch(step)
         if found is None or found["field"].startswith("_"):
-            return None
+            return topic, None
         path.append((found["field"], None if found["index"] is None else int(found["index"])))
-    return _Channel(topic, tuple(path))
+    return topic, tuple(path)
 
 
-def _fill(bag: AnyReader, channels: dict[str, _Channel]) -> None:
+def _fill(bag: AnyReader, channels: dict[str, _Channel], begin: int) -> None:
     topics = {channel.topic for channel in channels.values()}
     # other topics are not even decoded: images are most of a bag
     connections = [c for c in bag.connections if c.topic in topics]
     for connection, nanoseconds, raw in bag.messages(connections) if connections else ():
         message = bag.deserialize(raw, connection.msgtype)
-        # subtracted as integers
-        seconds = (nanoseconds - bag.start_time) * 1e-9
         for channel in channels.values():
             if channel.topic == connection.topic:
-                channel.take(seconds, message)
+                channel.take(nanoseconds, begin, message)

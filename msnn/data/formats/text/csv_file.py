@@ -21,6 +21,7 @@ from msnn.data.formats.text.csv_header import (
 )
 from msnn.data.formats.text.text_encoding import not_utf8
 from msnn.errors.data import files as errors
+from msnn.errors.data.formats import decimal_between_cells
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.diagnostics.source import Span
 
@@ -48,6 +49,8 @@ def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> C
         return content_lines(path, dialect)
 
     header = read_header(lines, shown, dialect, wanted.users)
+    if header.dialect.delimiter == header.dialect.decimal and header.width > 1:
+        raise SpecError((decimal_between_cells(shown, header.dialect.decimal, header.place),))
     places = header.places(wanted)
     # numpy first, as it is far faster; it explains nothing, so what it refuses is read cell by
     # cell
