@@ -7,7 +7,7 @@ from math import isclose
 
 from compiler.ir import ops
 from compiler.ir.graph import Graph, Node
-from compiler.ir.program import State
+from compiler.ir.program import NodeId, State
 from compiler.lowering.constants import number
 from compiler.lowering.context import Context
 from compiler.lowering.environment import START, STEP
@@ -32,6 +32,7 @@ def report_unchecked_scales(context: Context, states: Iterable[State]) -> None:
     # most specs write none
     if not written:
         return
+    reported: set[str] = set()
     unknown = [state for state in states if state.unit is None]
     for environment, ends in (
         (STEP, {state.next for state in unknown}),
@@ -43,9 +44,10 @@ def report_unchecked_scales(context: Context, states: Iterable[State]) -> None:
             names = carried[index] if index in ends else frozenset[str]()
             if _meets_unknown(context, graph, node):
                 names |= {name for arg in node.args for name in carried[arg]}
-            for name in sorted(names):
+            for name in sorted(names - reported):
                 place = () if node.span is None else ((node.span, "here"),)
                 report_unconverted(written[name], _REASON, context.findings, place)
+            reported |= names
 
 
 def _written(context: Context) -> dict[str, Quantity]:
@@ -74,16 +76,26 @@ def _stands_behind(unit: Located[Unit], value: Span) -> bool:
 
 
 def _carried(graph: Graph, written: Mapping[str, Quantity]) -> list[frozenset[str]]:
-    """For each node the names whose numbers its value of known unit was made of."""
+    """For each node the names whose numbers its value was made of, while its scale is not 1.
+
+    A sum with another value of known unit, as `max(level, 0.1 cm)`, says that the scale is meant.
+    """
     found: list[frozenset[str]] = []
     for _, node in graph:
+        unit, of_args = node.type.unit, [found[arg] for arg in node.args]
         match node.op:
             case ops.ReadParameter(name=name) | ops.Constant(name=name) if name in written:
-                found.append(frozenset([name]))
-            case _ if node.type.unit is None:
-                found.append(frozenset())
+                names = frozenset([name])
+            case _ if unit is None or isclose(unit.scale, 1.0):
+                names = frozenset[str]()
+            case ops.Add() | ops.Subtract() | ops.Minimum() | ops.Maximum() | ops.Clamp() if any(
+                not names and graph[arg].type.unit is not None and not _is_zero(graph, arg)
+                for arg, names in zip(node.args, of_args, strict=True)
+            ):
+                names = frozenset[str]()
             case _:
-                found.append(frozenset(name for arg in node.args for name in found[arg]))
+                names = frozenset[str]().union(*of_args)
+        found.append(names)
     return found
 
 
@@ -94,7 +106,11 @@ def _meets_unknown(context: Context, graph: Graph, node: Node) -> bool:
         is_weight = isinstance(operand.op, ops.ReadParameter) and (
             operand.op.name not in context.spec.parameters
         )
-        is_zero = isinstance(operand.op, ops.Constant) and not any(operand.op.values)
-        if operand.type.unit is None and not is_weight and not is_zero:
+        if operand.type.unit is None and not is_weight and not _is_zero(graph, arg):
             return True
     return False
+
+
+def _is_zero(graph: Graph, value: NodeId) -> bool:
+    op = graph[graph.unrepeated(value)].op
+    return isinstance(op, ops.Constant) and not any(op.values)

@@ -109,6 +109,17 @@ def test_where_all_units_are_known_the_unit_check_has_the_word() -> None:
     assert warnings_of(spec) == []
 
 
+def test_a_sum_with_a_declared_unit_says_that_the_scale_is_meant() -> None:
+    spec = """
+    inputs: {level: cm}
+    constants: {least: 0.1 cm}
+    parameters: {k: 2}
+    outputs: {y: "k * sqrt(max(level, least))"}
+    """
+    assert warnings_of(spec) == []
+    assert warnings_of(spec.replace("max(level, least)", "max(0, least) * level")) == ["W0510"]
+
+
 def test_weights_of_a_layer_take_any_scale() -> None:
     spec = """
     inputs: {u: m}
