@@ -24,6 +24,7 @@ def about_text(
     *,
     plan: PlanLayout,
     rows: Rows,
+    cost_scale: float,
 ) -> str:
     """The JSON file of a controller."""
     real = dtype
@@ -40,7 +41,11 @@ def about_text(
             "structure": plan.structure,
             "plan": {"places": list(plan.places), "step": plan.step},
             "iterations": problem.iterations,
+            # after a plan that leads nowhere it takes as many again
+            "starts_again": problem.mode == "converged",
             "tolerance": problem.tolerance,
+            # of what it solves: multipliers and adjoints of the struct are so many times as large
+            "cost_scale": cost_scale,
             "states": quantities(problem.states),
             "controls": quantities(problem.controls),
             "limits": [_limits(rows, number) for number in range(nu)],

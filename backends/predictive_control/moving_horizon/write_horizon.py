@@ -172,6 +172,7 @@ def _description(
             "prefix": name,
             "horizon": control.horizon - 1,
             "iterations": control.iterations,
+            "starts_again": control.mode == "converged",
             "tolerance": reachable(control.tolerance, dtype),
             "out": [
                 *filter["out"],
