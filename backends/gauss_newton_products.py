@@ -97,6 +97,13 @@ class ProductsOfRuns:
         assert self.all.starts is not None, "each run has numbers"
         return self.all.starts
 
+    def in_order(self, order: NDArray[np.int64]) -> ProductsOfRuns:
+        """The runs in this order."""
+        one = self.blocks
+        blocks = StartBlocks(one.cross[order], one.curvature[order], one.slope[order])
+        every = (self.squares[order], self.cost[order], self.count[order])
+        return ProductsOfRuns(replace(self.all, starts=blocks), *every)
+
 
 def joined_runs(runs: Sequence[Products], own: int) -> ProductsOfRuns:
     """One run's products after the other, the last `own` numbers in each being its own."""
@@ -112,4 +119,21 @@ def joined_runs(runs: Sequence[Products], own: int) -> ProductsOfRuns:
         squares=np.array([one.squares for one in runs]),
         cost=np.array([one.cost for one in runs]),
         count=np.array([one.count for one in runs]),
+    )
+
+
+def one_after_the_other(parts: Sequence[ProductsOfRuns]) -> ProductsOfRuns:
+    """The runs of all parts."""
+    shared = [replace(part.all, starts=None) for part in parts]
+    blocks = [part.blocks for part in parts]
+    starts = StartBlocks(
+        np.concatenate([one.cross for one in blocks]),
+        np.concatenate([one.curvature for one in blocks]),
+        np.concatenate([one.slope for one in blocks]),
+    )
+    return ProductsOfRuns(
+        all=replace(sum(shared[1:], shared[0]), starts=starts),
+        squares=np.concatenate([part.squares for part in parts]),
+        cost=np.concatenate([part.cost for part in parts]),
+        count=np.concatenate([part.count for part in parts]),
     )

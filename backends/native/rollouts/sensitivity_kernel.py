@@ -5,14 +5,19 @@ from __future__ import annotations
 import ctypes
 import re
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.gauss_newton_products import Products, ProductsOfRuns, StartBlocks
+from backends.gauss_newton_products import (
+    Products,
+    ProductsOfRuns,
+    StartBlocks,
+    one_after_the_other,
+)
 from backends.native.kernel_data import KernelData
 from backends.native.kernel_structs import pointer
 from backends.native.lanes.lane_groups import Groups, Rows, group_type, lane_groups
@@ -94,7 +99,7 @@ class SensitivityKernel(LaneLibrary):
             for i, name in enumerate(parts):
                 parts[name].append(self._of_runs(summed, i, own))
         order = np.argsort(np.concatenate(members))
-        return {name: _in_order(found, order) for name, found in parts.items()}
+        return {n: one_after_the_other(found).in_order(order) for n, found in parts.items()}
 
     def _summed(
         self, data: KernelData, groups: Groups, physical: FloatArray, *, apart: bool
@@ -166,27 +171,6 @@ def _whole(products: FloatArray, numbers: int) -> FloatArray:
     """[J r]ᵀ[J r]: the kernel sums blocks up to the diagonal, what is above comes by symmetry."""
     lower = np.tril(products[..., : numbers + 1, : numbers + 1])
     return lower + np.swapaxes(np.tril(lower, -1), -1, -2)
-
-
-def _in_order(parts: Sequence[ProductsOfRuns], order: Rows) -> ProductsOfRuns:
-    """The runs of all parts in this order."""
-    shared = [replace(part.all, starts=None) for part in parts]
-    blocks = [part.blocks for part in parts]
-
-    def joined(values: Iterable[FloatArray]) -> FloatArray:
-        return np.concatenate(list(values))[order]
-
-    starts = StartBlocks(
-        joined(one.cross for one in blocks),
-        joined(one.curvature for one in blocks),
-        joined(one.slope for one in blocks),
-    )
-    return ProductsOfRuns(
-        all=replace(sum(shared[1:], shared[0]), starts=starts),
-        squares=joined(part.squares for part in parts),
-        cost=joined(part.cost for part in parts),
-        count=joined(part.count for part in parts),
-    )
 
 
 def with_stack(needed: int, run: Callable[[], None]) -> None:

@@ -91,12 +91,8 @@ class StagePlan:
 
     @property
     def estimates_starts(self) -> bool:
-        """Whether fitted starts are unknowns of training, together with the parameters.
-
-        Whole episodes have one start each, and least squares a place for it in their equations.
-        """
-        whole = isinstance(self.rollout.horizon, str)
-        return self.rollout.starts is not None and whole and self.optimizer.needs_squares
+        """Whether fitted starts are unknowns of training, together with the parameters."""
+        return self.rollout.starts is not None and self.optimizer.needs_squares
 
     @property
     def train_skip(self) -> int:

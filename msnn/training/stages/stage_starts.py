@@ -54,8 +54,8 @@ class StageStarts:
         return {} if self.found is None else self.found.values
 
     def report(self) -> None:
-        """Says what is uncertain of the starts that were found last."""
-        if self.found is not None:
+        """Says what is uncertain of the starts that were found last, where training holds them."""
+        if self.found is not None and not self._plan.estimates_starts:
             name = f"stage `{self._plan.name}`"
             for warning in uncertain_starts(self.found, self._data, name):
                 self._warned(warning)

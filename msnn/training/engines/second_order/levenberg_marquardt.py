@@ -138,9 +138,12 @@ class LevenbergMarquardtEngine:
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of these rollouts at the current weights, on the rows that count."""
         if self._joint is not None and self._watches_training:
-            in_order = runs.take(np.argsort(runs.t0, kind="stable"))
-            self._begin(in_order)
-            return self._costs_at(in_order, self._raw)
+            trained = (self._raw, self._largest, self._started, self._ahead)
+            found = self.measure(runs)
+            # on the way to whole rollouts others are trained on: their starts stay the variables
+            if trained[2] is not None:
+                self._raw, self._largest, self._started, self._ahead = trained
+            return found
         return self._squares.watched_costs(runs, self._all(self.weights()))
 
     def state(self) -> EngineState:
@@ -177,6 +180,11 @@ class LevenbergMarquardtEngine:
         if self._joint is None or (self._started is not None and self._started.begin_as(runs)):
             return
         n, starts = self._learned, self._joint.flat(self._begun, runs.t0)
+        if self._started is not None:
+            # other runs: those that begin in the same rows begin where they were
+            _, here, before = np.intersect1d(runs.t0, self._started.t0, return_indices=True)
+            known = self._raw[n:].reshape(len(self._started), -1)
+            starts.reshape(len(runs), -1)[here] = known[before]
         self._raw = np.append(self._raw[:n], starts)
         self._largest = np.append(self._largest[:n], np.zeros_like(starts))
         self._started, self._ahead = runs, None
