@@ -16,6 +16,7 @@ from backends.c_language.layout import comment
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
 from backends.c_language.tree import Function
+from backends.files.export_identity import OPEN, with_identity, with_manifest
 from backends.fixed_point.calibrated_model import calibrated_model
 from backends.fixed_point.functions import FixedFunctions
 from backends.fixed_point.names import FixedNames, fixed_names, fixed_printer
@@ -64,7 +65,7 @@ def file_texts(
     }
     texts["README.md"] = _readme(program, names, errors, texts)
     texts |= package_texts(names, texts, in_reals=False)
-    return dict(sorted(texts.items()))
+    return with_manifest(with_identity(dict(sorted(texts.items()))))
 
 
 def step_texts(
@@ -198,6 +199,7 @@ def _metadata(
         "model": program.name,
         "doc": program.doc,
         "spec_sha256": program.spec_hash,
+        "export_sha256": OPEN,
         "sample_time": program.sample_time,
         **({"late": program.late} if program.late else {}),
         "c": {

@@ -27,6 +27,7 @@ from backends.c_language.literals import Dtype, real_literal
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
 from backends.c_language.tree import Function
+from backends.files.export_identity import with_identity, with_manifest
 from backends.ports.metadata import metadata_text
 from compiler.ir.program import Program
 
@@ -43,7 +44,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
     # packages list every source
     files |= package_texts(interface, files)
     files["README.md"] = _readme(interface, files)
-    return dict(sorted(files.items()))
+    return with_manifest(with_identity(dict(sorted(files.items()))))
 
 
 def library_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
