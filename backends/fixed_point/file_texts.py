@@ -10,7 +10,7 @@ from typing import Any
 from backends.asap2.text import a2l_text
 from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, defined, origin
-from backends.c.folder.package_texts import package_texts
+from backends.c.folder.package_texts import NUMBER, package_texts
 from backends.c.interface.status import MEANING, SelfTestBit, StatusBit, status_macro
 from backends.c_language.layout import comment
 from backends.c_language.printer import Printer
@@ -129,6 +129,7 @@ def _readme(
         "",
         headers=[f"{names.prefix}.h", f"{names.prefix}_real.h"],
         in_reals=False,
+        version=NUMBER,
         sources=sorted(p for p in paths if p.startswith("src/") and p.endswith(".c")),
         input_names=[entry.port.name for entry in program.inputs],
         assignments=[

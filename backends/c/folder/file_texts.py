@@ -8,7 +8,7 @@ from backends.asap2.text import a2l_text
 from backends.c.folder.calibrated_model import calibrated_model
 from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, header_text
-from backends.c.folder.package_texts import package_texts
+from backends.c.folder.package_texts import NUMBER, package_texts
 from backends.c.folder.parameter_texts import calibration_text, parameters_text
 from backends.c.folder.ros2_texts import ros2_texts
 from backends.c.functions.function_writer import ControllerCode, Weights
@@ -141,6 +141,7 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
         "",
         dtype=dtype,
         exact=interface.options.is_exact,
+        version=NUMBER,
         sources=sorted(name for name in files if name.startswith("src/") and name.endswith(".c")),
         headers=[f"{interface.prefix}.h"],
         in_reals=True,
