@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from backends.c_language.literals import Dtype
+from backends.files.export_identity import OPEN
 from backends.ports.metadata import metadata_text
 from backends.predictive_control.inputs import SeriesField
 from backends.predictive_control.members import StructMember
@@ -36,6 +37,7 @@ def about_text(
     return metadata_text(
         {
             "prefix": prefix,
+            "export_sha256": OPEN,
             "dtype": dtype,
             "horizon": problem.horizon,
             "structure": plan.structure,

@@ -16,6 +16,7 @@ from backends.c_language.printer import Printer
 from backends.c_language.rendering import GeneratedNames, render
 from backends.c_language.tree import Function
 from backends.files.atomic_write import write_text
+from backends.files.export_identity import with_identity
 from backends.predictive_control.about import about_text
 from backends.predictive_control.constants import floor_of_curvature, reachable, solver_constants
 from backends.predictive_control.inputs import input_fields, quantity_lines
@@ -52,7 +53,7 @@ def write_controller(
     """Writes `include/<prefix>_mpc.h`, `src/<prefix>_mpc*.c`; returns their paths."""
     known = trained(problem, weights)
     texts = controller_texts(known, prefix, dtype)
-    texts |= selftest_texts(known, prefix, dtype, texts)
+    texts = with_identity(texts | selftest_texts(known, prefix, dtype, texts))
     return tuple(write_text(folder / name, text) for name, text in texts.items())
 
 

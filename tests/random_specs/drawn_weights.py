@@ -49,8 +49,9 @@ _EXTREME: tuple[tuple[Draw, int], ...] = (
     (lambda chance, _, __: _signed(chance, -45.0, -30.0), 3),
     (lambda chance, _, __: _signed(chance, 34.0, 41.0), 2),
 )
-"""The same of every fourth seed: 1e-45 and 1e41 lie outside single precision. No bounds: an
-infinite slope times 1e34 is more than the stand-in for infinity that CasADi has."""
+"""The same of every fourth seed: 1e-45 and 1e41 lie outside single precision. Bounded
+parameters stay as they are: clipped to a bound one may have an infinite slope, which times 1e34 is
+more than the stand-in for infinity that CasADi has."""
 
 
 def drawn_weights(program: Program, seed: int) -> Mapping[str, FloatArray]:
@@ -64,7 +65,7 @@ def drawn_weights(program: Program, seed: int) -> Mapping[str, FloatArray]:
     kinds = _EXTREME if seed % 4 == 1 else _KINDS
     for parameter in program.parameters:
         chance = random.Random(f"weights {seed} {parameter.name}")
-        if chance.random() < 0.25:
+        if chance.random() < 0.25 or (kinds is _EXTREME and _bounds(parameter)):
             continue
         array = weights[parameter.name]
         draw = _kind(chance, kinds)

@@ -60,6 +60,8 @@ class FilterPart:
 class ExportedController(CFolder):
     """An export of the target `mpc`: a controller, an estimator, or both."""
 
+    identities: tuple[str, ...]
+    """The hashes of its parts, as their descriptions have them."""
     dtype: str
     controller: ControllerPart | None
     filter: FilterPart | None
@@ -97,6 +99,7 @@ def read_exported_controller(folder: Path) -> ExportedController | None:
             return None
         return ExportedController(
             folder=folder.resolve(),
+            identities=tuple(about["export_sha256"] for about in found),
             dtype=found[0]["dtype"],
             controller=None if parts["mpc"] is None else _controller(parts["mpc"]),
             filter=None if estimator is None else _filter(estimator),
