@@ -139,7 +139,8 @@ def no_checkpoint(folder: str) -> Diagnostic:
 
 def other_checkpoint(folder: str, reason: str) -> Diagnostic:
     """E0916: a checkpoint that cannot be read."""
-    return error("E0916", None, f"cannot resume the run in {folder}: {reason}")
+    repair = "train without `--resume` to begin another run"
+    return error("E0916", None, f"cannot resume the run in {folder}: {reason}", help=repair)
 
 
 def unscorable_target(span: Span) -> Diagnostic:
