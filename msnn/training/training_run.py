@@ -37,6 +37,7 @@ from msnn.training.same_on_all import (
 from msnn.training.stages.divergence import explain_divergence
 from msnn.training.stages.late_jumps import LateJumps
 from msnn.training.stages.multi_start import StageAttempts
+from msnn.training.stages.stage_course import StageCourse
 from msnn.training.stages.stage_run import Interrupted, StageRun
 from msnn.training.stages.stage_starts import stage_starts
 from msnn.training.starts.drawn_weights import begins_alike, drawn_weights
@@ -62,6 +63,7 @@ class TrainingRun:
     safe: Safekeeping
     reached: Reached
     jumps: LateJumps = field(default_factory=LateJumps)
+    course: StageCourse = field(default_factory=StageCourse)
 
     def through(self, now: Checkpoint, stop_asked: threading.Event) -> TrainingResult:
         """From where the run stands to its end."""
@@ -75,11 +77,15 @@ class TrainingRun:
             hint = self.jumps.hint(plan)
             if hint is not None:
                 self.progress.warned(hint)
+            for note in self.course.stage_ended(plan, data, result, now.begin):
+                self.progress.warned(note)
             self.progress.stage_ended(stage_end(plan, result))
             now = Checkpoint(ended=(*now.ended, result), begin=result.best)
             self.reached.checkpoint = now
             if self.safe.is_stale:
                 self.safe.save(now, now.begin)
+        for note in self.course.unmoved([plan for plan, _ in self.stages]):
+            self.progress.warned(note)
         # of several ranks all go on to the errors, though one alone has the folder
         if self.folder is None and self.options.ranks is None:
             return self._result(now.begin, now)
@@ -205,6 +211,8 @@ class TrainingRun:
                 horizon=str(plan.rollout.horizon),
                 monitored_on=data.watched_set,
                 attempts=plan.attempts,
+                weights=plan.loss_weights if plan.weighs_by_variance else None,
+                fed_back=plan.rollout.fed_back,
                 epoch=epoch,
             )
         )
@@ -216,6 +224,7 @@ class TrainingRun:
             self.curves.epoch_ended(event, engine.weights())
         self.progress.epoch_ended(event)
         self.jumps.epoch_ended(event)
+        self.course.epoch_ended(event)
         if engine.has_left_out:  # said once: it is the same warning every time
             self.progress.warned(second_order.left_out(plan.name, plan.span))
 
