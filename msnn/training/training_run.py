@@ -6,6 +6,8 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.learning import run_ends, second_order
@@ -198,7 +200,10 @@ class TrainingRun:
     def _explained(self, attempt: StageRun, fault: NonFiniteLossError) -> Diagnostic:
         now, epoch = attempt.engine.weights(), attempt.epoch + 1
         data = self.data if attempt.starts is None else attempt.starts.data()
-        return explain_divergence(attempt.plan, data, now, fault, epoch)
+        # before the first epoch the best weights are those that the attempt began with
+        begun = None if attempt.best_epoch else attempt.best
+        same = begun is not None and all(np.array_equal(now[n], begun[n]) for n in begun)
+        return explain_divergence(attempt.plan, data, now, fault, epoch, before_updates=same)
 
     def _announce(self, plan: StagePlan, data: StageData, epoch: int) -> None:
         self.progress.stage_started(
