@@ -206,6 +206,8 @@ class Loss:
     """How much each row counts in the mean, a number ≥ 0 of the log alone; None for 1."""
     delta: float = 1.0
     """δ of `huber`, in the unit of its difference; other measures have none."""
+    is_default: bool = False
+    """Whether nobody wrote it: that of an output which predicts, where there are no `losses:`."""
 
     @property
     def measured(self) -> str:

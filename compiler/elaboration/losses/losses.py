@@ -111,7 +111,7 @@ def default_loss(context: Context, output: Output) -> Loss:
     ahead = output.predicts.ahead
     # the log at t+k, which the output at t predicts (R4); targets never come from the tape
     target = builder.log(output.predicts.signal, ahead, ahead, Type(found.axes, found.unit))
-    return Loss(output.name, Measure.MSE, output.node, target, span=output.span)
+    return Loss(output.name, Measure.MSE, output.node, target, span=output.span, is_default=True)
 
 
 def _check_arguments(context: Context, function: str, call: Call) -> None:

@@ -109,18 +109,12 @@ def unknown_statistics(parameters: Iterable[str], span: Span | None) -> Diagnost
 
 
 def diverged(
-    stage: str, epoch: int, what: str, place: str, span: Span | None, *, second_order: bool
+    stage: str, epoch: int, what: str, place: str, span: Span | None, repair: str
 ) -> Diagnostic:
     """E0913: training that produced a value that is not finite."""
-    first = (
-        "weights to begin with that are nearer"
-        if second_order
-        else "a smaller learning rate, `clip:`"
-    )
     message = f"stage `{stage}` diverged in epoch {epoch}: {what} is not finite {place}"
     label = "the first value that is not finite"
     notes = ("the best weights so far are kept",)
-    repair = f"try {first}, a shorter horizon, or bounds"
     return error("E0913", span, message, label, notes=notes, help=repair)
 
 

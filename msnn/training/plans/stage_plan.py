@@ -62,6 +62,8 @@ class StagePlan:
     phases: tuple[Phase, ...]
     """Shorter horizons that are trained first."""
     loss_weights: Mapping[str, float]
+    has_written_weights: bool
+    """Whether the stage has `losses:` of its own."""
     trained: tuple[str, ...]
     """Parameters that move."""
     lr_factors: Mapping[str, float]
@@ -81,6 +83,8 @@ class StagePlan:
     attempts: int
     """How often the stage is run, from other initial values each time."""
     span: Span | None
+    weighs_by_variance: bool = False
+    """Whether the weights are those of `default_weights`."""
     ranks: TrainingRanks | None = None
     """The processes that share its batches; None for one."""
 
@@ -226,6 +230,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         masks=drawn.masks,
         phases=phases,
         loss_weights=weights,
+        has_written_weights=bool(stage.losses),
         trained=trained,
         lr_factors=factors,
         schedule=None if stage.schedule is None else stage.schedule.choice,

@@ -110,12 +110,16 @@ def test_the_95_percent_interval_covers_the_truth_95_percent_of_the_time() -> No
     assert abs(inside - 114) <= 7
 
 
-def test_two_losses_with_noise_of_their_own() -> None:
-    """Each loss has its σ; what a badly weighted sum loses shows in the error."""
+@pytest.mark.parametrize(("measure", "share"), [("mse", 1.0), ("rmse", 5.0)])
+def test_two_losses_with_noise_of_their_own(measure: str, share: float) -> None:
+    """Each loss has its σ; what a badly weighted sum loses shows in the error.
+
+    Near its minimum of 0.1 a root has the slope 1 / (2 · 0.1) in the mean square.
+    """
     text = (
         "msnn: 1\nname: two\ninputs: {u: 1}\ntargets: {y: 1, z: 1}\nparameters: {a: 1}\n"
         "outputs: {p: {expr: a * u}}\n"
-        "losses: {fine: 'mse(p, y)', coarse: {expr: 'mse(p, z)', weight: WEIGHT}}\n"
+        "losses: {fine: 'MEASURE(p, y)', coarse: {expr: 'mse(p, z)', weight: WEIGHT}}\n"
         "train: [{engine: torch, epochs: 1}]\n"
     )
     random = np.random.default_rng(4)
@@ -123,12 +127,13 @@ def test_two_losses_with_noise_of_their_own() -> None:
     series = {"u": u, "y": random.normal(1, 0.1, 4000), "z": random.normal(1, 2.0, 4000)}
     for weight in (0.0001, 1.0, 5.0):
         found = standard_errors(
-            planned(text.replace("WEIGHT", str(weight))),
+            planned(text.replace("WEIGHT", str(weight)).replace("MEASURE", measure)),
             dataset(series, train=[4000]),
             {"a": np.array(1.0)},
         )
         # a is the weighted mean of both: the spread of that mean is known
-        expected = np.sqrt(0.1**2 + weight**2 * 2.0**2) / (1 + weight) / np.sqrt(4000)
+        ratio = weight / share
+        expected = np.sqrt(0.1**2 + ratio**2 * 2.0**2) / (1 + ratio) / np.sqrt(4000)
         assert found.errors["a"] == pytest.approx(expected, rel=0.05)
 
 
