@@ -188,10 +188,21 @@ def starts_elsewhere(stage: str, state: str, span: Span | None, *, of_call: bool
     return warning("W0901", span, message, "reads no log", help=f"`rollout: record`, {start}")
 
 
-def at_bound(name: str, span: Span | None) -> Diagnostic:
-    """W0904: a parameter that ended at a bound."""
+def at_bound(name: str, span: Span | None, *, is_pushed: bool) -> Diagnostic:
+    """W0904: a parameter that ended at a bound.
+
+    `is_pushed` where the derivative of the loss is known and points outward.
+    """
     message = f"`{name}` ended at its bound"
-    return warning("W0904", span, message, "at the bound", help="the true value may lie beyond it")
+    repair = "the true value may lie beyond it" if is_pushed else None
+    return warning("W0904", span, message, "at the bound", help=repair)
+
+
+def stuck_at_bound(name: str, span: Span | None) -> Diagnostic:
+    """W0914: a parameter that stopped near a bound from which the loss falls."""
+    message = f"`{name}` stopped near its bound, and the loss falls away from the bound"
+    repair = "train on with `levenberg_marquardt`, or begin with an `init` farther inside"
+    return warning("W0914", span, message, "no minimum", help=repair)
 
 
 def attempt_left_out(number: int, attempts: int, why: Diagnostic) -> Diagnostic:

@@ -54,6 +54,16 @@ def squared(program: Program, weights: Mapping[str, float], *, robust: bool = Fa
     return replace(program, losses=(*losses, *counted), step=builder.graph())
 
 
+def is_all_squared(program: Program, weights: Mapping[str, float]) -> bool:
+    """True if what counts are sums of squares and roots of them, penalties with corners apart."""
+    counted = [one for one in program.losses if weights[one.name] and one.penalty is None]
+    return all(
+        one.measure is not Measure.HUBER
+        and (one.measure is Measure.RMSE or is_sum_of_squares(program.step, one))
+        for one in counted
+    )
+
+
 def _counted(builder: GraphBuilder, loss: Loss) -> Loss:
     """Counts the residuals of a loss whose rows have factors: none below 0, whatever they are."""
     assert loss.rows is not None

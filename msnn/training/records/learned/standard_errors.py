@@ -29,18 +29,25 @@ from msnn.data.dataset import Dataset, FloatArray, IntArray
 from msnn.model.weights.covariance_file import Covariance
 from msnn.simulation.rollout import LossSum
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
+from msnn.training.engines.second_order.bounded_steps import in_physical_units
+from msnn.training.engines.second_order.quadratic_terms import Decay, quadratic_terms
 from msnn.training.plans.concerned_losses import concerns
 from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
-from msnn.training.plans.squared_losses import squared
+from msnn.training.plans.squared_losses import is_all_squared, squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.records.learned.beside_bounds import (
+    BesideBounds,
+    beside_bounds,
+    is_near_bound,
+)
 from msnn.training.records.learned.identified import (
     combinations,
     inverted,
     is_part_of,
     number_names,
 )
-from msnn.training.records.learned.information import Information, numbers
+from msnn.training.records.learned.information import Information, numbers, shares_of
 from msnn.training.records.learned.information_of_stage import information_of
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
@@ -61,9 +68,6 @@ With so many 89 to 93 % of the 95 % intervals of a line through rows with heavy 
 2.5 degrees of freedom) have the true value, with a half of them 77 %.
 """
 
-AT_BOUND = 1e-3
-"""Part of the range, or of the way to a bound, within which a value counts as at it."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StandardErrors:
@@ -82,6 +86,8 @@ class StandardErrors:
     """Why they were not computed by kernels."""
     covariance: Covariance | None = None
     """What the errors are the roots of the diagonal of; None where there is none at all."""
+    beside: BesideBounds | None = None
+    """The values at bounds; None where the derivative of the total is not known."""
 
 
 def standard_errors(
@@ -96,6 +102,7 @@ def standard_errors(
     unknown = _unknown_curvature(plan)
     if unknown is not None:
         return without_errors(unknown)
+    is_whole = is_all_squared(plan.rollout.program, plan.loss_weights)
     program = squared(plan.rollout.program, plan.loss_weights, robust=True)
     parameters = [program.parameter(name) for name in plan.trained]
     learned = sum(weights[p.name].size for p in parameters)
@@ -121,7 +128,8 @@ def standard_errors(
     rows = counted_rows(rollout, data, TRAIN)
     plan = replace(plan, rollout=rollout)
     said, products, notes = information_of(plan, data, rows, runs, weights)
-    return replace(_estimated(plan, parameters, weights, said, products), notes=notes)
+    found = _estimated(plan, parameters, weights, said, products, is_whole=is_whole)
+    return replace(found, notes=notes)
 
 
 def _unknown_curvature(plan: StagePlan) -> str | None:
@@ -143,31 +151,6 @@ def _unknown_curvature(plan: StagePlan) -> str | None:
     return None
 
 
-def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
-    """The mask of elements of a value that are at a bound of the parameter."""
-    low, high = parameter.minimum, parameter.maximum
-    # with one bound there is no range: the parameter's scale is what a change is measured by
-    span = high - low if low is not None and high is not None else abs(parameter.scale)
-    found = np.zeros(value.shape, dtype=np.bool_)
-    if low is not None:
-        found |= value - low < AT_BOUND * _way(parameter, value, low, span)
-    if high is not None:
-        found |= high - value < AT_BOUND * _way(parameter, value, high, span)
-    return found
-
-
-def _way(parameter: Parameter, value: FloatArray, bound: float, span: float) -> FloatArray:
-    """The measure of a distance to a bound, as small numbers are small beside any scale.
-
-    The range or scale, or where that is less the bound, or how far it was to it at first.
-    """
-    begun = np.asarray(parameter.initial)
-    if begun.size != value.size:
-        return np.full(value.shape, span)
-    way = np.maximum(np.abs(begun.reshape(value.shape) - bound), abs(bound))
-    return np.where(way > 0, np.minimum(way, span), span)
-
-
 def without_errors(reason: str) -> StandardErrors:
     """None, and why."""
     return StandardErrors(errors={}, unidentified=(), noise={}, residuals=0, reason=reason)
@@ -179,9 +162,17 @@ def _estimated(
     weights: Mapping[str, FloatArray],
     said: Information,
     products: Mapping[str, Products],
+    *,
+    is_whole: bool,
 ) -> StandardErrors:
     known = known_of(plan, parameters)
-    held = np.concatenate([at_bound(p, weights[p.name]).ravel() for p in parameters])
+    beside = _beside(plan, parameters, weights, products) if is_whole else None
+    held = np.concatenate(
+        [
+            (is_near_bound(p, weights[p.name]) if beside is None else beside.held[p.name]).ravel()
+            for p in parameters
+        ]
+    )
     held |= in_corners(known, np.concatenate([weights[p.name].ravel() for p in parameters]))
     # a number at its bound cannot move both ways: it counts as known, and has no error
     free = np.flatnonzero(~held)
@@ -226,6 +217,7 @@ def _estimated(
         noise={name: float(np.sqrt(variance)) for name, variance in noise.items()},
         residuals=round(sum(numbers(products, name) for name in noise)),
         covariance=_kept(parameters, weights, free, covariance),
+        beside=beside,
     )
 
 
@@ -244,12 +236,41 @@ def _kept(
     return Covariance.sorted_by_name(names, weights, whole)
 
 
+def _beside(
+    plan: StagePlan,
+    parameters: list[Parameter],
+    weights: Mapping[str, FloatArray],
+    products: Mapping[str, Products],
+) -> BesideBounds:
+    """The values at bounds, by the derivative of everything that the stage minimises."""
+    shares = shares_of(plan, products)
+    inside = in_physical_units(parameters)
+    values = np.concatenate([weights[p.name].ravel() / p.scale for p in inside])
+    scales = np.concatenate([np.full(weights[p.name].size, p.scale) for p in inside])
+    spread = _prior_weight(plan, products)
+    decay = Decay(plan.weight_decay, parameters)
+    terms = quadratic_terms(known_of(plan, inside), values, decay, spread)
+    slope = sum(share * products[name].slope for name, share in shares.items())
+    bent = sum(share * np.diagonal(products[name].curvature) for name, share in shares.items())
+    return beside_bounds(
+        parameters,
+        weights,
+        slope + terms.slope / scales,
+        bent + terms.curvature / scales**2,
+        sum(share * products[name].cost for name, share in shares.items()) + terms.value,
+    )
+
+
+def _prior_weight(plan: StagePlan, products: Mapping[str, Products]) -> float:
+    """ŝ²/n, by which priors count."""
+    sums = {name: LossSum(one.cost, one.count) for name, one in products.items() if one.count}
+    return square_by_count(plan, sums) if sums else 0.0
+
+
 def _prior_curvature(
     plan: StagePlan, known: KnownTerms, products: Mapping[str, Products]
 ) -> FloatArray:
     """The prior's part of each number in H, and in the variance of the slope."""
-    residuals = [one for one in products.values() if one.count]
-    sums = {name: LossSum(one.cost, one.count) for name, one in products.items()}
-    weight = square_by_count(plan, sums) if residuals else 0.0
+    weight = _prior_weight(plan, products)
     slope = np.where(known.std > 0, 1.0 / np.where(known.std > 0, known.std, 1.0), 0.0)
     return np.stack([weight * slope**2, (weight * slope) ** 2], axis=1)
