@@ -272,7 +272,7 @@ def _converted_amount(amount: Scalar, unit: Scalar, declared: Scalar, findings: 
         own, wanted = parse_unit(unit.text), parse_unit(declared.text)
     except UnitError:
         own = wanted = None
-    if own is None or wanted is None or not own.same_dimension(wanted):
+    if own is None or wanted is None or not own.converts_to(wanted):
         report = unit_errors.two_units(unit.text, declared.text, unit.span, declared.span)
         findings.report(report)
         return amount
