@@ -185,9 +185,8 @@ def test_a_unit_of_the_file_converts(
 ) -> None:
     data = read(tmp_path, kind, stated, unit)
     # the conversion rounds once, and so does the number written here; decibels three times
-    assert data.series["v"][0] == pytest.approx(
-        first, rel=1e-15 if "dB" not in stated + unit else 1e-14
-    )
+    rounding = 1e-14 if "dB" in (stated, unit) else 1e-15
+    assert data.series["v"][0] == pytest.approx(first, rel=rounding)
     assert data.warnings == ()
 
 
