@@ -5,7 +5,7 @@ from __future__ import annotations
 from compiler.builtins.call_options import method_of, option
 from compiler.builtins.earlier import earlier, in_the_step, keep, one_sample
 from compiler.ir.program import NodeId
-from compiler.ir.rules.unit_rules import product_unit
+from compiler.ir.rules.unit_rules import product_unit, same_unit
 from compiler.ir.types import Type
 from compiler.lowering.context import Context
 from compiler.lowering.environment import START, Environment, EnvironmentPart
@@ -32,9 +32,13 @@ def lower_integral(context: Context, call: Call, environment: Environment) -> No
     unit = product_unit(builder.type(rate).unit, _SECOND)
     type = Type(builder.type(rate).axes, unit)
     start = _start(context, call, type)
-    if option(call, "init") is not None and unit is None:
-        # the integrand has no unit: that of `init=` is all that is said
-        type = type.with_unit(context.builder(START).type(start).unit)
+    if option(call, "init") is not None:
+        begins = context.builder(START).type(start).unit
+        # an integrand without unit takes that of `init=`; K/s from 20 degC on is in degC
+        if unit is None or (
+            begins is not None and begins.offset != 0.0 and same_unit(unit, begins.difference)
+        ):
+            type = type.with_unit(begins)
     # the same integral written twice is one state
     name = context.memories.name("integral", (method, rate, start))
     last = builder.state(name, type)

@@ -55,7 +55,9 @@ def _written(context: Context) -> dict[str, Quantity]:
     found: dict[str, Quantity] = {}
     for name, entry in {**context.spec.parameters, **context.spec.constants}.items():
         value = entry.value if isinstance(entry, Constant) else entry.init.choice
-        if entry.unit is None or entry.unit.value.scale == 1.0 or not isinstance(value, Expression):
+        if entry.unit is None or not isinstance(value, Expression):
+            continue
+        if entry.unit.value.scale == 1.0 and not entry.unit.value.is_level:
             continue
         if _stands_behind(entry.unit, value.span):
             amount = number(context, value, f"`{name}`")
@@ -86,7 +88,7 @@ def _carried(graph: Graph, written: Mapping[str, Quantity]) -> list[frozenset[st
         match node.op:
             case ops.ReadParameter(name=name) | ops.Constant(name=name) if name in written:
                 names = frozenset([name])
-            case _ if unit is None or isclose(unit.scale, 1.0):
+            case _ if unit is None or (isclose(unit.scale, 1.0) and not unit.is_level):
                 names = frozenset[str]()
             case ops.Add() | ops.Subtract() | ops.Minimum() | ops.Maximum() | ops.Clamp() if any(
                 not names and graph[arg].type.unit is not None and not _is_zero(graph, arg)

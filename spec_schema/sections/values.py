@@ -30,6 +30,7 @@ from spec_schema.fields.quantities import (
     QuantityField,
     UnitField,
     has_variance,
+    read_unit,
     split_quantity,
 )
 from spec_schema.units.conversion import converted
@@ -269,10 +270,14 @@ def _with_split_unit(node: Node, key: str, findings: Findings) -> Node:
 def _converted_amount(amount: Scalar, unit: Scalar, declared: Scalar, findings: Findings) -> Scalar:
     """A number with a unit in the unit that its entry declares."""
     try:
-        own, wanted = parse_unit(unit.text), parse_unit(declared.text)
+        wanted = parse_unit(declared.text)
     except UnitError:
-        own = wanted = None
-    if own is None or wanted is None or not own.same_dimension(wanted):
+        return amount  # which the field `unit` reports
+    try:
+        own = read_unit(unit, findings).value
+    except RefusedError:
+        return amount
+    if not own.converts_to(wanted):
         report = unit_errors.two_units(unit.text, declared.text, unit.span, declared.span)
         findings.report(report)
         return amount

@@ -24,7 +24,7 @@ def converted(
     if unit is None:
         report_unconverted(quantity, "nothing declares a unit here", findings)
         return quantity.value
-    if not quantity.unit.same_dimension(unit):
+    if not (quantity.unit.same_dimension if is_distance else quantity.unit.converts_to)(unit):
         fault = units.incomparable_unit(quantity.unit.text, unit.text, quantity.span)
         findings.report(fault)
         return None
@@ -50,7 +50,7 @@ def report_unconverted(
 ) -> None:
     """Warns of a quantity whose number stands alone and is another one in SI units."""
     unit = quantity.unit
-    if unit is None or quantity.value == unit.in_si(quantity.value):
+    if unit is None or (quantity.value == unit.in_si(quantity.value) and not unit.is_level):
         return
     number = f"{quantity.value:.12g}"
     findings.report(

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from spec_schema.late_dataclass import dataclass
 
-BASE_SYMBOLS = ("m", "kg", "s", "A", "K", "mol", "cd", "rad")
+BASE_SYMBOLS = ("m", "kg", "s", "A", "K", "mol", "cd", "rad", "dB")
 
 # Longest spelling first: `da` must be tried before `d`. `μ` is U+03BC, which NFKC makes of `µ`.
 PREFIXES: Mapping[str, float] = {
@@ -102,6 +102,8 @@ UNIT_ROWS: Mapping[str, UnitRow] = {
     "rps": _other(2 * math.pi, s=-1, rad=1),
     "%": _other(1e-2),
     "ppm": _other(1e-6),
+    # a level, 20 log10 of a ratio of amplitudes; no number, so that it is no factor in formulas
+    "dB": _other(1.0, dB=1),
     # Engineering and customary units.
     "atm": _other(101325.0, m=-1, kg=1, s=-2),
     "mmHg": _other(133.322387415, m=-1, kg=1, s=-2),

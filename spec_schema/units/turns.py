@@ -31,9 +31,9 @@ class TurnReadings:
 def turn_readings(unit: Unit, other: Unit) -> TurnReadings | None:
     """Both readings where a conversion between the units is right by one of them only, else None.
 
-    The units are of one dimension. `N*m/rad` is always `N*m`; `1/min` is not always `rad/min`.
+    `N*m/rad` is always `N*m`; `1/min` is not always `rad/min`.
     """
-    if unit.angle == other.angle:
+    if unit.angle == other.angle or not unit.same_dimension(other):
         return None
     pure = _is_per_time(unit) and _is_per_time(other)
     if not pure and not _names_turns(unit) and not _names_turns(other):

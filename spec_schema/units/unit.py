@@ -1,11 +1,11 @@
 """Represents units: exponents of SI base units and of angle, scale, canonical text."""
 
 import math
-from dataclasses import field
+from dataclasses import field, replace
 from decimal import Decimal
 from fractions import Fraction
 from functools import lru_cache
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from spec_schema.late_dataclass import dataclass
 from spec_schema.units.table import BASE_SYMBOLS, PREFIXES, UNIT_ROWS, UnitRow
@@ -15,6 +15,7 @@ Rational: TypeAlias = int | Fraction
 
 Exponents: TypeAlias = tuple[Rational, ...]
 _ANGLE = BASE_SYMBOLS.index("rad")
+_LEVEL: Exponents = tuple(int(symbol == "dB") for symbol in BASE_SYMBOLS)
 _NO_EXPONENTS: Exponents = (0,) * len(BASE_SYMBOLS)
 # Products of float scales reach the same unit by different roads (km/h, m/s); one part in 1e12 is
 # far above their rounding and far below any two units that differ.
@@ -108,6 +109,18 @@ class Unit:
         """Whether the SI exponents agree; the tag of angle is left out, so `1/s` is `rad/s`."""
         return _without_angle(self.exponents) == _without_angle(other.exponents)
 
+    @property
+    def is_level(self) -> bool:
+        """Whether numbers are decibels: 20 log10 of a ratio (ISO 80000-3, of field quantities)."""
+        return self.exponents == _LEVEL
+
+    def converts_to(self, other: "Unit") -> bool:
+        """Whether numbers convert: units of one dimension, and decibels and ratios."""
+        if self.same_dimension(other):
+            return True
+        number = ONE.same_dimension(other) if self.is_level else ONE.same_dimension(self)
+        return number and (self.is_level or other.is_level)
+
     def same_as(self, other: "Unit") -> bool:
         """Whether numbers in both mean the same: `N*m` and `J`, `rad/s` and `1/s`."""
         return (
@@ -120,6 +133,8 @@ class Unit:
     def coherent(self) -> str:
         """The text of the coherent SI unit of this dimension: `H` of `uH`, `m/s` of `km/h`."""
         # without prefixes, where that is enough; else of base units
+        if self.is_level:
+            return ONE.text
         for name in (_without_prefix, _base_symbols):
             unit = name(self)
             if unit is not None and unit.scale == 1.0 and unit.offset == 0.0:
@@ -147,6 +162,8 @@ class Unit:
 
         A distance between two values has no part in the offsets of units. Beyond floats: infinite.
         """
+        if not self.same_dimension(target) and not is_distance and self.converts_to(target):
+            return self._convert_level(value, target)
         if not self.same_dimension(target):
             message = f"{self.text} does not convert to {target.text}"
             raise ValueError(message)
@@ -158,10 +175,23 @@ class Unit:
         line = self.line_to(target)
         return nearest_float(line.factor * meant(value) + (0 if is_distance else line.summand))
 
+    def _convert_level(self, value: float, target: "Unit") -> float:
+        """Decibels of a ratio, or the ratio of decibels; NaN of a ratio below 0, -∞ of 0."""
+        if self.is_level:
+            return 10.0 ** (value / 20.0) / target.scale
+        ratio = self.in_si(value)
+        if ratio > 0.0:
+            return 20.0 * math.log10(ratio)
+        return -math.inf if ratio == 0.0 else math.nan
+
     def line_to(self, target: "Unit") -> "Line":
-        """The line from numbers of this unit to those of `target`, of the same dimension."""
+        """The line from numbers of this unit to those of `target`, to which they convert."""
         if self.same_as(target):
             return UNCHANGED
+        if self.is_level != target.is_level:
+            if self.is_level:
+                return Line(Fraction(1), Fraction(0), "from", 1 / _exact(target.scale))
+            return Line(_exact(self.scale), Fraction(0), "to")
         scale = _exact(target.scale)
         shift = _exact(self.offset) - _exact(target.offset)
         return Line(_exact(self.scale) / scale, shift / scale)
@@ -176,14 +206,21 @@ class Unit:
 
 @dataclass(frozen=True)
 class Line:
-    """factor * number + summand, exactly."""
+    """factor * number + summand, exactly, and what decibels make of it."""
 
     factor: Fraction
     summand: Fraction
+    level: Literal["from", "to"] | None = None
+    """`to` decibels: 20 log10 of the line. `from` them: `ratio` · 10^(line / 20)."""
+    ratio: Fraction = Fraction(1)
 
     def after(self, scale: float, offset: float) -> "Line":
         """The line of scale * number + offset, then this."""
-        return Line(self.factor * _exact(scale), self.factor * _exact(offset) + self.summand)
+        return replace(
+            self,
+            factor=self.factor * _exact(scale),
+            summand=self.factor * _exact(offset) + self.summand,
+        )
 
 
 UNCHANGED = Line(Fraction(1), Fraction(0))

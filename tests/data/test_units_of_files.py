@@ -58,6 +58,17 @@ def write_xlsx(path: Path, unit: str) -> None:
     book.save(path)
 
 
+def write_xlsx_of_formats(path: Path, unit: str) -> None:
+    book = openpyxl.Workbook()
+    sheet = book.active
+    assert sheet is not None
+    for row in [("time", "v"), *zip(TIME.tolist(), V.tolist(), strict=True)]:
+        sheet.append(row)
+    for row in range(2, 2 + len(V)):
+        sheet.cell(row, 2).number_format = f'0.0" {unit}"'
+    book.save(path)
+
+
 def write_npz(path: Path, unit: str) -> None:
     np.savez(path, time=TIME, v=V, v_unit=unit)
 
@@ -176,14 +187,17 @@ def test_every_format_that_states_units_is_here() -> None:
         ("°C", "K", 309.15),
         ("m·s⁻¹", "km/h", 129.6),
         ("bar", "Pa", 36e5),
+        ("dB", "1", 10**1.8),
+        ("%", "dB", 20 * np.log10(0.36)),
     ],
 )
 def test_a_unit_of_the_file_converts(
     tmp_path: Path, kind: str, stated: str, unit: str, first: float
 ) -> None:
     data = read(tmp_path, kind, stated, unit)
-    # the conversion rounds once, and so does the number written here
-    assert data.series["v"][0] == pytest.approx(first, rel=1e-15)
+    # the conversion rounds once, and so does the number written here; decibels three times
+    rounding = 1e-14 if "dB" in (stated, unit) else 1e-15
+    assert data.series["v"][0] == pytest.approx(first, rel=rounding)
     assert data.warnings == ()
 
 
@@ -232,6 +246,23 @@ def test_a_unit_of_another_dimension_is_refused(tmp_path: Path, kind: str) -> No
 def test_the_spec_goes_before_the_file(tmp_path: Path, kind: str) -> None:
     data = read(tmp_path, kind, "km/h", "m/s", ", unit: cm/s")
     assert data.series["v"][0] == 0.36
+
+
+@pytest.mark.parametrize(
+    ("stated", "unit", "first", "codes"),
+    [
+        ("km/h", "m/s", 10.0, []),
+        ("U/min", "rpm", 36.0, []),
+        ("furlong/h", "m/s", 36.0, ["W0511"]),
+    ],
+)
+def test_a_unit_with_which_a_workbook_shows_numbers_converts(
+    tmp_path: Path, stated: str, unit: str, first: float, codes: list[str]
+) -> None:
+    write_xlsx_of_formats(tmp_path / "a.xlsx", stated)
+    data = load(tmp_path, "a.xlsx", unit, "  time: time\n")
+    assert data.series["v"][0] == first
+    assert [warning.code for warning in data.warnings] == codes
 
 
 @pytest.mark.parametrize("kind", [kind for kind in WRITERS if kind not in ("csv", "excel")])
@@ -298,6 +329,35 @@ def test_the_advice_of_two_units_in_a_text_is_right(tmp_path: Path) -> None:
         load(tmp_path, "a.csv", "m/s", "  time: time\n")
     layout = "  time: time\n  columns: {v: {column: v, unit: m/s}}\n"
     assert load(tmp_path, "a.csv", "m/s", layout).series["v"].tolist() == [36.0, 37.0]
+
+
+@pytest.mark.parametrize(("header", "unit", "first"), [("v", "%", 50.0), ("v", "1", 0.5)])
+def test_cells_of_a_workbook_in_percent_are_ratios(
+    tmp_path: Path, header: str, unit: str, first: float
+) -> None:
+    """A cell that shows 50 % holds 0.5."""
+    write_percents(tmp_path / "a.xlsx", header)
+    data = load(tmp_path, "a.xlsx", f'"{unit}"', "  time: time\n")
+    assert data.series["v"][0] == first
+
+
+def test_a_header_in_percent_over_cells_in_percent_is_asked(tmp_path: Path) -> None:
+    write_percents(tmp_path / "a.xlsx", "v [%]")
+    with pytest.raises(SpecError, match="E0991"):
+        load(tmp_path, "a.xlsx", "1", "  time: time\n")
+    layout = "  time: time\n  columns: {v: {column: v, unit: 1}}\n"
+    assert load(tmp_path, "a.xlsx", "1", layout).series["v"][0] == 0.5
+
+
+def write_percents(path: Path, header: str) -> None:
+    book = openpyxl.Workbook()
+    sheet = book.active
+    assert sheet is not None
+    for row in [("time", header), (0.0, 0.5), (0.1, 0.6)]:
+        sheet.append(row)
+    for row in (2, 3):
+        sheet.cell(row, 2).number_format = "0%"
+    book.save(path)
 
 
 @pytest.mark.parametrize(

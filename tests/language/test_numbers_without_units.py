@@ -80,6 +80,12 @@ def test_a_parameter_in_a_multiple_meets_a_value_without_unit(entry: str, law: s
     assert warnings_of(LAW.replace("ENTRY", entry).replace("LAW", law)).count("W0510") == 1
 
 
+def test_decibels_are_no_ratio() -> None:
+    spec = LAW.replace("ENTRY", "6 dB").replace("LAW", "u * L + 0*w")
+    assert warnings_of(spec) == ["W0510"]
+    assert warnings_of(spec.replace("6 dB", "{init: 6 dB, unit: 1}")) == []
+
+
 def test_a_constant_does_too() -> None:
     spec = LAW.replace("parameters", "constants").replace("ENTRY", "300 uH")
     assert warnings_of(spec.replace("LAW", "(u + 0*w) / L")) == ["W0510"]

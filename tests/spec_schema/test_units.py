@@ -5,12 +5,14 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 import pint
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msnn.data.formats.written_units import written_unit
+from msnn.data.reading.converted_cells import converted_cells
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.table import PREFIXES, UNIT_ROWS
 from spec_schema.units.turns import turn_readings
@@ -65,7 +67,7 @@ def registry() -> Any:
     return pint.UnitRegistry()
 
 
-@pytest.mark.parametrize("symbol", UNIT_ROWS)
+@pytest.mark.parametrize("symbol", [symbol for symbol in UNIT_ROWS if symbol != "dB"])
 def test_symbol_is_what_pint_says(symbol: str, registry: Any) -> None:
     unit = unit_symbol(symbol)
     assert unit is not None
@@ -112,6 +114,36 @@ def test_conversion(value: float, unit: str, target: str, expected: float) -> No
     found = parse_unit(unit).convert(value, parse_unit(target))
     # degF has a rounded offset of 255 K; the others are one product.
     assert found == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "target", "expected"),
+    [
+        (20.0, "dB", "1", 10.0),
+        (-6.0, "dB", "1", 10**-0.3),
+        (20.0, "dB", "%", 1000.0),
+        (10.0, "1", "dB", 20.0),
+        (50.0, "%", "dB", 20 * math.log10(0.5)),
+        (0.0, "1", "dB", -math.inf),
+        (3.0, "dB", "dB", 3.0),
+    ],
+)
+def test_decibels_are_of_ratios(value: float, unit: str, target: str, expected: float) -> None:
+    found = parse_unit(unit).convert(value, parse_unit(target))
+    # a power, a logarithm and a product, each rounded once
+    assert found == pytest.approx(expected, rel=1e-14)
+    cells = converted_cells(np.array([value]), parse_unit(unit).line_to(parse_unit(target)))
+    assert cells[0] == pytest.approx(expected, rel=1e-14)
+
+
+def test_decibels_are_no_numbers_in_formulas() -> None:
+    level = parse_unit("dB")
+    assert not level.same_dimension(ONE)
+    assert not level.converts_to(parse_unit("V"))
+    assert not parse_unit("dB/s").converts_to(parse_unit("1/s"))
+    assert (parse_unit("dB/K") * parse_unit("K")).same_as(level)
+    with pytest.raises(ValueError, match="does not convert"):
+        level.convert(3.0, ONE, is_distance=True)
 
 
 @pytest.mark.parametrize("text", ["1", "3", "7", "10", "33", "50", "100", "250", "700"])

@@ -24,12 +24,14 @@ def add_units(root: Element, units: Iterable[Unit | None]) -> None:
 
 
 def _base(unit: Unit) -> dict[str, str] | None:
-    """value in SI = factor · value + offset; None for powers that FMI cannot say, as m^0.5."""
+    """value in SI = factor · value + offset; None for what FMI cannot say: m^0.5, decibels."""
     # FMI's base units have integer powers
     if any(power != int(power) for power in unit.exponents):
         return None
     powers = zip(BASE_SYMBOLS, unit.exponents, strict=True)
     base = {symbol: str(int(power)) for symbol, power in powers if power}
+    if "dB" in base:
+        return None
     # FMI takes 1 and 0 where nothing is said
     if unit.scale != 1.0:
         base["factor"] = number_text(unit.scale)

@@ -151,7 +151,7 @@ def _unfit_unit(
     signal: str, column: str, unit: Unit, declared: Unit, span: Span | None
 ) -> Diagnostic | None:
     """What is wrong with a unit that a file states of a column, None if it converts."""
-    if not unit.same_dimension(declared):
+    if not unit.converts_to(declared):
         return data_units.misfitting_file_unit(
             signal=signal, column=column, found=unit.text, declared=declared.text, span=span
         )
@@ -202,7 +202,7 @@ def _conversion(signal: Signal, column: Column, findings: Findings) -> Line:
         key = str(column.column[0].column)
         if (fault := _turns_fault(signal.name, key, unit, declared, column.unit.span)) is not None:
             findings.report(fault)
-        elif unit.same_dimension(declared):
+        elif unit.converts_to(declared):
             line = unit.line_to(declared)
         else:
             findings.report(

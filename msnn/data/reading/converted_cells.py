@@ -26,18 +26,25 @@ def converted_cells(cells: FloatArray, line: Line) -> FloatArray:
     """factor · cell + summand, of the decimal number that a cell means where it means one.
 
     3 mm are 0.003 m in a spec, and 9 · 0.001 is 0.009000000000000001. Sums and products are of
-    pairs of floats (Dekker, Numer. Math. 18, 1971), so that only the last one rounds.
+    pairs of floats (Dekker, Numer. Math. 18, 1971), so that only the last one rounds. Decibels are
+    20 log10 of a ratio: NaN where that is below 0.
     """
     if line == UNCHANGED:
         return cells
     factor, summand = _pair(line.factor), _pair(line.summand)
     found = np.empty(len(cells))
-    # infinities, and numbers beside which a rest is beyond floats
+    # infinities, and numbers beside which a rest is beyond floats; logarithms of what is below 0
     with np.errstate(all="ignore"):
         for begin in range(0, len(cells), _AT_ONCE):
             some = slice(begin, begin + _AT_ONCE)
             found[some] = _on_line(cells[some], factor, summand)
-    return found
+        match line.level:
+            case "to":
+                return 20.0 * np.log10(found)
+            case "from":
+                return float(line.ratio) * 10.0 ** (found / 20.0)
+            case None:
+                return found
 
 
 def _on_line(cells: FloatArray, factor: _Pair, summand: _Pair) -> FloatArray:

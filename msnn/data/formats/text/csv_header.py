@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import TypeAlias
@@ -14,6 +14,7 @@ from msnn.data.formats.table import ColumnKey, WantedColumns
 from msnn.data.formats.written_units import (
     StatedUnit,
     TwoUnits,
+    UnknownUnit,
     column_and_unit,
     is_number,
     joint_unit,
@@ -62,6 +63,10 @@ class Header:
     below: int = 0
     """The number of the line of units, where there is one."""
     below_units: tuple[Unit | None, ...] = ()
+    shown_units: Mapping[int, Unit | UnknownUnit] = field(
+        default_factory=dict[int, Unit | UnknownUnit]
+    )
+    """Units with which a workbook shows the numbers of columns, by index."""
 
     @property
     def width(self) -> int:
@@ -136,7 +141,10 @@ class Header:
         found: dict[int, StatedUnit] = {}
         for index in places if self.lines else ():
             below = self.below_units[index] if self.below_units else None
-            unit = joint_unit(self.names[index], below)
+            shown = self.shown_units.get(index)
+            unit = joint_unit(self.names[index], below or shown)
+            if below is not None and isinstance(shown, Unit) and not below.same_as(shown):
+                unit = TwoUnits(below, shown)
             if unit is not None:
                 found[index] = (
                     replace(unit, place=self.place) if isinstance(unit, TwoUnits) else unit

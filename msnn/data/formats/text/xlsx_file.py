@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 import zipfile
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from datetime import date, datetime
 from importlib import import_module
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_file import text_table
 from msnn.data.formats.text.csv_header import Dialect, read_header
+from msnn.data.formats.text.xlsx_units import units_of_formats
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -34,6 +36,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
 
     own = Dialect(delimiter=_CELLS, comment=dialect.comment, header=dialect.header)
     header = read_header(lines, shown, own, wanted.users)
+    header = replace(header, shown_units=units_of_formats(path))
     return text_table(lines, header, header.places(wanted), wanted)
 
 
