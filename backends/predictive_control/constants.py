@@ -44,6 +44,7 @@ def solver_constants(
         ("HIGHEST_MU", 0.3, "Highest one."),
         ("FIRST_MU", 0.1, "Barrier while nothing is known."),
         ("WIDE_MU", 1.0, "Barrier after a plan was simulated anew."),
+        ("WIDE_SHARE", 0.1, "The same without a plan, by the largest error of slopes and gaps."),
         (
             "BARRIER_SHARE",
             (0.1 if mode == "fixed" else 0.03) if is_staged else 0.003,

@@ -11,7 +11,7 @@ with D x for x, E u for u and c J for J, and solved for the same starts and refe
 - D, E and c up to 1e±6: the status is the same; the share is counted.
 
 Half of the plants are solved stage by stage and half condensed, a quarter holds controls over
-blocks. Of five problems of a plant the first begins without a plan, the others at the plan before.
+blocks. Of ten problems of a plant the first begins without a plan, the others at the plan before.
 `--write` puts the counts in `RESULTS.md`.
 """
 
@@ -49,7 +49,7 @@ from msnn.model.weights.weights_file import initial_weights
 
 Array = NDArray[np.float64]
 RESULTS = Path(__file__).parent / "RESULTS.md"
-EACH = 5
+EACH = 10
 STATES, CONTROLS = 3, 2
 _RANGE = 3.0
 

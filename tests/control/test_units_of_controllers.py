@@ -155,7 +155,7 @@ def test_a_reactor_in_hours_and_kilojoules_is_solved_in_closed_loop(tmp_path: Pa
 
 @pytest.mark.parametrize("number", [0, 2, 9, 11])
 def test_other_units_change_no_bit_of_a_solve(number: int) -> None:
-    """Five problems each of plants that `benchmarks/mpc/other_units.py` has 100 of."""
+    """Ten problems each of plants that `benchmarks/mpc/other_units.py` has 50 of."""
     require_tool("gcc", install="apt install gcc")
     counts = compare_plant(number, np.random.default_rng([0, number]))
     assert counts[Status.SOLVED.name] > 0

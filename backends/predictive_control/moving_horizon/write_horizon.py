@@ -97,6 +97,7 @@ def _facts(
         # the first stage leads to the first sample: it is none of the window's
         "horizon": control.horizon - 1,
         "iterations": control.iterations,
+        "starts_again": control.mode == "converged",
         "unsure": list(window.uncertain),
         "sources": [
             _Source(

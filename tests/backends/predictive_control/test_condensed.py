@@ -16,6 +16,7 @@ from backends.predictive_control import write_controller
 from backends.predictive_control.inputs import input_fields
 from backends.predictive_control.library import ControllerLibrary
 from compiler.optimal_control.problem import ControlProblem, Structure
+from compiler.optimal_control.trained import trained
 from msnn.exports.judged_controller import compare_controller
 from tests.backends.predictive_control.built_controller import built_controller
 from tests.conditions import require_tool
@@ -214,9 +215,11 @@ def test_the_first_gain_is_that_of_the_recursion(plant: str, tmp_path: Path) -> 
         out = tmp_path / structure
         write_controller(problem, _weights(problem), out, prefix="plant", dtype="float64")
         source = out / "src" / "plant_mpc.c"
-        # the same barrier in both, which the gain hangs on
+        # the same barrier in both, which the gain hangs on, in the unit of the cost
+        scale = trained(problem, _weights(problem)).cost_scale
         text = source.read_text()
-        for name, value in _BARRIER.items():
+        for name, number in _BARRIER.items():
+            value = number * scale if name.endswith("_MU") else number
             text, count = re.subn(rf"\b{name} = [^;]*;", f"{name} = {value};", text)
             assert count == 1
         source.write_text(text)
