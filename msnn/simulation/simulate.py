@@ -8,7 +8,11 @@ from typing import overload
 
 import numpy as np
 
-from compiler.differentiation.estimated_starts import estimated_states, with_read_starts
+from compiler.differentiation.estimated_starts import (
+    estimated_states,
+    evaluations_that_decide,
+    with_read_starts,
+)
 from compiler.ir.liveness import extents, states_beside_the_log
 from compiler.ir.program import NodeId, Program, Role, Signal
 from compiler.passes.close_loop import close_loop
@@ -17,6 +21,7 @@ from msnn.data.reads import reads
 from msnn.data.starts import Runs, reach, rollouts
 from msnn.errors.data import rows as data_rows
 from msnn.errors.workflow import records_too_short, unknown_set
+from msnn.model.weights.kept_starts import KeptStarts
 from msnn.simulation.engines.engine import Engine, first_places
 from msnn.simulation.engines.open_rollouts import open_rollouts
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
@@ -140,13 +145,15 @@ def simulate(
     engine: Engine = "auto",
     progress: RolloutProgress = nobody,
     intervals: Intervals | None = None,
+    kept: KeptStarts | None = None,
 ) -> Simulations:
     """Free runs over all stretches of the data, each from its first possible row.
 
     `program` is in window form; what it closes is fed back, what it leaves open is read from the
     data. `horizon` ends every run after so many steps; `data_set` takes the stretches of one set
     only. `engine` is what runs, in float64 unless it is an export (`open_rollouts`). `intervals`
-    says how wide bands are. Raises SpecError where there is no such set, or all is too short.
+    says how wide bands are; `kept` where recordings of a training start. Raises SpecError where
+    there is no such set, all is too short, or the start of a run is a guess.
     """
     # targets of `predicts` need not be there: a simulation may run past the last of them
     unscored = replace(
@@ -165,7 +172,7 @@ def simulate(
         warnings += (data_rows.episodes_skipped(*skipped, "the simulation", files),)
     # before `horizon` cuts runs: a start is fitted over its first evaluations, however few are
     # asked for
-    program, series, uncertain = _started(program, data, stretches, runs, weights)
+    program, series, uncertain = _started(program, data, stretches, runs, weights, kept)
     warnings += tuple(uncertain)
     if horizon is not None:
         runs = replace(runs, steps=np.minimum(runs.steps, horizon))
@@ -205,22 +212,22 @@ def _started(
     stretches: IntArray,
     runs: Runs,
     weights: Mapping[str, FloatArray] | None,
+    kept: KeptStarts | None,
 ) -> tuple[Program, Mapping[str, FloatArray], Sequence[Diagnostic]]:
     """The program and the series with where the runs start, and what is uncertain of that."""
     estimated = estimated_states(program)
     if not estimated:
         return program, data.series, ()
     far = reach(program)
-    # the end of the stretch that each run is in: it may be shorter than what its start is fitted
-    # over
+    # the end of the stretch that each run is in, wherever the run itself shall end
     stops = stretches[np.searchsorted(stretches[:, 0], runs.t0, side="right") - 1, 1]
     room = np.maximum(stops - far.ahead - runs.t0, 0)
-    over = max(state.fit_over or 0 for state in estimated)
-    first = replace(runs, steps=np.minimum(room, over))
-    fit = StartFit(program, over)
-    found = fit.find(data.series, first, weights)
+    fit = StartFit(program, evaluations_that_decide(estimated))
+    found = fit.find_or_take(data, replace(runs, steps=room), weights, kept=kept)
     series = {**data.series, **found.series(data.rows)}
     warnings = uncertain_starts(found, data, "the simulation")
+    if any(one.severity == "error" for one in warnings):
+        raise SpecError(warnings)
     # losses decided the starts; the run itself has none
     return with_read_starts(replace(program, losses=())), series, warnings
 

@@ -19,6 +19,7 @@ from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import StageResult
 from msnn.training.reached import Reached
 from msnn.training.records.checkpoint import Checkpoint
+from msnn.training.records.learned.information_of_stage import kept_starts
 from msnn.training.records.learned.parameter_warnings import parameter_warnings
 from msnn.training.records.learned.parameters_record import parameters_record
 from msnn.training.records.learned.standard_errors import standard_errors, without_errors
@@ -80,18 +81,20 @@ class TrainingRun:
             self.reached.checkpoint = now
             if self.safe.is_stale:
                 self.safe.save(now, now.begin)
+        last = self.stages[-1][0]
+        kept = kept_starts(last, self.data, now.begin, self.progress.warned)
         # of several ranks all go on to the errors, though one alone has the folder
         if self.folder is None and self.options.ranks is None:
-            return self._result(now.begin, now)
+            return replace(self._result(now.begin, now), starts=kept)
         self._finish(now)
-        last = self.stages[-1][0]
         spread = (
             standard_errors(last, self.data, now.begin)
             if self.options.has_errors
             else without_errors("not estimated in a comparison")
         )
         if self.folder is None:  # another rank writes the run
-            return self._result(now.begin, now)
+            return replace(self._result(now.begin, now), starts=kept)
+        self.folder.write_starts(kept)
         self.folder.write_parameters(parameters_record(self.program, now.begin, spread))
         self.folder.write_covariance(spread.covariance)
         said = parameter_warnings(self.program, now.begin, spread, self.options.black_boxes)
@@ -100,7 +103,7 @@ class TrainingRun:
         # a fold keeps its checkpoint until all folds are over
         if self.options.folder is None:
             self.folder.checkpoint.unlink(missing_ok=True)
-        return replace(self._result(now.begin, now), standard_errors=spread)
+        return replace(self._result(now.begin, now), standard_errors=spread, starts=kept)
 
     def _stage(
         self, plan: StagePlan, data: StageData, now: Checkpoint, stop_asked: threading.Event
@@ -165,7 +168,7 @@ class TrainingRun:
                 plan=opened.plan,
                 engine=engine,
                 data=data,
-                starts=stage_starts(opened.plan, self.data, self.progress.warned),
+                starts=stage_starts(opened.plan, self.data, data, self.progress.warned),
                 stop_asked=stop_asked.is_set,
                 epoch_ended=lambda event: self._epoch_ended(event, engine, plan),
                 between=keep,
