@@ -63,6 +63,7 @@ def report(
     from msnn.errors.results import reports as errors
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
+    from msnn.reports.drawn import shown_first
     from msnn.reports.learned_functions import learned_functions
     from msnn.reports.page.live import NotLive, live_model
     from msnn.reports.page.page import Contents, page_text
@@ -80,7 +81,7 @@ def report(
     )
     if dataset is not None and _are_others(dataset, found):
         warnings.append(_other_data(were_given=data is not None))
-    live = live_model(model, chosen.weights, dataset)
+    live = live_model(model, chosen.weights, dataset, shown_first(simulations))
     if isinstance(live, NotLive):
         warnings.append(errors.no_part("running model", live.reason, live.repair))
     with sources_of(model):

@@ -11,6 +11,7 @@ import numpy as np
 from compiler.differentiation.estimated_starts import (
     estimated_states,
     evaluations_that_decide,
+    start_signal,
     with_read_starts,
 )
 from compiler.ir.liveness import extents, states_beside_the_log
@@ -72,6 +73,8 @@ class Simulation:
     places: StepPlaces
     bands: Mapping[str, FloatArray]
     """Half the width of the prediction interval of outputs, where intervals were asked for."""
+    starts: Mapping[str, FloatArray]
+    """Where the run starts, of every state whose start was found by least squares."""
 
     @property
     def steps(self) -> int:
@@ -172,8 +175,10 @@ def simulate(
         warnings += (data_rows.episodes_skipped(*skipped, "the simulation", files),)
     # before `horizon` cuts runs: a start is fitted over its first evaluations, however few are
     # asked for
+    estimated = estimated_states(program)
     program, series, uncertain = _started(program, data, stretches, runs, weights, kept)
     warnings += tuple(uncertain)
+    begun = {state.name: series[start_signal(state.name)][runs.t0] for state in estimated}
     if horizon is not None:
         runs = replace(runs, steps=np.minimum(runs.steps, horizon))
     spread = None if intervals is None else uncertain_program(program, intervals, weights or {})
@@ -200,8 +205,9 @@ def simulate(
             {out.name: outputs[out.name][first : first + steps] for out in program.outputs},
             {name: values[first : first + steps] for name, values in bands.items()},
             last,
+            {name: values[number] for name, values in begun.items()},
         )
-        for t0, steps, first, last in zip(*places, strict=True)
+        for number, (t0, steps, first, last) in enumerate(zip(*places, strict=True))
     )
     return Simulations(found, (*warnings, *opened.notes))
 
@@ -251,6 +257,7 @@ def _simulation(
     outputs: Mapping[str, FloatArray],
     bands: Mapping[str, FloatArray],
     unbroken: int,
+    starts: Mapping[str, FloatArray],
 ) -> Simulation:
     """One run; measured values are taken from the rows before `unbroken`."""
     t0, steps = rows.start, len(rows)
@@ -275,6 +282,7 @@ def _simulation(
         inputs={name: data.series[name][t0 : t0 + steps] for name in _read(program)},
         places=places,
         bands=bands,
+        starts=starts,
     )
 
 

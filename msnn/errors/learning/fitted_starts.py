@@ -10,7 +10,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 def undecided_start(
     states: Sequence[str], wanted_by: str, place: str, count: int, over: int | None
 ) -> Diagnostic:
-    """W0807: a start of a run that its first evaluations, or all of them, do not decide."""
+    """W0807: a start of a run that its first evaluations do not decide."""
     which = "what is scored does" if over is None else "the first evaluations do"
     message = (
         f"{wanted_by}: {which} not decide where {_listed(states)} starts, "
