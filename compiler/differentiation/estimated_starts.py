@@ -32,7 +32,7 @@ def evaluations_that_decide(states: Iterable[State]) -> int | None:
     """
     longest = 0
     for state in states:
-        if state.fit_over == "record":
+        if state.fit_over == 0:
             return None
         longest = max(longest, state.fit_over or 0)
     return longest

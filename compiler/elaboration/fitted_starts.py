@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 from compiler.differentiation.estimated_starts import evaluations_that_decide
 from compiler.ir.program import Loss, Measure, State
@@ -14,13 +13,13 @@ from spec_schema.errors import states as errors
 from spec_schema.sections import signals
 
 
-def fit_over(context: Context, entry: signals.State) -> int | Literal["record"] | None:
-    """The evaluations that decide a state's initial value; None where its `init` says it."""
+def fit_over(context: Context, entry: signals.State) -> int | None:
+    """The evaluations that decide a state's initial value, as `State.fit_over` has them."""
     if entry.init is None or entry.init.fit is None:
         return None
     over = entry.init.fit.over
     if over == "record":
-        return "record"
+        return 0
     try:
         return context.sampling.samples(over)
     except LoweringFailed:

@@ -162,6 +162,20 @@ def test_rows_that_were_held_out_of_a_recording_do_not_decide_its_start(tmp_path
     assert row.value == pytest.approx(1.0, rel=0.05)
 
 
+def test_a_recording_of_another_set_does_not_start_as_trained(tmp_path: Path) -> None:
+    """Runs through whole records go through those of other sets, and score nothing there."""
+    require_tool("gcc", install="apt install gcc")
+    text = LATE.replace("over: 20", "over: 80").replace("data: train,", "data: test,")
+    plant = model(text, tmp_path)
+    data = {"train": late(), "test": {name: values[:300] for name, values in late(quiet=0).items()}}
+    found = msnn.train(plant, data, runs=None)
+    assert found.starts is not None
+    assert len(found.starts.run) == 1
+    (row,) = msnn.validate(plant, found, data).rows
+    assert "starts as trained" not in row.details
+    assert (row.scored, row.value) == (220, pytest.approx(0.01, rel=0.1))
+
+
 def test_short_rollouts_start_as_trained(tmp_path: Path) -> None:
     require_tool("gcc", install="apt install gcc")
     stage = "rollout: {horizon: 60, stride: 60}, optimizer: {levenberg_marquardt: {}}"

@@ -102,6 +102,8 @@ def kept_starts(
     if runs is None:
         return None
     rows = counted_rows(plan.rollout, data, TRAIN)
+    # runs through whole records are runs through those of other sets too
+    runs = runs.take(np.flatnonzero(_score_some(runs, rows)))
     found = starts_at_the_end(plan, data, rows, runs, weights)
     for warning in uncertain_starts(found, data, wanted_by):
         warned(warning)
@@ -112,7 +114,19 @@ def kept_starts(
         *reads(program.step, wanted),
         *reads(program.start, [s.start for s in program.states]),
     }
-    return KeptStarts.of(data, signals, found.t0, found.values, weights)
+    decided = ~np.any([*found.undecided.values()], axis=0)
+    if not decided.any():
+        return None
+    values = {name: value[decided] for name, value in found.values.items()}
+    return KeptStarts.of(data, signals, found.t0[decided], values, weights)
+
+
+def _score_some(runs: Runs, rows: Mapping[str, BoolArray] | None) -> BoolArray:
+    """Which runs have a row that counts."""
+    if rows is None:
+        return np.ones(len(runs), np.bool_)
+    before = np.concatenate([[0], np.cumsum(np.any([*rows.values()], axis=0))])
+    return before[runs.t0 + runs.steps] > before[runs.t0]
 
 
 def _overlapping_runs(plan: StagePlan, data: Dataset) -> Runs | None:
