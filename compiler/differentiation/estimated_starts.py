@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from compiler.ir.builder import GraphBuilder
@@ -23,6 +23,19 @@ def offset_parameter(state: State) -> str:
 def estimated_states(program: Program) -> tuple[State, ...]:
     """The states whose starts are found by least squares."""
     return tuple(state for state in program.states if state.fit_over is not None)
+
+
+def evaluations_that_decide(states: Iterable[State]) -> int | None:
+    """The first evaluations of a run that decide where these states start, None for the whole run.
+
+    States are found together: the longest `over` counts.
+    """
+    longest = 0
+    for state in states:
+        if state.fit_over == 0:
+            return None
+        longest = max(longest, state.fit_over or 0)
+    return longest
 
 
 def with_read_starts(program: Program) -> Program:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from compiler.differentiation.estimated_starts import evaluations_that_decide
 from compiler.ir.program import Loss, Measure, State
 from compiler.ir.types import Type
 from compiler.lowering.context import Context
@@ -13,11 +14,14 @@ from spec_schema.sections import signals
 
 
 def fit_over(context: Context, entry: signals.State) -> int | None:
-    """The evaluations that decide a state's initial value; None where its `init` says it."""
+    """The evaluations that decide a state's initial value, as `State.fit_over` has them."""
     if entry.init is None or entry.init.fit is None:
         return None
+    over = entry.init.fit.over
+    if over == "record":
+        return 0
     try:
-        return context.sampling.samples(entry.init.fit.over)
+        return context.sampling.samples(over)
     except LoweringFailed:
         return None
 
@@ -26,7 +30,7 @@ def check_fitted_starts(context: Context, states: Sequence[State], losses: Seque
     """Reports too few evaluations for the numbers that they decide, and that nothing compares."""
     estimated = [state for state in states if state.fit_over is not None]
     numbers = sum(Type(state.axes).size for state in estimated)
-    most = max((state.fit_over or 0 for state in estimated), default=0)
+    most = evaluations_that_decide(estimated)
     # one report for all of them, where the first one stands
     for state in estimated[:1]:
         entry = context.spec.states[state.name]
@@ -34,8 +38,9 @@ def check_fitted_starts(context: Context, states: Sequence[State], losses: Seque
         assert entry.init.fit is not None
         names = [one.name for one in estimated]
         # fewer equations than unknowns: many starts would be the best
-        if most < numbers:
-            place = entry.init.fit.over.span
+        over = entry.init.fit.over
+        if most is not None and most < numbers and over != "record":
+            place = over.span
             context.findings.report(errors.too_few_for_starts(names, most, numbers, place))
         # a loss that is itself wrong is reported, and may compare all the same
         known = _wanted(context) <= {loss.entry for loss in losses}

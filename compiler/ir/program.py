@@ -125,7 +125,7 @@ class State:
     """Sub-models that the `next:` of a discrete state needs in the same step."""
     fit_over: int | None = None
     """The first evaluations of each run that decide by least squares where the state starts, from
-    `start` on; None where `start` does."""
+    `start` on, 0 for the whole run; None where `start` does."""
 
     @property
     def is_buffer(self) -> bool:

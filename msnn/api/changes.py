@@ -53,13 +53,13 @@ def _trained(
 
     assert model.run is not None
     # not through `latest`: of two runs of one model each has its own
-    chosen = choose_weights(model, model.run / WEIGHTS, model.run.parent).weights
+    chosen = choose_weights(model, model.run / WEIGHTS, model.run.parent)
     try:
-        found = validate(model, chosen, data_root=data_root, progress=progress)
+        found = validate(model, chosen.given, data_root=data_root, progress=progress)
     except SpecError as error:
         # the caller fails on metrics: without any, nothing would have been judged
         if must_measure:
             raise
         warnings.append(not_measured(which, error.diagnostics[0].message))
-        return Trained(weights=chosen, validation=None)
-    return Trained(weights=chosen, validation=found)
+        return Trained(weights=chosen.weights, validation=None)
+    return Trained(weights=chosen.weights, validation=found)

@@ -106,6 +106,7 @@ def validate_on(
     from msnn.data.reading.file_sets import load_file_sets
     from msnn.exports.running.exported_rollouts import chosen_engine
     from msnn.model.trained_fold import fold_of_another_run
+    from msnn.model.weights.kept_starts import known_starts
     from msnn.model.weights.known_covariance import known_covariance
     from msnn.simulation.engines.progress import nobody
     from msnn.validation import validate as validation
@@ -125,6 +126,7 @@ def validate_on(
             progress=progress or nobody,
             covariance=known_covariance(weights, known) if intervals else None,
             stages=model.spec.train,
+            kept=known_starts(weights, known),
         )
         read = [*([] if dataset is None else [dataset]), *files.values()]
         warnings = [warning for one in read for warning in one.warnings]
@@ -198,6 +200,7 @@ def simulate(
     from msnn.api.results.measurements import ShownSimulations
     from msnn.exports.prepare import loop_fault
     from msnn.exports.running.exported_rollouts import chosen_engine
+    from msnn.model.weights.kept_starts import known_starts
     from msnn.simulation.engines.progress import nobody
     from msnn.simulation.simulate import simulate as run
     from msnn.simulation.simulate import simulation_program
@@ -223,6 +226,7 @@ def simulate(
             engine=chosen,
             progress=progress or nobody,
             intervals=bands,
+            kept=known_starts(weights, known),
         )
     return ShownSimulations(found.runs, found.warnings, program)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,9 +14,10 @@ from msnn.model.saved_run import run_of
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 if TYPE_CHECKING:
-    from msnn.data.dataset import Dataset, FloatArray
+    from msnn.data.dataset import Dataset
     from msnn.data.reading.frames import Frames
     from msnn.model.model import Model
+    from msnn.model.model_weights import ChosenWeights
     from msnn.reports.run_summary import Run
     from msnn.simulation.engines.progress import RolloutProgress
     from msnn.simulation.simulate import Simulation
@@ -63,6 +63,7 @@ def report(
     from msnn.errors.results import reports as errors
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
+    from msnn.reports.drawn import shown_first
     from msnn.reports.learned_functions import learned_functions
     from msnn.reports.page.live import NotLive, live_model
     from msnn.reports.page.page import Contents, page_text
@@ -76,11 +77,11 @@ def report(
     chosen = choose_weights(model, None, found.folder.parent)
     warnings: list[Diagnostic] = []
     dataset, simulations, validation = _measured(
-        model, chosen.weights, data, data_root, engine, progress, warnings
+        model, chosen, data, data_root, engine, progress, warnings
     )
     if dataset is not None and _are_others(dataset, found):
         warnings.append(_other_data(were_given=data is not None))
-    live = live_model(model, chosen.weights, dataset)
+    live = live_model(model, chosen.weights, dataset, shown_first(simulations))
     if isinstance(live, NotLive):
         warnings.append(errors.no_part("running model", live.reason, live.repair))
     with sources_of(model):
@@ -132,7 +133,7 @@ def _undrawn(model: Model) -> list[str]:
 
 def _measured(
     model: Model,
-    weights: Mapping[str, FloatArray],
+    chosen: ChosenWeights,
     frames: Frames | None,
     data_root: str | Path | None,
     engine: str,
@@ -144,6 +145,7 @@ def _measured(
     from msnn.errors.results import reports as errors
     from msnn.exports.prepare import loop_fault
     from msnn.exports.running.exported_rollouts import chosen_engine
+    from msnn.model.weights.kept_starts import known_starts
     from msnn.simulation.engines.progress import nobody
     from msnn.simulation.simulate import simulate, simulation_program
 
@@ -155,10 +157,17 @@ def _measured(
         return data, runs, validation
     try:
         if data is not None:
-            chosen = chosen_engine(model, engine)
+            runs_by = chosen_engine(model, engine)
             program = simulation_program(model.program)
             with sources_of(model):
-                found = simulate(program, data, weights, engine=chosen, progress=progress or nobody)
+                found = simulate(
+                    program,
+                    data,
+                    chosen.weights,
+                    engine=runs_by,
+                    progress=progress or nobody,
+                    kept=known_starts(chosen.given, chosen.weights),
+                )
             runs = found.runs
             warnings += found.warnings
     except LoopError as error:
@@ -168,7 +177,7 @@ def _measured(
         warnings.append(errors.no_part("records", first.message, first.help))
     try:
         validation = validate_on(
-            model, data, weights, data_root=data_root, engine=engine, progress=progress
+            model, data, chosen.given, data_root=data_root, engine=engine, progress=progress
         )
         warnings += (warning for warning in validation.warnings if warning not in warnings)
     except SpecError as error:

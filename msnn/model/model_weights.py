@@ -28,6 +28,11 @@ class ChosenWeights:
     file: Path | None = None
     """Where they were read from; None for the initial values."""
 
+    @property
+    def given(self) -> Mapping[str, FloatArray] | Path:
+        """The file, beside which a run keeps what belongs to its weights, else the values."""
+        return self.weights if self.file is None else self.file
+
 
 def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
     """Initial values of another draw; what a sub-model has from `weights:` stays."""

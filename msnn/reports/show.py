@@ -177,7 +177,8 @@ def _expected(program: Program) -> str:
 def _origin(state: State) -> str:
     match state.origin:
         case Declared() if state.fit_over is not None:
-            return f"declared in the spec, its start fitted over {state.fit_over}"
+            over = state.fit_over or "each whole run"
+            return f"declared in the spec, its start fitted over {over}"
         case Declared():
             return "declared in the spec"
         case LayerMemory():

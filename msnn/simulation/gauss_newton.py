@@ -104,17 +104,27 @@ def descended(
     return Descended(values, settled, undecided)
 
 
+def decided_directions(curvature: FloatArray) -> IntArray:
+    """The number of directions of every problem that change its residuals."""
+    return np.sum(_scaled_eigenvalues(curvature)[0] > _NOTHING, axis=1)
+
+
+def _scaled_eigenvalues(curvature: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Eigenvalues, their directions and the scales that make the curvature of each number 1."""
+    # the decomposition of one problem that is not finite would fail for all
+    finite = np.where(np.isfinite(curvature), curvature, 0.0)
+    diagonal = np.diagonal(finite, axis1=1, axis2=2)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    values, directions = np.linalg.eigh(finite * scale[:, :, None] * scale[:, None, :])
+    return values, directions, scale
+
+
 def _steps(now: RunProducts) -> tuple[FloatArray, FloatArray, BoolArray]:
     """The whole step of each problem, by how much its model falls, and what is undecided."""
-    # the decomposition of one problem that is not finite would fail for all
-    curvature = np.where(np.isfinite(now.curvature), now.curvature, 0.0)
     slope = np.where(np.isfinite(now.slope), now.slope, 0.0)
-    diagonal = np.diagonal(curvature, axis1=1, axis2=2)
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    scaled = curvature * scale[:, :, None] * scale[:, None, :]
     # eigenvalues say which directions decide: those without curvature get no step, as in the
     # pseudoinverse
-    found, directions = np.linalg.eigh(scaled)
+    found, directions, scale = _scaled_eigenvalues(now.curvature)
     decides = found > _NOTHING
     along = np.einsum("rni,rn->ri", directions, slope * scale)
     shares = np.where(decides, along / np.where(decides, found, 1.0), 0.0)

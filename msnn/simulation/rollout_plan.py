@@ -7,7 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from compiler.differentiation.estimated_starts import estimated_states, with_read_starts
+from compiler.differentiation.estimated_starts import (
+    estimated_states,
+    evaluations_that_decide,
+    with_read_starts,
+)
 from compiler.ir.liveness import Extent
 from compiler.ir.program import Program, Role
 from compiler.passes.close_loop import LoopError, close_loop
@@ -31,9 +35,17 @@ class PlannedStarts:
 
     program: Program
     """The program, its loops closed, before it reads what is found."""
-    over: int
+    over: int | None
+    """None: all evaluations of a run that are scored."""
     skip: int
     """Evaluations that other keys leave unscored."""
+    as_trained: bool = False
+    """Whether all runs start where those of the training did."""
+
+    @property
+    def first_to_decide(self) -> int:
+        """The first evaluation that decides."""
+        return self.skip if self.over is None else 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,12 +173,12 @@ def _with_found_starts(
     """The plan with what its fitted starts leave unscored; None where nothing is left."""
     estimated = estimated_states(plan.program)
     if estimated:
-        over = max(state.fit_over or 0 for state in estimated)
+        over = evaluations_that_decide(estimated)
         starts = PlannedStarts(plan.program, over, plan.skip)
         # starts become series: found beside the program, and read by it as any log
         program = with_read_starts(plan.program)
         plan = replace(plan, program=program, starts=starts)
-        if over > plan.skip:
+        if over is not None and over > plan.skip:
             plan = replace(plan, skip=over, skipped_by=f"the fit of `{estimated[0].name}` over")
     # of whole records the length is known only with the data
     if isinstance(plan.horizon, int) and plan.skip >= plan.horizon:

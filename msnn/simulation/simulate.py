@@ -8,7 +8,12 @@ from typing import overload
 
 import numpy as np
 
-from compiler.differentiation.estimated_starts import estimated_states, with_read_starts
+from compiler.differentiation.estimated_starts import (
+    estimated_states,
+    evaluations_that_decide,
+    start_signal,
+    with_read_starts,
+)
 from compiler.ir.liveness import extents, states_beside_the_log
 from compiler.ir.program import NodeId, Program, Role, Signal
 from compiler.passes.close_loop import close_loop
@@ -17,6 +22,7 @@ from msnn.data.reads import reads
 from msnn.data.starts import Runs, reach, rollouts
 from msnn.errors.data import rows as data_rows
 from msnn.errors.workflow import records_too_short, unknown_set
+from msnn.model.weights.kept_starts import KeptStarts
 from msnn.simulation.engines.engine import Engine, first_places
 from msnn.simulation.engines.open_rollouts import open_rollouts
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
@@ -67,6 +73,8 @@ class Simulation:
     places: StepPlaces
     bands: Mapping[str, FloatArray]
     """Half the width of the prediction interval of outputs, where intervals were asked for."""
+    starts: Mapping[str, FloatArray]
+    """Where the run starts, of every state whose start was found by least squares."""
 
     @property
     def steps(self) -> int:
@@ -140,13 +148,15 @@ def simulate(
     engine: Engine = "auto",
     progress: RolloutProgress = nobody,
     intervals: Intervals | None = None,
+    kept: KeptStarts | None = None,
 ) -> Simulations:
     """Free runs over all stretches of the data, each from its first possible row.
 
     `program` is in window form; what it closes is fed back, what it leaves open is read from the
     data. `horizon` ends every run after so many steps; `data_set` takes the stretches of one set
     only. `engine` is what runs, in float64 unless it is an export (`open_rollouts`). `intervals`
-    says how wide bands are. Raises SpecError where there is no such set, or all is too short.
+    says how wide bands are; `kept` where recordings of a training start. Raises SpecError where
+    there is no such set, all is too short, or the start of a run is a guess.
     """
     # targets of `predicts` need not be there: a simulation may run past the last of them
     unscored = replace(
@@ -165,8 +175,10 @@ def simulate(
         warnings += (data_rows.episodes_skipped(*skipped, "the simulation", files),)
     # before `horizon` cuts runs: a start is fitted over its first evaluations, however few are
     # asked for
-    program, series, uncertain = _started(program, data, stretches, runs, weights)
+    estimated = estimated_states(program)
+    program, series, uncertain = _started(program, data, stretches, runs, weights, kept)
     warnings += tuple(uncertain)
+    begun = {state.name: series[start_signal(state.name)][runs.t0] for state in estimated}
     if horizon is not None:
         runs = replace(runs, steps=np.minimum(runs.steps, horizon))
     spread = None if intervals is None else uncertain_program(program, intervals, weights or {})
@@ -193,8 +205,9 @@ def simulate(
             {out.name: outputs[out.name][first : first + steps] for out in program.outputs},
             {name: values[first : first + steps] for name, values in bands.items()},
             last,
+            {name: values[number] for name, values in begun.items()},
         )
-        for t0, steps, first, last in zip(*places, strict=True)
+        for number, (t0, steps, first, last) in enumerate(zip(*places, strict=True))
     )
     return Simulations(found, (*warnings, *opened.notes))
 
@@ -205,22 +218,22 @@ def _started(
     stretches: IntArray,
     runs: Runs,
     weights: Mapping[str, FloatArray] | None,
+    kept: KeptStarts | None,
 ) -> tuple[Program, Mapping[str, FloatArray], Sequence[Diagnostic]]:
     """The program and the series with where the runs start, and what is uncertain of that."""
     estimated = estimated_states(program)
     if not estimated:
         return program, data.series, ()
     far = reach(program)
-    # the end of the stretch that each run is in: it may be shorter than what its start is fitted
-    # over
+    # the end of the stretch that each run is in, wherever the run itself shall end
     stops = stretches[np.searchsorted(stretches[:, 0], runs.t0, side="right") - 1, 1]
     room = np.maximum(stops - far.ahead - runs.t0, 0)
-    over = max(state.fit_over or 0 for state in estimated)
-    first = replace(runs, steps=np.minimum(room, over))
-    fit = StartFit(program, over)
-    found = fit.find(data.series, first, weights)
+    fit = StartFit(program, evaluations_that_decide(estimated))
+    found = fit.find_or_take(data, replace(runs, steps=room), weights, kept=kept)
     series = {**data.series, **found.series(data.rows)}
     warnings = uncertain_starts(found, data, "the simulation")
+    if any(one.severity == "error" for one in warnings):
+        raise SpecError(warnings)
     # losses decided the starts; the run itself has none
     return with_read_starts(replace(program, losses=())), series, warnings
 
@@ -244,6 +257,7 @@ def _simulation(
     outputs: Mapping[str, FloatArray],
     bands: Mapping[str, FloatArray],
     unbroken: int,
+    starts: Mapping[str, FloatArray],
 ) -> Simulation:
     """One run; measured values are taken from the rows before `unbroken`."""
     t0, steps = rows.start, len(rows)
@@ -268,6 +282,7 @@ def _simulation(
         inputs={name: data.series[name][t0 : t0 + steps] for name in _read(program)},
         places=places,
         bands=bands,
+        starts=starts,
     )
 
 

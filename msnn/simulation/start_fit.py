@@ -21,17 +21,27 @@ from compiler.differentiation.estimated_starts import (
     with_moved_starts,
 )
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.program import Program
+from compiler.ir.ops import Broadcast, Constant
+from compiler.ir.program import Graph, NodeId, Program
 from compiler.ir.types import Type
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.errors.learning import fitted_starts as errors
-from msnn.simulation.gauss_newton import RunProducts, descended
+from msnn.model.weights.kept_starts import KeptStarts
+from msnn.simulation.gauss_newton import RunProducts, decided_directions, descended
 from msnn.simulation.rollout_plan import RolloutPlan
 from msnn.simulation.start_products import RunSums, StartProducts
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
 Series = Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class TakenStarts:
+    """The starts of runs that are known from a training."""
+
+    t0: IntArray
+    values: Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +55,30 @@ class FoundStarts:
     """Runs whose first evaluations do not decide the state: it stays where the search began."""
     unsettled: BoolArray
     """Runs that would move on after the last step."""
+    guessed: BoolArray
+    """Runs that start at 0 in a direction that later evaluations depend on."""
+    over: int | None
+    """The first evaluations that decide; None for all that are scored."""
     notes: tuple[Diagnostic, ...] = ()
     """What else is to be said of the search."""
+    taken: TakenStarts | None = None
+    """Runs that were not searched for."""
+
+    @classmethod
+    def of_none(
+        cls, over: int | None, values: Mapping[str, FloatArray], taken: TakenStarts | None
+    ) -> FoundStarts:
+        """Of no run, with the shapes of these values."""
+        none = np.zeros(0, np.bool_)
+        return cls(
+            t0=np.zeros(0, np.int64),
+            values={name: one[:0] for name, one in values.items()},
+            undecided={},
+            unsettled=none,
+            guessed=none,
+            over=over,
+            taken=taken,
+        )
 
     def series(self, rows: int) -> dict[str, FloatArray]:
         """The values in the rows t0, as programs with read starts take them."""
@@ -55,6 +87,8 @@ class FoundStarts:
             # only the rows t0 are ever read
             whole = np.zeros((rows, *values.shape[1:]))
             whole[self.t0] = values
+            if self.taken is not None:
+                whole[self.taken.t0] = self.taken.values[name]
             found[start_signal(name)] = whole
         return found
 
@@ -81,6 +115,7 @@ class StartFit:
         self._states = estimated_states(program)
         # start + offset with an offset of 0: slopes in the offset are those in the start
         self._moved = compared_squares(with_moved_starts(program))
+        self._begins_at_zero = {s.name: _is_zero(program.start, s.start) for s in self._states}
         self._sizes = [Type(state.axes).size for state in self._states]
         offsets = {start_signal(state.name): offset_parameter(state) for state in self._states}
         self._runs = StartProducts(self._moved, offsets, repeats=searches, native=native)
@@ -109,6 +144,7 @@ class StartFit:
 
         `rows` limits what decides to some rows of each loss.
         """
+        whole = runs
         if self._over is not None:
             # what comes after does not decide: it need not be run
             runs = replace(runs, steps=np.minimum(runs.steps, self._over))
@@ -139,7 +175,46 @@ class StartFit:
             for name, part in self._parts(found.undecided)
         }
         values = dict(self._parts(found.values))
-        return FoundStarts(runs.t0, values, lost, ~found.settled, self._runs.notes)
+        guessed = np.zeros(len(runs), np.bool_)
+        for name, part in self._parts(found.undecided):
+            if self._begins_at_zero[name]:
+                guessed |= part.reshape(len(runs), -1).any(axis=1)
+        if self._over is not None and guessed.any():
+            some = np.flatnonzero(guessed)
+            first, later = (
+                decided_directions(_weighted(each(one.take(some)), shares).curvature)
+                for one in (runs, whole)
+            )
+            guessed[some] = later > first
+        elif self._over is None:
+            guessed[:] = False
+        return FoundStarts(
+            t0=runs.t0,
+            values=values,
+            undecided=lost,
+            unsettled=~found.settled,
+            guessed=guessed,
+            over=self._over,
+            notes=self._runs.notes,
+        )
+
+    def find_or_take(
+        self,
+        data: Dataset,
+        runs: Runs,
+        weights: Series | None,
+        rows: Mapping[str, BoolArray] | None = None,
+        kept: KeptStarts | None = None,
+    ) -> FoundStarts:
+        """As `find`, of the runs that do not start as those of a training did, by `kept`."""
+        if kept is None or not kept.is_of({s.name: Type(s.axes).shape for s in self._states}):
+            return self.find(data.series, runs, weights, rows=rows)
+        known, values = kept.at(data, runs.t0)
+        taken = TakenStarts(runs.t0[known], {name: one[known] for name, one in values.items()})
+        others = runs.take(np.flatnonzero(~known))
+        if not len(others):
+            return FoundStarts.of_none(self._over, values, taken)
+        return replace(self.find(data.series, others, weights, rows=rows), taken=taken)
 
     def _parts(self, numbers: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
         """The numbers of each state out of rows of all of them."""
@@ -166,12 +241,21 @@ def _weighted(sums: Mapping[str, RunSums], shares: Mapping[str, float]) -> RunPr
     return sum(found[1:], found[0])
 
 
+def _is_zero(graph: Graph, place: NodeId) -> bool:
+    """Whether a value is the constant 0, as a search begins where the spec says nothing."""
+    node = graph[place]
+    if isinstance(node.op, Constant):
+        return not any(node.op.values)
+    return isinstance(node.op, Broadcast) and _is_zero(graph, node.args[0])
+
+
 def fit_of(plan: RolloutPlan, *, searches: int = 1, native: bool = True) -> StartFit | None:
     """The fit of a plan's starts, as of `StartFit`; None where it has none to find."""
     starts = plan.starts
     if starts is None:
         return None
-    return StartFit(starts.program, starts.over, searches=searches, native=native)
+    first = starts.first_to_decide
+    return StartFit(starts.program, starts.over, first, searches=searches, native=native)
 
 
 def with_starts(
@@ -181,24 +265,42 @@ def with_starts(
     weights: Series | None,
     wanted_by: str,
     findings: Findings,
-) -> Dataset:
-    """The data with where the runs of a plan start; what is uncertain goes to `findings`."""
+    *,
+    rows: Mapping[str, BoolArray] | None = None,
+    kept: KeptStarts | None = None,
+) -> tuple[RolloutPlan, Dataset]:
+    """The data with where the runs of a plan start; what is uncertain goes to `findings`.
+
+    Where all runs start as in the training, by `kept`, the plan leaves nothing out that was scored
+    there. `rows` are those that are scored, of each loss.
+    """
     fit = fit_of(plan)
-    if fit is None:
-        return data
-    found = fit.find(data.series, runs, weights)
+    if fit is None or plan.starts is None:
+        return plan, data
+    scored = rows if plan.starts.over is None else None
+    found = fit.find_or_take(data, runs, weights, scored, kept)
     findings.report(*uncertain_starts(found, data, wanted_by))
-    return replace(data, series={**data.series, **found.series(data.rows)})
+    if len(found.t0) == 0:
+        starts = replace(plan.starts, as_trained=True)
+        plan = replace(plan, starts=starts, skip=starts.skip)
+    return plan, replace(data, series={**data.series, **found.series(data.rows)})
 
 
 def uncertain_starts(found: FoundStarts, data: Dataset, wanted_by: str) -> list[Diagnostic]:
     """One warning of what nothing decides, one of what was not settled."""
     diagnostics = [*found.notes]
     lost = {name: one for name, one in found.undecided.items() if one.any()}
-    if lost:
+    if found.over is not None and found.guessed.any():
+        place = data.place(int(found.t0[np.argmax(found.guessed)]))
+        names = [name for name, one in lost.items() if (one & found.guessed).any()]
+        count = int(found.guessed.sum())
+        diagnostics.append(errors.guessed_start(names, wanted_by, place, count, found.over))
+    elif lost:
         some = np.any([*lost.values()], axis=0)
         place = data.place(int(found.t0[np.argmax(some)]))
-        diagnostics.append(errors.undecided_start([*lost], wanted_by, place, int(some.sum())))
+        diagnostics.append(
+            errors.undecided_start([*lost], wanted_by, place, int(some.sum()), found.over)
+        )
     if found.unsettled.any():
         place = data.place(int(found.t0[np.argmax(found.unsettled)]))
         count = int(found.unsettled.sum())

@@ -95,7 +95,13 @@ def train_folds(
         own = _options(replace(options, settings=one.settings), folder, number)
         found = train(one.program, data, stages, own, shown, weights)
         report = validate(
-            one.program, data, one.spec.checks, found.weights, on=HELD_OUT, stages=stages
+            one.program,
+            data,
+            one.spec.checks,
+            found.weights,
+            on=HELD_OUT,
+            stages=stages,
+            kept=found.starts,
         )
         folds.append(Fold(number, found, report))
         line = begun(one, data, fold=number, held_out=HELD_OUT)

@@ -85,7 +85,7 @@ class StageLoss(nn.Module):
             self._model.raw(parameter.name).requires_grad_(parameter.name in plan.trained)
         self._objective = self._opened()
         # its warnings are those of a training, which this is not
-        self._starts = stage_starts(plan, data, lambda _: None)
+        self._starts = stage_starts(plan, data, runs, lambda _: None)
         self._sums: LossSums = {}
 
     def _opened(self) -> KernelObjective | TorchObjective:

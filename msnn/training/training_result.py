@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from msnn.data.dataset import FloatArray
+from msnn.model.weights.kept_starts import KeptStarts
 from msnn.training.plans.stage_result import StageResult
 from msnn.training.records.learned.standard_errors import StandardErrors
 from spec_schema.diagnostics.diagnostic import Diagnostic, shown_whole
@@ -24,6 +25,8 @@ class TrainingResult:
     """Of the data, of the stages, and of what happened while they ran; each once."""
     standard_errors: StandardErrors | None = None
     """Of a run that is kept in a folder and came to its end."""
+    starts: KeptStarts | None = None
+    """Where the recordings of the training start, if what is scored decides that."""
 
 
 class TrainingDivergedError(Exception):

@@ -21,6 +21,7 @@ from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.plans.stage_result import StageResult
 from msnn.training.reached import Reached
 from msnn.training.records.checkpoint import Checkpoint
+from msnn.training.records.learned.information_of_stage import kept_starts
 from msnn.training.records.learned.parameter_warnings import parameter_warnings
 from msnn.training.records.learned.parameters_record import parameters_record
 from msnn.training.records.learned.standard_errors import standard_errors, without_errors
@@ -89,11 +90,12 @@ class TrainingRun:
                 self.safe.save(now, now.begin)
         for note in self.course.unmoved([plan for plan, _ in self.stages]):
             self.progress.warned(note)
+        last, rollouts = self.stages[-1]
+        kept = kept_starts(last, self.data, now.begin, self.progress.warned)
         # of several ranks all go on to the errors, though one alone has the folder
         if self.folder is None and self.options.ranks is None:
-            return self._result(now.begin, now)
+            return replace(self._result(now.begin, now), starts=kept)
         self._finish(now)
-        last, rollouts = self.stages[-1]
         spread = (
             with_bounds(
                 standard_errors(last, self.data, now.begin), last, self.data, rollouts, now.begin
@@ -102,7 +104,8 @@ class TrainingRun:
             else without_errors("not estimated in a comparison")
         )
         if self.folder is None:  # another rank writes the run
-            return self._result(now.begin, now)
+            return replace(self._result(now.begin, now), starts=kept)
+        self.folder.write_starts(kept)
         self.folder.write_parameters(parameters_record(self.program, now.begin, spread))
         self.folder.write_covariance(spread.covariance)
         said = parameter_warnings(self.program, now.begin, spread, self.options.black_boxes)
@@ -111,7 +114,7 @@ class TrainingRun:
         # a fold keeps its checkpoint until all folds are over
         if self.options.folder is None:
             self.folder.checkpoint.unlink(missing_ok=True)
-        return replace(self._result(now.begin, now), standard_errors=spread)
+        return replace(self._result(now.begin, now), standard_errors=spread, starts=kept)
 
     def _stage(
         self, plan: StagePlan, data: StageData, now: Checkpoint, stop_asked: threading.Event
@@ -176,7 +179,7 @@ class TrainingRun:
                 plan=opened.plan,
                 engine=engine,
                 data=data,
-                starts=stage_starts(opened.plan, self.data, self.progress.warned),
+                starts=stage_starts(opened.plan, self.data, data, self.progress.warned),
                 stop_asked=stop_asked.is_set,
                 epoch_ended=lambda event: self._epoch_ended(event, engine, plan),
                 between=keep,

@@ -53,8 +53,8 @@ class CheckPlan:
     @property
     def details(self) -> tuple[str, ...]:
         """The words of the entry about its measurement, beside horizon and closed signals."""
-        plan = self.rollout
-        skip = plan.skip if plan.starts is None else plan.starts.skip
+        plan, starts = self.rollout, self.rollout.starts
+        skip = plan.skip if starts is None else starts.skip
         stride = plan.stride if isinstance(plan.horizon, int) else plan.horizon
         told = (
             (self.against, f"against {self.against}"),
@@ -62,6 +62,8 @@ class CheckPlan:
             (plan.warm_up, f"warm_up {plan.warm_up}"),
             (skip > plan.warm_up, f"skip {skip}"),
             (plan.skip_rows, f"skip_rows {plan.skip_rows}"),
+            (starts and starts.as_trained, "starts as trained"),
+            (starts and starts.over is None and not starts.as_trained, "starts from all rows"),
         )
         return tuple(words for is_said, words in told if is_said)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from compiler.ir.liveness import Extent
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.data.starts import Runs
+from msnn.model.weights.kept_starts import KeptStarts
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
 from msnn.simulation.row_factors import check_classes, check_row_factors
 from msnn.simulation.start_fit import with_starts
@@ -66,20 +67,36 @@ def ready_check(
 
 
 def with_found_starts(
-    checks: Sequence[ReadyCheck], weights: Mapping[str, FloatArray] | None, findings: Findings
+    checks: Sequence[ReadyCheck],
+    weights: Mapping[str, FloatArray] | None,
+    findings: Findings,
+    kept: KeptStarts | None = None,
 ) -> list[ReadyCheck]:
     """The entries with data that say where their rollouts start, where that is to be found.
 
     Entries that are simulated alike share what is found; what is uncertain goes to `findings`.
+    `kept` says where recordings of the training start. Raises SpecError where a start is a guess.
     """
     found: list[ReadyCheck] = []
     for index, check in enumerate(checks):
         alike = next((i for i in range(index) if check.is_simulated_as(checks[i])), None)
         if alike is not None:
-            data = found[alike].data
+            data, rollout = found[alike].data, found[alike].plan.rollout
         else:
             wanted_by = f"the metric of `{check.plan.of}`"
             rollout = check.plan.rollout
-            data = with_starts(rollout, check.data, check.runs, weights, wanted_by, findings)
-        found.append(replace(check, data=data, series=data.series))
+            rows = counted_rows(rollout, check.data, check.name)
+            rollout, data = with_starts(
+                rollout,
+                check.data,
+                check.runs,
+                weights,
+                wanted_by,
+                findings,
+                rows=rows,
+                kept=kept,
+            )
+        plan = replace(check.plan, rollout=rollout)
+        found.append(replace(check, plan=plan, data=data, series=data.series))
+    findings.raise_errors()
     return found

@@ -12,6 +12,7 @@ from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.results.validation import extrapolates
 from msnn.model.learned_numbers import learned_numbers
 from msnn.model.weights.covariance_file import Covariance
+from msnn.model.weights.kept_starts import KeptStarts
 from msnn.simulation.engines.engine import Engine
 from msnn.simulation.engines.progress import Count, RolloutProgress, nobody
 from msnn.validation.covered import coverages, residual_variances
@@ -91,6 +92,7 @@ def validate(
     covariance: Covariance | None = None,
     judges_errors: bool = True,
     stages: Sequence[Stage] = (),
+    kept: KeptStarts | None = None,
 ) -> ValidationReport:
     """Measures every entry of the `validate` section in float64.
 
@@ -101,8 +103,9 @@ def validate(
     the interpreter. With the `covariance` of what was learned each measurement says how often
     targets lie inside prediction intervals. Without `judges_errors` nothing says what the errors
     correlate with, and no input that leaves the range of the training rows is warned of. `stages`
-    are those of training, of which `aic` counts the numbers that one of them moves. Raises
-    SpecError where an entry and data do not fit.
+    are those of training, of which `aic` counts the numbers that one of them moves. `kept`
+    says where recordings of the training start. Raises SpecError where an entry and data do not
+    fit.
     """
     findings = Findings()
     plans = plan_checks(program, checks, findings)
@@ -110,7 +113,7 @@ def validate(
     ready = [check for check in tried if check is not None]
     findings.raise_errors()
     # where rollouts start is part of the question: all engines get the same starts
-    ready = with_found_starts(ready, weights, findings)
+    ready = with_found_starts(ready, weights, findings, kept)
     banded = [] if covariance is None else _measured_apart(ready)
     steps = _steps(ready) + _steps(banded)
     count = Count(progress, steps)

@@ -6,13 +6,25 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import states as state_errors
-from spec_schema.expressions.tree import Expression
+from spec_schema.expressions.tree import Expression, Length
 from spec_schema.fields.entry import Entry, OneOf, findings_of, single_key
 from spec_schema.fields.formulas import ExpressionField, PredictionField
 from spec_schema.fields.located import Choice
-from spec_schema.fields.plain import NonNegativeNumber, References, Text, choice, located_choice
-from spec_schema.fields.quantities import PositiveLength, RangeField, UnitField
-from spec_schema.yaml_tree.nodes import Node, Table
+from spec_schema.fields.plain import (
+    NonNegativeNumber,
+    References,
+    Text,
+    choice,
+    located_choice,
+    reads,
+)
+from spec_schema.fields.quantities import (
+    POSITIVE_LENGTH,
+    RangeField,
+    UnitField,
+    read_positive_length,
+)
+from spec_schema.yaml_tree.nodes import Node, Scalar, Table
 
 InvalidPolicy: TypeAlias = Literal["clamp", "hold", "flag", "trust"]
 RangePolicy: TypeAlias = Literal["flag", "saturate", "reset"]
@@ -37,6 +49,20 @@ class Signal(Entry):
     doc: Text | None = None
 
 
+_OVER = {
+    **POSITIVE_LENGTH,
+    "pattern": f"{POSITIVE_LENGTH['pattern']}|^record$",
+    "examples": ["record"],
+}
+
+
+def _read_over(node: Node, findings: Findings) -> Length | Literal["record"]:
+    # the word first: a length would read `record` as an unknown unit
+    if isinstance(node, Scalar) and node.text == "record":
+        return "record"
+    return read_positive_length(node, findings)
+
+
 class FittedStart(Entry):
     """An initial value that the first `over` evaluations of each run decide, by least squares.
 
@@ -46,8 +72,8 @@ class FittedStart(Entry):
 
     noun: ClassVar[str] = "a fitted initial value"
 
-    over: PositiveLength
-    """First evaluations of each run that decide it; they are not scored."""
+    over: Annotated[Length | Literal["record"], reads(_read_over, _OVER)]
+    """First evaluations of each run that decide it and are not scored; `record`: all of the run."""
     begin: ExpressionField | None = Field(default=None, alias="from")
     """Where the search begins, from the log: `x.meas`; 0 by default."""
 

@@ -36,6 +36,7 @@ class Bench {
     this.button = document.getElementById('live-run');
     this.said = document.getElementById('live-status');
     this.sliders = LIVE.inputs.map((field) => this.slider_row(field));
+    this.begins = LIVE.start.map((field) => field.begins && this.start_row(field));
     this.button.addEventListener('click', () => this.toggle());
     document.getElementById('live-step').addEventListener('click', () => { this.stop(); this.steps(1); this.show(); });
     document.getElementById('live-reset').addEventListener('click', () => this.restart());
@@ -69,6 +70,37 @@ class Bench {
     return row;
   }
 
+  /** Sliders for the values of a state before the first step. */
+  start_row(field) {
+    const group = element('fieldset', {class: 'live-input'});
+    group.append(element('legend', {}, with_unit(`start of ${field.name}`, field.unit)));
+    const row = {values: Float64Array.from(field.begins), knobs: []};
+    field.elements.forEach((label, e) => {
+      const id = `live-start-${field.name}-${e}`.replace(/[^A-Za-z0-9_-]/g, '_');
+      const knob = element('input', {type: 'range', id, min: field.low, max: field.high, step: 'any'});
+      const shown = element('output', {for: id});
+      knob.addEventListener('input', () => { row.values[e] = Number(knob.value); shown.textContent = number(row.values[e], 4); });
+      knob.addEventListener('change', () => this.restart());
+      row.knobs.push({knob, shown});
+      group.append(element('div', {class: 'knob'}, element('label', {for: id}, label || 'value'), knob, shown));
+    });
+    document.getElementById('live-inputs').append(group);
+    return row;
+  }
+
+  /** Where a state starts: as the record shown does, else where its sliders are. */
+  begin(view, field, row) {
+    const known = this.record && this.record.starts;
+    field.names.forEach((name, e) => {
+      const value = known && known[name] !== undefined && known[name] !== null ? known[name] : row.values[e];
+      const {knob, shown} = row.knobs[e];
+      view[e] = value;
+      knob.value = value;
+      knob.disabled = this.record !== null;
+      shown.textContent = number(value, 4);
+    });
+  }
+
   get record() { return this.chooser.value === '' ? null : DATA.records[Number(this.chooser.value)]; }
 
   restart() {
@@ -78,8 +110,11 @@ class Bench {
     this.bits = 0;
     this.series = {inputs: LIVE.inputs.map((f) => f.elements.map(() => [])), outputs: LIVE.outputs.map((f) => f.elements.map(() => []))};
     const {calls} = this.model;
-    if (LIVE.start.length && LIVE.start.every((f) => f.signal)) {
-      LIVE.start.forEach((field, i) => this.fill(this.model.starts[i], field, 0));
+    if (LIVE.start.length && LIVE.start.every((f) => f.signal || f.begins)) {
+      LIVE.start.forEach((field, i) => {
+        if (field.begins) this.begin(this.model.starts[i], field, this.begins[i]);
+        else this.fill(this.model.starts[i], field, 0);
+      });
       this.bits |= calls.reset();
     } else calls.init();
     this.sliders.forEach((row) => {
@@ -173,7 +208,7 @@ class Bench {
       panels.push({label: with_unit(field.name, field.unit), height: 180, series});
     });
     LIVE.inputs.slice(0, 6).forEach((field, i) => {
-      const series = field.elements.slice(0, 4).map((label, e) => ({name: label ? `${field.name}${label}` : field.name, color: field.elements.length === 1 ? 'input' : COLORS[e % COLORS.length], unlisted: field.elements.length === 1, y: cut(this.series.inputs[i][e]), x}));
+      const series = field.elements.slice(0, 4).map((label, e) => ({name: label ? `${field.name}${label}` : field.name, color: field.elements.length === 1 ? 'input' : COLORS[e % COLORS.length], unlisted: field.elements.length === 1, held: field.held, y: cut(this.series.inputs[i][e]), x}));
       panels.push({label: with_unit(field.name, field.unit), height: 84, series});
     });
     const spec = {label: `Outputs and inputs of ${DATA.name} as it runs, ${count} steps so far`, xlabel: LIVE.sample_time ? 'time / s' : 'step', panels};

@@ -58,7 +58,7 @@ function record_spec(record) {
   for (const input of record.inputs) {
     const found = signal_of(record, input.signal);
     panels.push({label: with_unit(input.signal, input.unit), height: 92, lines: range_lines(input),
-      series: [{name: 'input', label: input.signal, color: 'input', y: found.values, x: spread(record, found.values, found.at, found.every)}]});
+      series: [{name: 'input', label: input.signal, color: 'input', held: input.held, y: found.values, x: spread(record, found.values, found.at, found.every)}]});
   }
   return {label: `Measured and simulated outputs, errors and inputs of ${record.name}`, xlabel: record.timed ? 'time / s' : 'row of the file', panels, note: record.note};
 }

@@ -360,7 +360,7 @@ class Chart {
         g.fill();
       }
     } else if (b - a > 3 * (box.right - box.left) && !series.unsorted) paint_thinned(g, series.y, a, b, box, y, at);
-    else paint_line(g, series.y, a, b, box, y, at, series.kind === 'dots');
+    else paint_line(g, series.y, a, b, box, y, at, series.kind === 'dots', series.held);
   }
 
   say() {
@@ -417,12 +417,14 @@ function fitting(g, text, room) {
 
 function line(g, x1, y1, x2, y2) { g.beginPath(); g.moveTo(x1, y1); g.lineTo(x2, y2); g.stroke(); }
 
-function paint_line(g, values, a, b, box, y, at, dashed) {
+/** From value to value; a held one stands until the next, as a model reads it. */
+function paint_line(g, values, a, b, box, y, at, dashed, held) {
   let open = false;
   g.beginPath();
   for (let i = a; i < b; i++) {
     if (!Number.isFinite(values[i])) { open = false; continue; }
     const x = box.x(at(i)), v = y(values[i]);
+    if (open && held) g.lineTo(x, y(values[i - 1]));
     if (open) g.lineTo(x, v);
     else if (Number.isFinite(values[i + 1])) g.moveTo(x, v);
     else dot(g, x, v);

@@ -68,6 +68,7 @@ def _run(record: Record, data: Dataset) -> Simulation:
             sets=(record.file.partition("_")[0],) * steps,
         ),
         bands={},
+        starts={},
     )
 
 

@@ -101,7 +101,7 @@ def simulate(
             data,
             # intervals want the covariance of the parameters, which stands in the file beside the
             # weights
-            chosen.weights if intervals is None else chosen.file,
+            chosen.given,
             horizon=steps,
             data_root=data_root,
             data_set=data_set,

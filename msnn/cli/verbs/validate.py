@@ -86,7 +86,7 @@ def validate(
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
     # as a file they say of which rows they were trained and how sure they are
-    known = chosen.weights if chosen.file is None else chosen.file
+    known = chosen.given
     every: EnginesReport | None = None
     with StepProgress(progress_stream()) as progress:
         if engine == EVERY_ENGINE:

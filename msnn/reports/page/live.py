@@ -14,6 +14,7 @@ import numpy as np
 
 from backends.c.host.build import CompilerFailedError
 from backends.c.host.struct_memory import NUMBERS, StructMemory
+from compiler.differentiation.estimated_starts import estimated_states
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.failures import MissingExtraError
@@ -23,8 +24,10 @@ from msnn.reports.drawn import MOST_ELEMENTS, element_name
 from msnn.reports.page.packing import Plain
 from msnn.reports.page.records import Ports
 from msnn.reports.page.web_assembly import web_assembly
+from msnn.simulation.simulate import Simulation
 from msnn.verification.exported_c import read_exported_c
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.units.unit import ONE
 
 _MOST_INPUTS = 40
 """Numbers that have sliders."""
@@ -51,9 +54,15 @@ class NotLive:
 
 
 def live_model(
-    model: Model, weights: Mapping[str, FloatArray], data: Dataset | None
+    model: Model,
+    weights: Mapping[str, FloatArray],
+    data: Dataset | None,
+    runs: Sequence[Simulation] = (),
 ) -> LiveModel | NotLive:
-    """The C that `msnn export --to c` writes, compiled to WebAssembly."""
+    """The C that `msnn export --to c` writes, compiled to WebAssembly.
+
+    States with a fitted start begin where one of these runs does.
+    """
     findings = Findings()
     plans = plan_exports(model, ("c",), findings, weights=weights)
     if findings.failed or not plans:
@@ -86,7 +95,10 @@ def live_model(
     outputs = _outputs(about, model.program)
     for port in inputs:
         port["fed_by"] = _fed_by(port, outputs)
+        port["held"] = port["signal"] not in linear_inputs(model)
     start = _ports(about, "init", "start_windows", data)
+    for port in start:
+        _describe_start(port, model.program, runs)
     values: Plain = {
         "wasm": base64.b64encode(module).decode("ascii"),
         "dtype": about["c"]["dtype"],
@@ -107,6 +119,11 @@ def live_model(
     return LiveModel(
         values=values, ports=_ports_read([*inputs, *start], outputs), memory=_memory(about["c"])
     )
+
+
+def linear_inputs(model: Model) -> frozenset[str]:
+    """The inputs that the model reads on straight lines between their samples."""
+    return frozenset(name for name, entry in model.spec.inputs.items() if entry.is_linear)
 
 
 def _ports(about: Plain, struct: str, kind: str, data: Dataset | None) -> list[Plain]:
@@ -140,7 +157,27 @@ def _port(field: Plain, offset: int, port: Plain | None, data: Dataset | None) -
         "high": high,
         "initial": initial,
         "fed_by": None,
+        "begins": None,
     }
+
+
+def _describe_start(port: Plain, program: Program, runs: Sequence[Simulation]) -> None:
+    """Gives a state with a fitted start a slider around the starts of the records."""
+    state = next((s for s in estimated_states(program) if s.name == port["name"]), None)
+    if state is None or port["signal"] is not None:
+        return
+    known = np.array([run.starts[state.name].ravel() for run in runs if state.name in run.starts])
+    known = known.reshape(len(known), port["size"])
+    low, high = state.range or (None, None)
+    if known.size:
+        # as far again as the records are apart; of one record as far as its value is from 0
+        room = float(np.ptp(known)) or float(np.abs(known).max()) or 1.0
+        low = float(known.min()) - room if low is None else low
+        high = float(known.max()) + room if high is None else high
+    port["unit"] = "" if state.unit is None or state.unit == ONE else state.unit.text
+    port["low"], port["high"] = -1.0 if low is None else low, 1.0 if high is None else high
+    first = known[0].tolist() if known.size else [0.0] * port["size"]
+    port["begins"] = [min(max(value, port["low"]), port["high"]) for value in first]
 
 
 def _unit(port: Plain | None) -> str:

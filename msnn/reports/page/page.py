@@ -25,7 +25,7 @@ from msnn.reports.page import tables
 from msnn.reports.page.charts import MOST_MEASUREMENTS, error_charts, training_charts
 from msnn.reports.page.equations import equations
 from msnn.reports.page.functions import function_charts
-from msnn.reports.page.live import LiveModel, NotLive
+from msnn.reports.page.live import LiveModel, NotLive, linear_inputs
 from msnn.reports.page.packing import Plain
 from msnn.reports.page.records import Ports, Records, records
 from msnn.reports.run_summary import Run
@@ -130,7 +130,8 @@ def _records(contents: Contents, live: LiveModel | None) -> Records:
     if contents.data is None:
         return Records([], [])
     ports = Ports(back=0, ahead=0, signals=frozenset()) if live is None else live.ports
-    return records(contents.model.program, contents.data, contents.simulations, ports)
+    linear = linear_inputs(contents.model)
+    return records(contents.model.program, contents.data, contents.simulations, ports, linear)
 
 
 def _undrawn(contents: Contents, measurements: int) -> Iterator[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from compiler.ir.program import Program, Role, Signal
 from compiler.ir.types import Type
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.reports.drawn import DrawnNumber, channels, output_channels, shown_first
+from msnn.reports.drawn import DrawnNumber, channels, element_name, output_channels, shown_first
 from msnn.reports.page.packing import Plain, finite, packed, rounding, series
 from msnn.simulation.simulate import Simulation
 from msnn.validation.statistics.metrics import Errors, score
@@ -45,11 +45,17 @@ class Ports:
     signals: frozenset[str]
 
 
-def records(program: Program, data: Dataset, runs: Sequence[Simulation], ports: Ports) -> Records:
+def records(
+    program: Program,
+    data: Dataset,
+    runs: Sequence[Simulation],
+    ports: Ports,
+    linear: frozenset[str] = frozenset(),
+) -> Records:
     """Every run, those of the test set first; as many as there is room for, in full first.
 
     `program` is the model's, in window form; an input that an output predicts is fed back, and not
-    drawn as one.
+    drawn as one. Inputs but the `linear` ones are held from sample to sample.
     """
     ordered = shown_first(runs)
     outputs = output_channels(program)
@@ -73,7 +79,7 @@ def records(program: Program, data: Dataset, runs: Sequence[Simulation], ports: 
                 break
             # two points a block
             block, rest = max(int(np.ceil(2 * run.steps / points)), 1), rest - points * lines
-        shown.append(_record(run, data, outputs, signals, drawn, ports, block))
+        shown.append(_record(run, data, outputs, signals, drawn, ports, block, linear))
     left_out = _left_out(len(runs) - len(shown), program)
     return Records(shown, left_out)
 
@@ -114,6 +120,7 @@ def _record(
     drawn: Sequence[str],
     ports: Ports,
     block: int,
+    linear: frozenset[str],
 ) -> Plain:
     # rows of the whole data, in which `series` has all records one behind the other
     t0 = run.record.start + run.first
@@ -143,6 +150,11 @@ def _record(
         "x": _places(run),
         "note": note,
         "signals": kept,
+        "starts": {
+            element_name(name, index): finite(float(value[index]))
+            for name, value in run.starts.items()
+            for index in np.ndindex(value.shape)
+        },
         "outputs": [_output(run, data, channel, block, t0) for channel in outputs],
         "inputs": [
             {
@@ -150,6 +162,8 @@ def _record(
                 "unit": channel.unit,
                 "low": finite(channel.low),
                 "high": finite(channel.high),
+                # neighbours of which the lowest and highest are kept are no samples that stand
+                "held": block <= 2 and channel.source not in linear,
             }
             for channel in signals
             if channel.name in drawn

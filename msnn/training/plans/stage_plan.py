@@ -99,6 +99,12 @@ class StagePlan:
         return self.rollout.starts is not None and self.optimizer.needs_squares
 
     @property
+    def fits_starts_to_all(self) -> bool:
+        """Whether what is scored decides where runs start: they minimise the total too."""
+        starts = self.rollout.starts
+        return starts is not None and (self.estimates_starts or starts.over is None)
+
+    @property
     def train_skip(self) -> int:
         """Evaluations that training leaves unscored: none for starts that it estimates itself."""
         starts = self.rollout.starts

@@ -26,6 +26,7 @@ from msnn.model.saved_run import (
 )
 from msnn.model.spec_hash import SubmodelFile
 from msnn.model.weights.covariance_file import COVARIANCE, Covariance, write_covariance
+from msnn.model.weights.kept_starts import STARTS, KeptStarts, write_starts
 from msnn.model.weights.weights_file import write_weights
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.bits_record import as_it_ran
@@ -116,6 +117,13 @@ class RunFolder:
             (self.path / COVARIANCE).unlink(missing_ok=True)
         else:
             write_covariance(self.path / COVARIANCE, found)
+
+    def write_starts(self, found: KeptStarts | None) -> None:
+        """Writes where the recordings of the training start; none of other weights stays."""
+        if found is None:
+            (self.path / STARTS).unlink(missing_ok=True)
+        else:
+            write_starts(self.path / STARTS, found)
 
     def write_description(
         self, record: Mapping[str, Any], spec_text: str | None, parts: Sequence[SubmodelFile] = ()

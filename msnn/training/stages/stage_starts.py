@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.dataset import BoolArray, Dataset, FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.start_fit import FoundStarts, StartFit, fit_of, uncertain_starts
+from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
-from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 Weights = Mapping[str, FloatArray]
 
@@ -24,20 +25,22 @@ class StageStarts:
         plan: StagePlan,
         fit: StartFit,
         data: Dataset,
+        rows: StageData,
         warned: Callable[[Diagnostic], None],
     ) -> None:
         self._plan, self._fit, self._data, self._warned = plan, fit, data, warned
+        self._rows, self._begun = rows, False
         self.found: FoundStarts | None = None
         """Of the runs that are trained on."""
 
     def for_training(self, runs: Runs, weights: Weights) -> dict[str, FloatArray]:
         """The series by which runs to train on start, at these weights."""
-        self.found = self._find(runs, weights)
+        self.found = self._find(runs, weights, self._rows.train_rows)
         return self.series()
 
     def for_watching(self, runs: Runs, weights: Weights) -> dict[str, FloatArray]:
         """The series by which runs that are watched start, at these weights."""
-        return self._find(runs, weights).series(self._data.rows)
+        return self._find(runs, weights, self._rows.watched_rows).series(self._data.rows)
 
     def series(self) -> dict[str, FloatArray]:
         """The series of what was found for training."""
@@ -46,7 +49,11 @@ class StageStarts:
 
     def kept(self, runs: Runs, values: Weights) -> dict[str, FloatArray]:
         """The series of what was found for these runs before a training was interrupted."""
-        self.found = FoundStarts(runs.t0, values, {}, np.zeros(0, np.bool_))
+        none = np.zeros(0, np.bool_)
+        over = self._plan.rollout.starts.over if self._plan.rollout.starts is not None else None
+        self.found = FoundStarts(
+            t0=runs.t0, values=values, undecided={}, unsettled=none, guessed=none, over=over
+        )
         return self.series()
 
     def values(self) -> Weights:
@@ -69,15 +76,25 @@ class StageStarts:
             else replace(self._data, series={**series, **self.series()})
         )
 
-    def _find(self, runs: Runs, weights: Weights) -> FoundStarts:
-        return self._fit.find(self._data.series, runs, weights, self._plan.loss_weights)
+    def _find(
+        self, runs: Runs, weights: Weights, rows: Mapping[str, BoolArray] | None
+    ) -> FoundStarts:
+        # the first evaluations decide whatever set their rows belong to
+        starts = self._plan.rollout.starts
+        scored = rows if starts is not None and starts.over is None else None
+        found = self._fit.find(self._data.series, runs, weights, self._plan.loss_weights, scored)
+        # before the first epoch: what is trained from a guess is worth nothing
+        if not self._begun and not self._plan.estimates_starts and found.guessed.any():
+            raise SpecError(uncertain_starts(found, self._data, f"stage `{self._plan.name}`"))
+        self._begun = True
+        return found
 
 
 def stage_starts(
-    plan: StagePlan, data: Dataset, warned: Callable[[Diagnostic], None]
+    plan: StagePlan, data: Dataset, rows: StageData, warned: Callable[[Diagnostic], None]
 ) -> StageStarts | None:
     """None where every state says itself where it starts."""
     # kernels fuse operations where a processor can: their bits are not those of other machines
     native = plan.engine != "torch" and not plan.reproducible
     fit = fit_of(plan.rollout, searches=plan.epochs, native=native)
-    return None if fit is None else StageStarts(plan, fit, data, warned)
+    return None if fit is None else StageStarts(plan, fit, data, rows, warned)

@@ -29,7 +29,7 @@ def losses(
     findings.raise_errors()
     assert found is not None
     engine = open_engine(plans[0], data.series, weights, found).engine
-    starts = stage_starts(plans[0], data, lambda _: None)
+    starts = stage_starts(plans[0], data, found, lambda _: None)
     if starts is not None:
         engine.write(starts.for_watching(found.watched, engine.weights()), watched=True)
         engine.write(starts.for_training(found.train, engine.weights()), watched=False)

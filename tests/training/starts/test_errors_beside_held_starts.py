@@ -29,7 +29,7 @@ def learned(
 ) -> tuple[FloatArray, StandardErrors]:
     """k and d, and their errors."""
     # a kernel gets to the minimum sooner than torch, which has to take a step there
-    stages = f"  - {{name: there, epochs: 60, {stage}, engine: native}}\n"
+    stages = f"  - {{name: there, epochs: 40, {stage}, engine: native}}\n"
     stages += f"  - {{name: stays, epochs: 1, {stage}, engine: {engine}}}\n"
     program, spec = compiled(f"{MODEL}train:\n{stages}")
     data = dataset(series, train=[rows] * (len(series["q"]) // rows))
@@ -95,7 +95,7 @@ def test_errors_count_the_noise_that_starts_carry(stride: int, engine: str) -> N
     records_of, rows = (2, ROWS) if stride == ROWS else (1, 80)
     series = records(records_of, rows, seed=6, noise=1e-5)
     rollout = f"rollout: {{horizon: {ROWS}, stride: {stride}}}"
-    stage = f"{rollout}, optimizer: {{levenberg_marquardt: {{tolerance: 1e-14}}}}"
+    stage = f"{rollout}, dtype: float64, optimizer: {{lbfgs: {{iterations: 20}}}}"
     numbers, found = learned(series, stage, engine, rows)
     u, q = series["u"], series["q"]
     begins = range(0, len(q) - ROWS + 1, stride)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from compiler.differentiation.estimated_starts import evaluations_that_decide
 from compiler.program_file.file import program_from_json, program_to_json
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
@@ -165,6 +166,11 @@ def test_a_program_file_keeps_what_decides_a_start() -> None:
     program, _ = compiled(FITTED)
     again = program_from_json(program_to_json(program), "a file")
     assert [state.fit_over for state in again.states] == [OVER, OVER]
+    whole, _ = compiled(FITTED.replace("over: 40", "over: record"))
+    again = program_from_json(program_to_json(whole), "a file")
+    assert [evaluations_that_decide([state]) for state in again.states] == [OVER, None]
+    # states are found together: the longest counts
+    assert evaluations_that_decide(again.states) is None
 
 
 # ---- training

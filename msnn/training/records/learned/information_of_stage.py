@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +10,11 @@ import numpy as np
 from backends.files.c_compiler import CompilerMissingError
 from backends.gauss_newton_products import Products
 from msnn.data.dataset import BoolArray, Dataset, FloatArray
+from msnn.data.reads import reads
 from msnn.data.starts import Runs
-from msnn.simulation.rollout_plan import set_rollouts
-from msnn.simulation.start_fit import StartFit
+from msnn.model.weights.kept_starts import KeptStarts
+from msnn.simulation.rollout_plan import counted_rows, set_rollouts
+from msnn.simulation.start_fit import FoundStarts, StartFit, uncertain_starts
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_slopes import NativeSlopes
 from msnn.training.engines.second_order.joint_starts import JointStarts, without_starts
@@ -48,11 +50,8 @@ def information_of(
         squares, notes = _squares(plan, data, rows, runs, weights)
         products = squares.products(runs, weights)
         return _symmetric(plan, products, {}), products, notes
-    joint = plan.estimates_starts
-    over, skip = (None, starts.skip) if joint else (starts.over, 0)
-    fit = StartFit(starts.program, over, skip, native=plan.engine != "torch")
-    found = fit.find(data.series, runs, weights, plan.loss_weights, rows if joint else None)
-    series = found.series(data.rows)
+    joint = plan.fits_starts_to_all
+    series = starts_at_the_end(plan, data, rows, runs, weights).series(data.rows)
     unknown = JointStarts(plan, data.series)
     moved = unknown.moved(weights)
     squares, notes = _squares(unknown.plan, data, rows, runs, moved)
@@ -67,11 +66,73 @@ def information_of(
         return of_overlapping_runs(plan, data, rows, overlapping, weights), products, notes
     # what decides a start comes first in its run: the samples that scoring skips count here
     whole = replace(unknown.plan, rollout=replace(unknown.plan.rollout, skip=0))
+    assert starts.over is not None, "what is scored decides else"
     deciding = replace(runs, steps=np.minimum(runs.steps, starts.over))
     squares, _ = _squares(whole, data, None, deciding, moved)
     squares.write(series, watched=False)
     first = unknown.of_each(squares, deciding, weights)
     return HeldStarts.of_runs(products, shares, first, plan.loss_weights), products, notes
+
+
+def starts_at_the_end(
+    plan: StagePlan,
+    data: Dataset,
+    rows: Mapping[str, BoolArray] | None,
+    runs: Runs,
+    weights: Mapping[str, FloatArray],
+) -> FoundStarts:
+    """Where runs of a stage start at these weights, by what decides it in training."""
+    starts = plan.rollout.starts
+    assert starts is not None, "the stage fits starts"
+    every = plan.fits_starts_to_all
+    over, skip = (None, starts.skip) if every else (starts.over, 0)
+    fit = StartFit(starts.program, over, skip, native=plan.engine != "torch")
+    return fit.find(data.series, runs, weights, plan.loss_weights, rows if every else None)
+
+
+def kept_starts(
+    plan: StagePlan,
+    data: Dataset,
+    weights: Mapping[str, FloatArray],
+    warned: Callable[[Diagnostic], None],
+) -> KeptStarts | None:
+    """Where the recordings of a stage start; None where others find that by the same rule.
+
+    Of rollouts that overlap those a horizon apart.
+    """
+    starts = plan.rollout.starts
+    if starts is None or not plan.fits_starts_to_all:
+        return None
+    wanted_by = f"stage `{plan.name}`"
+    runs = set_rollouts(plan.rollout, data, TRAIN, None, wanted_by, plan.span, Findings())
+    if runs is None:
+        return None
+    rows = counted_rows(plan.rollout, data, TRAIN)
+    # runs through whole records are runs through those of other sets too
+    runs = runs.take(np.flatnonzero(_score_some(runs, rows)))
+    found = starts_at_the_end(plan, data, rows, runs, weights)
+    for warning in uncertain_starts(found, data, wanted_by):
+        warned(warning)
+    program = starts.program
+    wanted = [state.next for state in program.states]
+    wanted += [node for loss in program.losses for node in loss.nodes]
+    signals = {
+        *reads(program.step, wanted),
+        *reads(program.start, [s.start for s in program.states]),
+    }
+    decided = ~np.any([*found.undecided.values()], axis=0)
+    if not decided.any():
+        return None
+    values = {name: value[decided] for name, value in found.values.items()}
+    return KeptStarts.of(data, signals, found.t0[decided], values, weights)
+
+
+def _score_some(runs: Runs, rows: Mapping[str, BoolArray] | None) -> BoolArray:
+    """Which runs have a row that counts."""
+    if rows is None:
+        return np.ones(len(runs), np.bool_)
+    before = np.concatenate([[0], np.cumsum(np.any([*rows.values()], axis=0))])
+    return before[runs.t0 + runs.steps] > before[runs.t0]
 
 
 def _overlapping_runs(plan: StagePlan, data: Dataset) -> Runs | None:

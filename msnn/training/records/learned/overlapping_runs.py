@@ -156,6 +156,7 @@ class _Runs:
     ) -> _Runs:
         starts = plan.rollout.starts
         assert starts is not None
+        assert starts.over is not None, "later rows are scored"
         found = StartFit(starts.program, starts.over).find(
             data.series, runs, weights, plan.loss_weights
         )
