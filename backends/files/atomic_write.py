@@ -99,7 +99,7 @@ def _stream(path: Path) -> BinaryIO:
 
 
 def _require_readable(path: Path) -> None:
-    """Raises OSError for a file or folder that its owner may not read: nobody sees that until it is used."""
+    """Raises OSError for a file or folder that its owner may not read: it would show much later."""
     if path.exists() and not path.stat().st_mode & S_IRUSR:
         reason = "the umask would leave a file that its owner cannot read: set another, as 022"
         raise OSError(errno.EACCES, reason, str(path))

@@ -207,7 +207,7 @@ def test_a_file_that_its_owner_could_not_read_is_refused(tmp_path: Path, mask: i
             write_text(tmp_path / "old", "new")
         assert caught.value.filename == str(tmp_path / "old")
         with (
-            pytest.raises(OSError, match="umask|denied"),
+            pytest.raises(OSError, match=r"umask|denied"),
             replacing_files(tmp_path / "folder") as temporary,
         ):
             (temporary / "a").write_text("a")
