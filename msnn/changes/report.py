@@ -9,6 +9,7 @@ from typing import Any
 
 from msnn.changes.metric_changes import MetricChange
 from msnn.changes.model_changes import FailOn, ModelChanges
+from msnn.errors.data.lists import listed
 from msnn.errors.results.changes import breaking_change, worse_metric
 from msnn.reports.compare_specs import SpecDifference
 from msnn.tables import Table, count
@@ -70,7 +71,8 @@ def failures(found: ModelChanges, on: Collection[FailOn], margin: float) -> list
 
 def verdict(found: ModelChanges, margin: float) -> str:
     """`the models differ; 1 change of the interface breaks those who use it`, of runs metrics."""
-    parts = [_SAID[found.specs.kind]]
+    sections = listed([f"`{name}`" for name in found.specs.workflow])
+    parts = [_SAID[found.specs.kind].format(sections=sections)]
     if breaking := len(found.breaking):
         verb = "breaks" if breaking == 1 else "break"
         parts.append(f"{count(breaking, 'change')} of the interface {verb} those who use it")
@@ -85,7 +87,7 @@ _SAID = {
     "same": "the same",
     "text": "the same model: only its text differs, such as comments or layout",
     "renamed": "only renamed: all formulas and settings are the same",
-    "workflow": "the same model: how it is trained, validated or exported differs",
+    "workflow": "the same model: its workflow differs in {sections}",
     "model": "the models differ",
 }
 
