@@ -14,6 +14,7 @@ from msnn.errors.results.changes import breaking_change, worse_metric
 from msnn.reports.compare_specs import SpecDifference
 from msnn.tables import Table, count
 from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.printable import printable, printable_json
 
 
 def changes_text(found: ModelChanges, margin: float) -> str:
@@ -97,7 +98,7 @@ def _specs_text(found: SpecDifference) -> str:
         return "\n".join(f"{old} → {new}" for old, new in (found.renames or {}).items())
     lines: list[str] = []
     for change in found.changes:
-        lines.append(change.path)
+        lines.append(printable(change.path))
         lines += [] if change.old is None else [f"  - {_shown(change.old)}"]
         lines += [] if change.new is None else [f"  + {_shown(change.new)}"]
     return "\n".join(lines)
@@ -140,7 +141,9 @@ def _number(value: float | None) -> str:
 
 
 def _shown(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    # quoted where it has more than one line: a doc would begin lines of the log
+    is_plain = isinstance(value, str) and value == printable(value)
+    return value if is_plain else printable_json(json.dumps(value, ensure_ascii=False))
 
 
 def _without_span(record: dict[str, Any]) -> dict[str, Any]:
