@@ -5,6 +5,8 @@ import re
 import unicodedata
 
 NAME_PATTERN = "[A-Za-zͰ-Ͽ][A-Za-z0-9_Ͱ-Ͽ]*"
+LONGEST_NAME = 100
+"""Characters: names become names of files, which systems limit to 255 bytes."""
 _NAME = re.compile(NAME_PATTERN)
 _TAKEN = {
     "t": "it is the index of time",
@@ -24,7 +26,11 @@ def is_name(name: str) -> bool:
 
     `x²` does not, although NFKC makes `x2` of it: nobody means that.
     """
-    return name.isidentifier() and _NAME.fullmatch(normalised(name)) is not None
+    return (
+        len(name) <= LONGEST_NAME
+        and name.isidentifier()
+        and _NAME.fullmatch(normalised(name)) is not None
+    )
 
 
 def similar_name(text: str) -> str | None:

@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from stat import S_ISLNK, S_ISREG
+from stat import S_IRUSR, S_ISLNK, S_ISREG
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
 
@@ -69,6 +69,7 @@ def replacing(path: Path, *, takes_streams: bool = True) -> Generator[Path]:
     try:
         with naming(path, temporary):
             yield temporary
+            _require_readable(temporary)
             temporary.replace(path)
     finally:
         with suppress(OSError):  # what cannot be made cannot be removed; the first error counts
@@ -95,6 +96,13 @@ def _stream(path: Path) -> BinaryIO:
     # what was opened itself: opened again it would begin at its start, where later lines go too
     number = opened["number"] or (1 if path.name == "stdout" else 2)
     return os.fdopen(os.dup(int(number)), "wb")
+
+
+def _require_readable(path: Path) -> None:
+    """Raises OSError for a file or folder that its owner may not read: it would show much later."""
+    if path.exists() and not path.stat().st_mode & S_IRUSR:
+        reason = "the umask would leave a file that its owner cannot read: set another, as 022"
+        raise OSError(errno.EACCES, reason, str(path))
 
 
 @contextmanager
@@ -151,8 +159,10 @@ def sync(path: Path) -> None:
 
 def _appear(temporary: Path, folder: Path) -> None:
     """Gives finished files their place."""
+    _require_readable(temporary)
     files = sorted(path for path in temporary.rglob("*") if not path.is_dir())
     for path in files:
+        _require_readable(path)
         sync(path)
     if not folder.exists():
         try:

@@ -9,10 +9,12 @@ from typing import Any
 
 from msnn.changes.metric_changes import MetricChange
 from msnn.changes.model_changes import FailOn, ModelChanges
+from msnn.errors.data.lists import listed
 from msnn.errors.results.changes import breaking_change, worse_metric
 from msnn.reports.compare_specs import SpecDifference
 from msnn.tables import Table, count
 from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.printable import printable, printable_json
 
 
 def changes_text(found: ModelChanges, margin: float) -> str:
@@ -70,7 +72,8 @@ def failures(found: ModelChanges, on: Collection[FailOn], margin: float) -> list
 
 def verdict(found: ModelChanges, margin: float) -> str:
     """`the models differ; 1 change of the interface breaks those who use it`, of runs metrics."""
-    parts = [_SAID[found.specs.kind]]
+    sections = listed([f"`{name}`" for name in found.specs.workflow])
+    parts = [_SAID[found.specs.kind].format(sections=sections)]
     if breaking := len(found.breaking):
         verb = "breaks" if breaking == 1 else "break"
         parts.append(f"{count(breaking, 'change')} of the interface {verb} those who use it")
@@ -85,7 +88,7 @@ _SAID = {
     "same": "the same",
     "text": "the same model: only its text differs, such as comments or layout",
     "renamed": "only renamed: all formulas and settings are the same",
-    "workflow": "the same model: how it is trained, validated or exported differs",
+    "workflow": "the same model: its workflow differs in {sections}",
     "model": "the models differ",
 }
 
@@ -95,7 +98,7 @@ def _specs_text(found: SpecDifference) -> str:
         return "\n".join(f"{old} → {new}" for old, new in (found.renames or {}).items())
     lines: list[str] = []
     for change in found.changes:
-        lines.append(change.path)
+        lines.append(printable(change.path))
         lines += [] if change.old is None else [f"  - {_shown(change.old)}"]
         lines += [] if change.new is None else [f"  + {_shown(change.new)}"]
     return "\n".join(lines)
@@ -138,7 +141,9 @@ def _number(value: float | None) -> str:
 
 
 def _shown(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    # quoted where it has more than one line: a doc would begin lines of the log
+    is_plain = isinstance(value, str) and value == printable(value)
+    return value if is_plain else printable_json(json.dumps(value, ensure_ascii=False))
 
 
 def _without_span(record: dict[str, Any]) -> dict[str, Any]:

@@ -175,8 +175,10 @@ def _tell_of_bug(error: Exception) -> None:
     if NOW.is_verbose:
         traceback.print_exception(error)
         return
+    from spec_schema.diagnostics.printable import printable
+
     print(
-        f"msnn met a mistake of its own ({type(error).__name__}: {error}); "
+        f"msnn met a mistake of its own ({type(error).__name__}: {printable(str(error))}); "
         "`--verbose` shows where, please report it",
         file=sys.stderr,
     )

@@ -15,6 +15,7 @@ from msnn.cli.manners import NOW, refuse_to_overwrite
 from msnn.errors.failures import ReaderGoneError
 from msnn.terminals import is_live
 from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.diagnostics.printable import printable, printable_json
 from spec_schema.diagnostics.render import render
 from spec_schema.diagnostics.source import SourceText
 
@@ -56,13 +57,14 @@ def json_result(command: str, content: dict[str, Any]) -> None:
 def json_text(command: str, content: dict[str, Any]) -> str:
     """A result as JSON with its version; NaN and infinity are null, as JSON has neither."""
     record = {"version": JSON_VERSION, "command": command, **content}
-    return json.dumps(plain(record), ensure_ascii=False, indent=2, allow_nan=False)
+    text = json.dumps(plain(record), ensure_ascii=False, indent=2, allow_nan=False)
+    return printable_json(text)
 
 
 def note(text: str) -> None:
-    """Log and hints."""
+    """Log and hints, one line."""
     if not NOW.is_quiet:
-        _say(text, sys.stderr)
+        _say(printable(text), sys.stderr)
 
 
 def progress_stream() -> TextIO:

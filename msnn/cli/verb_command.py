@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from typer import BadParameter
 from typer.core import TyperCommand, TyperGroup
+
+from spec_schema.diagnostics.printable import printable
+
+# typer has it by no name of its own
+_UsageError: Any = BadParameter.__bases__[0]
 
 
 class VerbGroup(TyperGroup):
@@ -18,6 +24,14 @@ class VerbGroup(TyperGroup):
         if first.startswith("-") and first not in own and verb and not ctx.resilient_parsing:
             ctx.fail(f"`{first}` stands before its verb; write `{ctx.command_path} {verb} {first}`")
         return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        """As typer does it; what a message quotes of the command line begins no line."""
+        try:
+            return super().invoke(ctx)
+        except _UsageError as error:
+            error.message = printable(error.message)
+            raise
 
 
 class VerbCommand(TyperCommand):

@@ -6,6 +6,7 @@ import time
 from typing import TextIO
 
 from msnn.comparison.trial import Trial, TrialOutcome
+from spec_schema.diagnostics.printable import printable
 
 
 class TrialLines:
@@ -28,7 +29,7 @@ class TrialLines:
     def ended(self, trial: Trial, outcome: TrialOutcome) -> None:
         self._ended += 1
         line = outcome.line
-        which = trial.variant.label
+        which = printable(trial.variant.label)
         which += f", seed {trial.seed}" if trial.seed else ""
         which += f", fold {trial.fold}" if trial.fold is not None else ""
         left = self._left(outcome)

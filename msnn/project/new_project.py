@@ -14,7 +14,7 @@ from msnn.project.from_data.new_spec import NewSpec, spec_from_data
 from msnn.project.sample_data import sample_records
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.json_schema import json_schema_text
-from spec_schema.names import is_name, why_reserved
+from spec_schema.names import LONGEST_NAME, is_name, why_reserved
 
 SCHEMA_FILE = "msnn.schema.json"
 _IGNORED = "build/\nruns/\n"
@@ -48,7 +48,8 @@ def new_project_from(folder: Path, data: Path, predict: str | None) -> tuple[Pat
 def _name_of(folder: Path) -> str:
     """The name of the model; SpecError where it is none, or something is there already."""
     name = folder.name
-    reason = "it is not a word of letters and digits" if not is_name(name) else why_reserved(name)
+    wrong = f"it is not a word of at most {LONGEST_NAME} letters and digits"
+    reason = wrong if not is_name(name) else why_reserved(name)
     if reason is not None:
         raise SpecError([unusable_name(name or str(folder), reason)])
     if folder.exists():

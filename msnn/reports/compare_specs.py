@@ -11,12 +11,12 @@ from compiler.ir.program import Program
 from compiler.linking.link import MODEL_SECTIONS
 from msnn.model.model import Model
 from spec_schema.editors.spec_data import spec_data
+from spec_schema.reading.settings import WORKFLOW
 
 Kind = Literal["same", "text", "renamed", "workflow", "model"]
 
 # Sections whose entries have names that expressions use.
 _NAMED = ("dims", *MODEL_SECTIONS, "losses")
-_WORKFLOW = {"data", "train", "validate", "export"}
 _DOC = "doc"
 
 
@@ -35,12 +35,18 @@ class SpecDifference:
 
     `same`: not a character that matters. `text`: comments, layout, docs, or another way to write
     the same program. `renamed`: one name for another, `renames` says which. `workflow`: only how it
-    is trained, validated or exported. `model`: another model.
+    is trained, validated, exported, controlled or estimated. `model`: another model.
     """
 
     kind: Kind
     changes: tuple[ChangedValue, ...] = ()
     renames: Mapping[str, str] | None = None
+
+    @property
+    def workflow(self) -> tuple[str, ...]:
+        """The sections of the workflow that say something else now."""
+        touched = {change.path.partition(".")[0] for change in self.changes if not _is_doc(change)}
+        return tuple(section for section in WORKFLOW if section in touched)
 
     @property
     def is_same(self) -> bool:
@@ -63,8 +69,8 @@ def compare_specs(old: Model, new: Model) -> SpecDifference:
         return SpecDifference("renamed", changes, renames)
     if _meaning(old.program) == _meaning(new.program):
         # a changed model section with the same program is another way to write it
-        touched = {change.path.partition(".")[0] for change in changes if not _is_doc(change)}
-        return SpecDifference("workflow" if touched & _WORKFLOW else "text", changes)
+        found = SpecDifference("workflow", changes)
+        return found if found.workflow else replace(found, kind="text")
     return SpecDifference("model", changes)
 
 

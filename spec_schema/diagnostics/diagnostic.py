@@ -135,7 +135,7 @@ def describe(diagnostic: Diagnostic) -> str:
     """One line: `file:line:column: error[E0301]: message`, as compilers print it."""
     span = diagnostic.span
     place = f"{span.file}:{span.line}:{span.column}: " if span else ""
-    return f"{place}{diagnostic.severity}[{diagnostic.code}]: {diagnostic.message}"
+    return printable(f"{place}{diagnostic.severity}[{diagnostic.code}]: {diagnostic.message}")
 
 
 class Findings:

@@ -1,22 +1,39 @@
-"""Keeps what stands in files from steering a terminal: control characters are shown as `�`."""
+"""Keeps names and texts of files from steering a terminal or the log of a pipeline.
+
+A line feed in the name of a file would begin a line of the log, which CI may take for a command; a
+control character moves the cursor, and a mark of direction shows a text in another order than it
+has. Each is shown as `�`; in JSON it is escaped.
+"""
 
 from dataclasses import replace
 
 from spec_schema.diagnostics.source import SourceText, Span
 
-# C0 without tab, line feed and carriage return, which are layout; DEL; C1
-_CODES = [code for code in range(0xA0) if code < 0x20 or code >= 0x7F]
-_SHOWN = {code: "�" for code in _CODES if chr(code) not in "\t\n\r"}
+# C0, DEL and C1; the ends of lines and paragraphs; marks of direction
+_CODES = (
+    *range(0x20),
+    *range(0x7F, 0xA0),
+    *(0x2028, 0x2029),
+    *(0x061C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)),
+)
+_IN_A_LINE = dict.fromkeys(_CODES, "�")
+_IN_A_TEXT = {code: "�" for code in _CODES if chr(code) not in "\t\n\r"}
+_IN_JSON = {code: f"\\u{code:04x}" for code in _CODES if code >= 0x20}
 
 
 def printable(text: str) -> str:
-    """The text with one sign for each control character, so that columns stay what they are."""
-    return text.translate(_SHOWN)
+    """A part of a line with one sign for each control character, so that columns stay."""
+    return text.translate(_IN_A_LINE)
+
+
+def printable_json(text: str) -> str:
+    """JSON whose strings have no control character that JSON itself leaves as it is."""
+    return text.translate(_IN_JSON)
 
 
 def printable_source(source: SourceText) -> SourceText:
-    """A file's name and text as they may be printed."""
-    return SourceText(printable(source.path), printable(source.text))
+    """A file's name and text as they may be printed; tabs and ends of lines are its layout."""
+    return SourceText(printable(source.path), source.text.translate(_IN_A_TEXT))
 
 
 def printable_span(span: Span) -> Span:

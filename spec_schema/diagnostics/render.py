@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Literal, TypeAlias, assert_never
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, describe
+from spec_schema.diagnostics.printable import printable_json
 from spec_schema.diagnostics.render_full import in_full
 from spec_schema.diagnostics.source import SourceText, Span
 
@@ -32,12 +33,13 @@ def render(
             return "\n".join(describe(diagnostic) for diagnostic in diagnostics)
         case "json":
             record = {"version": JSON_VERSION, "diagnostics": records(diagnostics)}
-            return json.dumps(record, ensure_ascii=False, indent=2)
+            return printable_json(json.dumps(record, ensure_ascii=False, indent=2))
         case "sarif":
             # most runs find nothing that needs the explanations
             from spec_schema.diagnostics.sarif import sarif_log
 
-            return json.dumps(sarif_log(diagnostics), ensure_ascii=False, indent=2)
+            log = json.dumps(sarif_log(diagnostics), ensure_ascii=False, indent=2)
+            return printable_json(log)
         case "github":
             return "\n".join(_annotation(diagnostic) for diagnostic in diagnostics)
         case _:

@@ -5,6 +5,7 @@ import re
 from spec_schema.diagnostics.decimal_commas import with_point_or_joined
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
+from spec_schema.names import LONGEST_NAME
 
 
 def foreign_character(
@@ -195,6 +196,10 @@ def _one_number(left: str, right: str) -> str | None:
 
 def malformed_word(word: str, span: Span) -> Diagnostic:
     """E0340: a word that cannot be a name."""
+    if len(word) > LONGEST_NAME:
+        message = f"`{word[:20]}…` is too long for a name"
+        repair = f"a name has at most {LONGEST_NAME} characters"
+        return error("E0340", span, message, f"{len(word)} characters", help=repair)
     # letters to Python (`str.isalnum`), so they come here as a part of a word
     if any(character in "²³" for character in word):
         repair = "a power is `x**2`"

@@ -7,7 +7,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
 from spec_schema.errors.keys_elsewhere import FORMS_ELSEWHERE, KEYS_ELSEWHERE
-from spec_schema.names import similar_name
+from spec_schema.names import LONGEST_NAME, similar_name
 
 # The keys of a layer are worth listing, those of a whole spec are in the documentation.
 _SHORT_LIST = 12
@@ -58,7 +58,11 @@ def wrong_kind(
 
 
 def malformed_name(name: str, span: Span) -> Diagnostic:
-    """E0205: a name that expressions could not use."""
+    """E0205: a name that expressions could not use, or that is too long."""
+    if max(map(len, name.split("."))) > LONGEST_NAME:
+        message = f"`{name[:20]}…` is too long for a name"
+        repair = f"a name has at most {LONGEST_NAME} characters"
+        return error("E0205", span, message, f"{len(name)} characters", help=repair)
     similar = similar_name(name)
     repair = f"write for example `{similar}`" if similar else None
     if name.isdecimal():

@@ -8,13 +8,13 @@ from pydantic import BeforeValidator, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core.core_schema import CoreSchema, with_info_plain_validator_function
 
 from spec_schema.late_dataclass import dataclass
-from spec_schema.names import RESERVED_PATTERN
+from spec_schema.names import LONGEST_NAME, RESERVED_PATTERN
 
 JsonSchema: TypeAlias = Mapping[str, Any]
 
 # Ranges are written out, because `\w` is ASCII in the JavaScript of editors; the signs of micro and
 # of ohm are there beside the Greek letters that normalisation makes of them.
-_NAME = "[A-Za-zµΩͰ-Ͽ][A-Za-z0-9_µΩͰ-Ͽ]*"
+_NAME = f"[A-Za-zµΩͰ-Ͽ][A-Za-z0-9_µΩͰ-Ͽ]{{0,{LONGEST_NAME - 1}}}"
 NEW_NAME = rf"^(?!({RESERVED_PATTERN})$){_NAME}$"
 REFERENCE = rf"^{_NAME}(\.{_NAME})*$"
 MEMBER = rf"^{_NAME}(\.{_NAME})+$"

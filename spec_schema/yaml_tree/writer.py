@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, cast
 
+from spec_schema.diagnostics.printable import printable, printable_json
 from spec_schema.yaml_tree.scalars import core_value
 
 _PLAIN = re.compile(r"[A-Za-z0-9Ͱ-Ͽ_+(./-][^\"'#:\[\]{},&*!|>%@`\\\x00-\x1f\x7f-\xa0]*")
@@ -32,12 +33,12 @@ def scalar_text(value: Any, *, in_flow: bool = False) -> str:
 
 
 def quoted(text: str) -> str:
-    """The text in double quotes."""
-    return json.dumps(text, ensure_ascii=False)
+    """The text in double quotes, with no character that steers a terminal."""
+    return printable_json(json.dumps(text, ensure_ascii=False))
 
 
 def _is_plain(text: str) -> bool:
-    kept = _PLAIN.fullmatch(text) is not None and text == text.strip()
+    kept = _PLAIN.fullmatch(text) is not None and text == text.strip() == printable(text)
     # `-x` is a formula, `- x` an item of a list
     starts_list = text.startswith(("- ", "-")) and text[1:2] in {"", " "}
     return kept and not starts_list and isinstance(core_value(text), str) and text[:3] != "---"

@@ -195,3 +195,32 @@ def test_a_link_to_a_pipe_is_replaced(tmp_path: Path) -> None:
     write_text(tmp_path / "link", "new")
     assert not (tmp_path / "link").is_symlink()
     assert (tmp_path / "link").read_text() == "new"
+
+
+@pytest.mark.parametrize("mask", [0o777, 0o400])
+def test_a_file_that_its_owner_could_not_read_is_refused(tmp_path: Path, mask: int) -> None:
+    """Root could go on for hours, and leave a run that nobody else can read."""
+    (tmp_path / "old").write_text("as before")
+    before = os.umask(mask)
+    try:
+        with pytest.raises(OSError, match="the umask would leave a file") as caught:
+            write_text(tmp_path / "old", "new")
+        assert caught.value.filename == str(tmp_path / "old")
+        with (
+            pytest.raises(OSError, match=r"umask|denied"),
+            replacing_files(tmp_path / "folder") as temporary,
+        ):
+            (temporary / "a").write_text("a")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "old").read_text() == "as before"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["old"]
+
+
+@pytest.mark.parametrize("mask", [0o077, 0o222])
+def test_a_file_for_its_owner_alone_is_fine(tmp_path: Path, mask: int) -> None:
+    before = os.umask(mask)
+    try:
+        assert write_text(tmp_path / "a", "a").read_text() == "a"
+    finally:
+        os.umask(before)

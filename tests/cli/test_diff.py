@@ -85,7 +85,7 @@ def test_only_the_workflow(msnn: CommandLine, copy: Path):
     said = msnn("diff", SPEC, NEW)
     assert said.code == 1
     assert said.out.startswith("train.0.epochs\n  - 80\n  + 90\n")
-    assert "how it is trained, validated or exported" in said.out
+    assert "its workflow differs in `train`" in said.out
 
 
 def test_json_and_program_files(msnn: CommandLine, copy: Path):
@@ -124,7 +124,7 @@ def test_a_setting_of_one_model_shows_what_it_changes(
     lines = said.out.splitlines()
     assert lines[0] == "train.0.epochs"
     assert lines[1 if signs[1] == "-" else 2] == f"  {signs[1]} 7"
-    assert "how it is trained" in lines[-1]
+    assert "its workflow differs in `train`" in lines[-1]
 
 
 def test_what_only_a_setting_changes_is_not_the_same(msnn: CommandLine, project: Path):

@@ -102,3 +102,16 @@ def test_files_that_follow_in_time_are_one_record(tmp_path: Path) -> None:
 def test_splits_that_do_not_fit(tmp_path: Path, split: str) -> None:
     with pytest.raises(SpecError, match="E0223"):
         load(tmp_path, f"source: {{train: a.csv}}\nsplit: {split}\n", {"a.csv": table(9)})
+
+
+@pytest.mark.parametrize("count", [10, 100_000])
+def test_more_folds_than_rows_are_refused(tmp_path: Path, count: int) -> None:
+    """Most of them would hold out nothing."""
+    files = {"a.csv": table(9), "b.csv": table(5)}
+    section = "source: {train: '*.csv'}\nsplit: {by: kfold, k: COUNT, fold: FOLD}\n"
+    for fold in range(1, 10):
+        most = section.replace("COUNT", "9").replace("FOLD", str(fold))
+        assert episodes(load(tmp_path, most, files), "val")
+    with pytest.raises(SpecError, match="E0819") as caught:
+        load(tmp_path, section.replace("COUNT", str(count)).replace("FOLD", "1"), files)
+    assert caught.value.diagnostics[0].help == "write `k: 9` or less"

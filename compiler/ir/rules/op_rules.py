@@ -15,7 +15,7 @@ from spec_schema.late_dataclass import dataclass
 LARGEST_SIZE = 1 << 24
 """Scalars in one value: 128 MiB in float64, far above any model and far below any memory."""
 MOST_AXES = 12
-LONGEST_NAME = 200
+LONGEST_NAME = 2000
 FARTHEST_SAMPLE = 1 << 24
 """Samples between t and the farthest one that a program reads."""
 

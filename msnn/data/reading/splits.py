@@ -68,7 +68,7 @@ def split_rows(
         case "time":
             return [_time_rows(split, record, codes, findings) for record in records]
         case "kfold":
-            return _fold_rows(split, records, codes)
+            return _fold_rows(split, records, codes, findings)
 
 
 def _time_rows(
@@ -101,10 +101,17 @@ def _time_rows(
 
 
 def _fold_rows(
-    split: Split, records: Sequence[RecordTimes], codes: Mapping[str, int]
+    split: Split, records: Sequence[RecordTimes], codes: Mapping[str, int], findings: Findings
 ) -> list[SetCodes]:
     assert split.k is not None, "the schema asks for `k:`"
     count, fold = split.k, split.fold - 1
+    # whole records are folds where there are enough, else each record is cut into all of them
+    most = max(len(records), max((record.rows for record in records), default=0))
+    if count > most:
+        reason = f"{count} folds are more than rows or records: some would hold out nothing"
+        findings.report(
+            errors.impossible_split(reason, split.place.key, f"write `k: {most}` or less")
+        )
     found: list[SetCodes] = []
     for index, record in enumerate(records):
         rows = np.full(record.rows, codes["train"], dtype=np.int8)

@@ -84,9 +84,9 @@ def rows_not_there(what: str, file: str, rows: int, span: Span | None) -> Diagno
     return error("E0818", span, message, "no rows left")
 
 
-def impossible_split(reason: str, span: Span | None) -> Diagnostic:
+def impossible_split(reason: str, span: Span | None, repair: str | None = None) -> Diagnostic:
     """E0819: a `split:` that cannot be made."""
-    return error("E0819", span, reason, "in this split")
+    return error("E0819", span, reason, "in this split", help=repair)
 
 
 def no_rows_in_set(name: str, sets: Iterable[str], span: Span | None) -> Diagnostic:
