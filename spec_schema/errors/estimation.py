@@ -37,6 +37,13 @@ def not_estimated(key: str, name: str, span: Span, known: Iterable[str]) -> Diag
     return error("E1122", span, message, label, help=repair, replacement=meant)
 
 
+def read_by_nothing(key: str, name: str, span: Span) -> Diagnostic:
+    """E1122: a deviation of a state that no output depends on, so that the model is without it."""
+    message = f"`{key}` names the state `{name}`, which the model leaves out: nothing reads it"
+    repair = f"leave `{name}` out here too, or add an output that depends on it"
+    return error("E1122", span, message, "no output depends on it", help=repair)
+
+
 def not_a_read_parameter(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
     """E1123: an estimated parameter that the model does not read."""
     message = f"`parameters` names `{name}`, which is no parameter that the model reads"

@@ -5,14 +5,19 @@ from __future__ import annotations
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
+
+_LONE = b"\x93NUMPY"
+"""The first bytes of a `.npy` file."""
 
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
@@ -21,10 +26,25 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     try:
         # numpy leaves a broken file open that it opened itself
         with path.open("rb") as file:
+            if not zipfile.is_zipfile(file):
+                file.seek(0)
+                lone = file.read(len(_LONE)) == _LONE
+                reason = "it is a lone array" if lone else "it is no archive of numpy.savez"
+                raise SpecError((errors.unreadable_file(shown, reason),))
+            file.seek(0)
             # a pickle runs code when it is read
             archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise SpecError((errors.unreadable_file(shown, "it is a lone array"),))
-            return NamedArrays(shown, tuple(archive.files), archive.__getitem__).table(wanted)
+
+            def array(name: str) -> NDArray[Any]:
+                try:
+                    return archive[name]
+                except ValueError as error:
+                    # numpy's own words advise to run what the file says
+                    if "pickle" not in str(error):
+                        raise
+                    reason = f"`{name}` holds Python objects, not numbers: save it as float64"
+                    raise SpecError((errors.unreadable_file(shown, reason),)) from error
+
+            return NamedArrays(shown, tuple(archive.files), array).table(wanted)
     except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error

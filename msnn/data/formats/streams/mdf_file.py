@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,9 @@ from msnn.data.formats.table import Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
+
+# it prints lines of its own beside the message of the command
+logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
 
 _IN_GROUP = re.compile(r"(?P<name>.+)@(?P<group>[0-9]{1,6})")
 
