@@ -80,7 +80,8 @@ def twice_in_urdf(message: str, span: Span, first: Span, repair: str | None = No
 
 
 def mimicking_joint(name: str, leader: str, span: Span, others: Sequence[str]) -> Diagnostic:
-    """E1212: a joint that follows another one, which moves; `others` are those that move too."""
+    """E1212: a joint that follows another one, which moves."""
+    # `others` are the joints that move too
     message = f"the joint `{name}` mimics `{leader}`, which is not in this version"
     held = (
         f"list the other joints in the entry of the robot, `joints: [{', '.join(others)}]`, which "
@@ -204,7 +205,7 @@ def held_joints(positions: Mapping[str, float], span: Span, place: Span) -> Diag
 
 
 def unused_friction(joints: Sequence[str], span: Span) -> Diagnostic:
-    """W1202: friction in a URDF, which a spec says itself; `span` is that of the first joint."""
+    """W1202: friction in a URDF, which a spec says itself."""
     listed = ", ".join(f"`{joint}`" for joint in joints)
     message = f"damping and friction of the joint{'s' * (len(joints) > 1)} {listed} are not used"
     repair = "subtract them from the torque in the spec, and remove them here"

@@ -86,7 +86,8 @@ def reserved_name(name: str, span: Span, reason: str) -> Diagnostic:
 def unknown_choice(
     text: str, span: Span, choices: Iterable[str], meant: str | None = None
 ) -> Diagnostic:
-    """E0207: a word that is not one of the choices, `meant` the one that it means elsewhere."""
+    """E0207: a word that is not one of the choices."""
+    # `meant` is the one that other programs call so
     choices = tuple(choices)
     meant = meant or nearest(text, choices)
     message = f"`{text}` is not one of {', '.join(choices)}"
@@ -198,21 +199,18 @@ def reversed_range(low: str, high: str, span: Span) -> Diagnostic:
     return error("E0224", span, f"the range [{low}, {high}] is empty", "low must be below high")
 
 
-def repeated_item(text: str, span: Span, first: Span, repair: str | None = None) -> Diagnostic:
+def repeated_item(text: str, span: Span, first: Span, *, is_dim: bool = False) -> Diagnostic:
     """E0225: an item twice in a list of different things."""
     message = f"`{text}` stands twice in this list"
-    second = ((first, "first here"),)
-    repair = repair or "leave one of them out, or give one another name"
-    return error("E0225", span, message, "again here", secondary=second, help=repair)
-
-
-def repeated_dim(name: str, span: Span, first: Span) -> Diagnostic:
-    """E0225: a dim twice in the list of an array."""
-    repair = (
-        f"declare a second dim of the same size, `dims: {{{name}2: …}}`, and write "
-        f"`[{name}2, {name}]`: of an x along `{name}`, `A @ x` is along `{name}2`"
+    repair = "leave one of them out, or give one another name"
+    if is_dim:
+        repair = (
+            f"declare a second dim of the same size, `dims: {{{text}2: …}}`, and write "
+            f"`[{text}2, {text}]`: of an x along `{text}`, `A @ x` is along `{text}2`"
+        )
+    return error(
+        "E0225", span, message, "again here", secondary=((first, "first here"),), help=repair
     )
-    return repeated_item(name, span, first, repair)
 
 
 def excluded_key(key: str, other: str, span: Span, owner: str) -> Diagnostic:

@@ -241,8 +241,8 @@ def read_different_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
         # by text: `1` and `1.0` are two items
         first = seen.setdefault(item.text, item) if isinstance(item, Scalar) else item
         if first is not item and isinstance(item, Scalar):
-            repeated = errors.repeated_dim if info.field_name == "dims" else errors.repeated_item
-            report = repeated(item.text, item.span, first.span)
+            is_dim = info.field_name == "dims"
+            report = errors.repeated_item(item.text, item.span, first.span, is_dim=is_dim)
             findings_of(info).report(report)
     return items
 

@@ -186,11 +186,11 @@ def _deviations(
     tables = (("initial", section.initial), ("process", section.process))
     for key, table in tables:
         for name, std in table.items():
-            if name not in named and name in spec.states:
-                findings.report(errors.read_by_nothing(key, name, std.span))
-                continue
             if name not in named:
-                findings.report(errors.not_estimated(key, name, std.span, named))
+                is_unread = name in spec.states
+                findings.report(
+                    errors.not_estimated(key, name, std.span, named, is_unread=is_unread)
+                )
                 continue
             state = named[name]
             number = _in_unit(name, std, state.unit, findings)
