@@ -22,6 +22,7 @@ from compiler.lowering.unit_conflicts import report_unit_conflicts
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import shapes, time
 from spec_schema.expressions import tree
+from spec_schema.expressions.text import expression_text
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import ONE
 
@@ -245,9 +246,15 @@ def _lower_list(
     for element, node in zip(elements, nodes, strict=True):
         axes = builder.type(node).axes
         if axes:
+            found = describe_axes(axes)
+            listed = ", ".join(expression_text(each) for each in elements)
+            repair = (
+                f"`stack({listed}, dim=NAME)` puts values with dims side by side, along a dim "
+                f"NAME of {len(elements)}"
+            )
             context.findings.report(
                 shapes.wrong_axes(
-                    "an element of a list", "a scalar", describe_axes(axes), element.span
+                    "an element of a list", "a scalar", found, element.span, repair=repair
                 )
             )
             raise LoweringFailed

@@ -16,7 +16,7 @@ from msnn.data.dataset import FloatArray
 from msnn.model.number_files import number_parts, number_texts
 from msnn.model.saved_run import LATEST
 from msnn.model.spec_hash import hash_of, parts_of
-from msnn.model.weights.safetensors_file import arrays_in
+from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import submodels as errors
 from spec_schema.late_dataclass import dataclass
@@ -89,9 +89,10 @@ def _read(name: str, use: Use, of: _File, found: SubmodelWeights, findings: Find
         problem = f"cannot read {path}: {reason}"
         findings.report(errors.unusable_weights(name, problem, place, repair))
         return
-    arrays = arrays_in(content)
-    if arrays is None:
-        problem = f"{path} is not a safetensors file"
+    try:
+        arrays = arrays_in(content)
+    except WeightsFault as fault:
+        problem = f"cannot read {path}: {fault}"
         findings.report(errors.unusable_weights(name, problem, place, None))
         return
     # of the very bytes that were read: the file may change meanwhile

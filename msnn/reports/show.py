@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from backends.ports.step_interface import Port, port_names, step_interface
@@ -29,15 +29,18 @@ from msnn.tables import count, table_text
 from spec_schema.units.unit import Unit
 
 
-def interface_text(program: Program) -> str:
-    """Tables of what a program in window form exchanges, remembers and learns."""
+def interface_text(program: Program, others: Iterable[Program] = ()) -> str:
+    """Tables of what a program in window form exchanges, remembers and learns.
+
+    `others` are those of a controller and an estimator: what their costs alone read is a state too.
+    """
     step = _step_form(program)
     sections = [
         summary_line(program),
         _dimensions(program),
         _inputs(program, step),
         _outputs(program),
-        _states(step),
+        _states(step, others),
         _expected(program),
         _parameters(program),
         _losses(program),
@@ -157,10 +160,16 @@ def _predicted(output: Output) -> str:
     return f"{output.predicts.signal}[{_time('t', output.predicts.ahead)}]"
 
 
-def _states(step: Program) -> str:
+def _states(step: Program, others: Iterable[Program]) -> str:
+    states = {state.name: state for state in step.states}
+    for other in others:
+        declared = (state for state in other.states if isinstance(state.origin, Declared))
+        states = {**{state.name: state for state in declared}, **states}
+    # those of outputs first, as exports have them
+    order = sorted(states.values(), key=lambda state: state not in step.states)
     rows = [
         (state.name, _unit(state.unit), _shape(state.axes), _origin(state), _line(state.doc))
-        for state in step.states
+        for state in order
     ]
     return table_text(("state", "unit", "shape", "holds", "doc"), rows) if rows else ""
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
-from msnn.errors.results.validation import extrapolates
+from msnn.errors.results.validation import Outside, extrapolates
 from msnn.model.learned_numbers import learned_numbers
 from msnn.model.weights.covariance_file import Covariance
 from msnn.model.weights.kept_starts import KeptStarts
@@ -128,12 +128,13 @@ def validate(
     # by identity: entries measured alike share one measurement
     measurements = {id(found): found for found in outcomes if isinstance(found, Measurement)}
     # of each measurement, so that a signal that several entries read may come more than once
-    far = [
-        extrapolates(found.data, each.signal, each.share, each.low, each.high)
-        for found in measurements.values()
-        for each in found.judged.extrapolations
-        if each.share >= _TOLD
-    ]
+    far: dict[str, dict[str, Outside]] = {}
+    for found in measurements.values():
+        for each in found.judged.extrapolations:
+            one = Outside(each.signal, each.share, each.low, each.high)
+            before = far.setdefault(found.data, {}).get(each.signal)
+            if each.share >= _TOLD and (before is None or before.share < each.share):
+                far[found.data][each.signal] = one
     measured = tuple(measurements.values())
     if covariance is not None:
         known = weights or {}
@@ -154,7 +155,11 @@ def validate(
     return ValidationReport(
         tuple(_row(check, found) for check, found in zip(ready, outcomes, strict=True)),
         measured,
-        (*findings.in_order, *simulator.notes, *dict.fromkeys(far)),
+        (
+            *findings.in_order,
+            *simulator.notes,
+            *(extrapolates(name, tuple(each.values())) for name, each in far.items() if each),
+        ),
     )
 
 

@@ -29,8 +29,14 @@ def measured_too_late(name: str, signal: str, span: Span, prediction: Span) -> D
     )
 
 
-def not_estimated(key: str, name: str, span: Span, known: Iterable[str]) -> Diagnostic:
-    """E1122: a deviation of something that is neither a state nor fed back."""
+def not_estimated(
+    key: str, name: str, span: Span, known: Iterable[str], *, is_unread: bool
+) -> Diagnostic:
+    """E1122: a deviation of something that is no state of the model, nor fed back."""
+    if is_unread:
+        message = f"`{key}` names the state `{name}`, which the model leaves out: nothing reads it"
+        repair = f"leave `{name}` out here too, or add an output that depends on it"
+        return error("E1122", span, message, "no output depends on it", help=repair)
     message = f"`{key}` names `{name}`, which is neither a state nor a signal that outputs predict"
     meant = nearest(name, known)
     repair, label = did_you_mean(meant), "no memory of the model"

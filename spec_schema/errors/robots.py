@@ -79,12 +79,19 @@ def twice_in_urdf(message: str, span: Span, first: Span, repair: str | None = No
     )
 
 
-def mimicking_joint(name: str, leader: str, span: Span) -> Diagnostic:
+def mimicking_joint(name: str, leader: str, span: Span, others: Sequence[str]) -> Diagnostic:
     """E1212: a joint that follows another one, which moves."""
+    # `others` are the joints that move too
     message = f"the joint `{name}` mimics `{leader}`, which is not in this version"
+    held = (
+        f"list the other joints in the entry of the robot, `joints: [{', '.join(others)}]`, which "
+        f"holds `{name}` and `{leader}`; or "
+        if others
+        else ""
+    )
     repair = (
-        f"leave `{name}` and `{leader}` out of `joints:`, where they are held; or make it "
-        '`type="fixed"`; or remove `<mimic>` and drive it by a torque of its own'
+        f'{held}make `{name}` `type="fixed"`; or remove `<mimic>` and drive it by a torque of its '
+        "own"
     )
     return error("E1212", span, message, "follows a joint", help=repair)
 
@@ -197,9 +204,10 @@ def held_joints(positions: Mapping[str, float], span: Span, place: Span) -> Diag
     return warning("W1201", place, message, "moves in the URDF", secondary=second, help=repair)
 
 
-def unused_friction(joint: str, span: Span) -> Diagnostic:
+def unused_friction(joints: Sequence[str], span: Span) -> Diagnostic:
     """W1202: friction in a URDF, which a spec says itself."""
-    message = f"damping and friction of the joint `{joint}` are not used"
+    listed = ", ".join(f"`{joint}`" for joint in joints)
+    message = f"damping and friction of the joint{'s' * (len(joints) > 1)} {listed} are not used"
     repair = "subtract them from the torque in the spec, and remove them here"
     return warning("W1202", span, message, "left out", help=repair)
 

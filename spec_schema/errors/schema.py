@@ -87,10 +87,13 @@ def reserved_name(name: str, span: Span, reason: str) -> Diagnostic:
     return error("E0206", span, f"`{name}` cannot be declared: {reason}", "reserved", help=repair)
 
 
-def unknown_choice(text: str, span: Span, choices: Iterable[str]) -> Diagnostic:
+def unknown_choice(
+    text: str, span: Span, choices: Iterable[str], meant: str | None = None
+) -> Diagnostic:
     """E0207: a word that is not one of the choices."""
+    # `meant` is the one that other programs call so
     choices = tuple(choices)
-    meant = nearest(text, choices)
+    meant = meant or nearest(text, choices)
     message = f"`{text}` is not one of {', '.join(choices)}"
     repair = did_you_mean(meant)
     return error("E0207", span, message, "unknown choice", help=repair, replacement=meant)
@@ -200,10 +203,18 @@ def reversed_range(low: str, high: str, span: Span) -> Diagnostic:
     return error("E0224", span, f"the range [{low}, {high}] is empty", "low must be below high")
 
 
-def repeated_item(text: str, span: Span, first: Span) -> Diagnostic:
+def repeated_item(text: str, span: Span, first: Span, *, is_dim: bool = False) -> Diagnostic:
     """E0225: an item twice in a list of different things."""
     message = f"`{text}` stands twice in this list"
-    return error("E0225", span, message, "again here", secondary=((first, "first here"),))
+    repair = "leave one of them out, or give one another name"
+    if is_dim:
+        repair = (
+            f"declare a second dim of the same size, `dims: {{{text}2: …}}`, and write "
+            f"`[{text}2, {text}]`: of an x along `{text}`, `A @ x` is along `{text}2`"
+        )
+    return error(
+        "E0225", span, message, "again here", secondary=((first, "first here"),), help=repair
+    )
 
 
 def excluded_key(key: str, other: str, span: Span, owner: str) -> Diagnostic:

@@ -1,7 +1,7 @@
 """Leaf types of the schema: text, names, numbers, switches, choices and lists of them."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from pydantic import ValidationInfo
@@ -198,14 +198,15 @@ def count(least: int, most: int = LARGEST_COUNT) -> LeafField:
     return reads(lambda node, findings: read_count(node, findings, least, most), schema)
 
 
-def choice(*now: str) -> LeafField:
-    """Validates one of the words."""
+def choice(*now: str, elsewhere: Mapping[str, str] | None = None) -> LeafField:
+    """Validates one of the words; `elsewhere` has what others call them, for the message."""
 
     def read(node: Node, findings: Findings) -> str:
         found = scalar(node, findings, f"one of {', '.join(now)}")
         if found.text in now:
             return found.text
-        findings.report(errors.unknown_choice(found.text[:60], found.span, now))
+        meant = None if elsewhere is None else elsewhere.get(found.text.casefold())
+        findings.report(errors.unknown_choice(found.text[:60], found.span, now, meant))
         raise RefusedError
 
     return reads(read, {"type": "string", "enum": list(now)})
@@ -240,7 +241,8 @@ def read_different_items(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
         # by text: `1` and `1.0` are two items
         first = seen.setdefault(item.text, item) if isinstance(item, Scalar) else item
         if first is not item and isinstance(item, Scalar):
-            report = errors.repeated_item(item.text, item.span, first.span)
+            is_dim = info.field_name == "dims"
+            report = errors.repeated_item(item.text, item.span, first.span, is_dim=is_dim)
             findings_of(info).report(report)
     return items
 

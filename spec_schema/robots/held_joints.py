@@ -30,7 +30,14 @@ def held_positions(urdf: Urdf, moving: Collection[str], findings: Findings) -> d
             place = joint.mimic.span
             findings.report(errors.malformed_number("<mimic>", f"{position:g}", wanted, place))
         elif joint.mimic is not None:
-            report = errors.mimicking_joint(joint.name, joint.mimic.joint, joint.mimic.span)
+            leader = joint.mimic.joint
+            # a joint that follows another one cannot be listed either
+            others = [
+                other.name
+                for other in urdf.joints.values()
+                if other.name in moving and other.mimic is None and other.name != leader
+            ]
+            report = errors.mimicking_joint(joint.name, leader, joint.mimic.span, others)
             findings.report(report)
     return found
 

@@ -109,12 +109,15 @@ def read_urdf(source: SourceText, findings: Findings) -> Urdf | None:
             inertia = _inertia(name, inertial, findings)
             links[name] = Link(name=name, inertia=inertia, span=element.span)
     joints: dict[str, Joint] = {}
+    rubbing: dict[str, Span] = {}
     for element in root.all("joint"):
-        joint = _joint(element, findings)
+        joint = _joint(element, rubbing, findings)
         if joint is not None and joint.name in joints:
             _report_names("joint", joint.name, element.span, joints[joint.name].span, findings)
         elif joint is not None:
             joints[joint.name] = joint
+    if rubbing:
+        findings.report(errors.unused_friction(tuple(rubbing), next(iter(rubbing.values()))))
     # ROS 1 has transmissions in the robot, ROS 2 in its description of the hardware
     for around in (root, *root.all("ros2_control")):
         for element in around.all("transmission"):
@@ -191,7 +194,7 @@ def _inertia(link: str, element: XmlElement | None, findings: Findings) -> Inert
     return Inertia(mass=mass, com=com, spread=product(product(R, spread), transposed(R)))
 
 
-def _joint(element: XmlElement, findings: Findings) -> Joint | None:
+def _joint(element: XmlElement, rubbing: dict[str, Span], findings: Findings) -> Joint | None:
     name = attribute_of(element, "name", "a joint", findings)
     what = f"the joint `{name}`"
     type = attribute_of(element, "type", what, findings)
@@ -208,7 +211,7 @@ def _joint(element: XmlElement, findings: Findings) -> Joint | None:
     if dynamics is not None and type in MOVING:
         given = _given(dynamics, ("damping", "friction"), what, findings)
         if any(number != 0.0 for number in given.values()):
-            findings.report(errors.unused_friction(name, dynamics.span))
+            rubbing[name] = dynamics.span
     if limit is not None and type in MOVING:
         _look_at_limits(limit, name, type, findings)
     if not (name and type and parent and child) or axis is None:

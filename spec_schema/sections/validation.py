@@ -1,6 +1,6 @@
 """The `validate` section: what is measured of a trained model, and the limits it must keep."""
 
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias, get_args
 
 from pydantic import ValidationInfo, model_validator
 
@@ -13,6 +13,8 @@ from spec_schema.sections.data.data import Source
 from spec_schema.sections.training.training import Rollout
 
 Metric: TypeAlias = Literal["rmse", "mae", "max_abs", "r2", "fit", "fvu", "aic"]
+_ELSEWHERE = {"mse": "rmse", "max": "max_abs", "vaf": "r2", "nrmse": "fit", "bic": "aic"}
+"""What others call metrics, or one of the same kind: the root of mse is in the output's unit."""
 
 
 class Validation(Entry):
@@ -26,7 +28,7 @@ class Validation(Entry):
 
     of: Reference
     """Output or loss."""
-    metric: Annotated[Metric, choice("rmse", "mae", "max_abs", "r2", "fit", "fvu", "aic")] = "rmse"
+    metric: Annotated[Metric, choice(*get_args(Metric), elsewhere=_ELSEWHERE)] = "rmse"
     """How the deviation becomes a number."""
     target: ExpressionField | None = None
     """Logged sample it is compared with; by default that of `predicts`."""

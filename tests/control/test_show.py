@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from msnn.model.load import load_model
+from msnn.reports.show import interface_text
 from msnn.reports.show_control import control_text
 from tests.control.specs import DOUBLE_INTEGRATOR, load, mpc
 
@@ -37,3 +39,19 @@ def test_sizes_limits_and_how_it_is_solved(tmp_path: Path) -> None:
     assert lines[-2].startswith("  in 3 controls of the horizon at once (condensed, states ")
     assert "about 229 products" in lines[-2]
     assert lines[-1].startswith("  not stage by stage (staged, a Riccati recursion): about 1,440 ")
+
+
+def test_states_that_only_the_cost_reads_are_among_the_states(tmp_path: Path) -> None:
+    text = (
+        "msnn: 1\nname: st\nsample_time: 0.1 s\ninputs: {u: 1}\n"
+        "states: {x: {der: u - x}, e: {next: e + x, doc: what the cost sums}}\noutputs: {y: x}\n"
+        'mpc: {horizon: 10, controls: [u], cost: "(x - 1)**2 + 0.01 * e**2"}\n'
+    )
+    (tmp_path / "st.msnn.yaml").write_text(text)
+    model = load_model(tmp_path / "st.msnn.yaml")
+    assert model.control is not None
+    assert "what the cost sums" not in interface_text(model.program)
+    shown = interface_text(model.program, [model.control.program])
+    table = shown.partition("state  holds")[2].partition("\n")[2].partition("\n\n")[0]
+    assert [line.split()[0] for line in table.strip().splitlines()] == ["x", "e"]
+    assert "what the cost sums" in table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
@@ -22,6 +23,7 @@ from scipy.io import savemat
 from msnn.data.formats.table_of_formats import FORMATS, FileFormat, format_of, require_reader
 from msnn.errors.failures import MissingExtraError
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.diagnostics.render import render
 from tests.data.specs import load
 
 TIME = 0.2 * np.arange(12)
@@ -213,9 +215,54 @@ def test_a_cut_off_file_is_said_to_be_unreadable(tmp_path: Path, name: str) -> N
 
 
 def test_pickled_objects_are_refused(tmp_path: Path) -> None:
+    """numpy advises to run what the file says (`allow_pickle`); msnn does not hand that on."""
     np.savez(tmp_path / "a.npz", x=np.array([{"a": 1}], dtype=object), F=FORCE)
-    with pytest.raises(SpecError, match="E0802"):
+    with pytest.raises(SpecError, match="E0802") as error:
         load(tmp_path, "source: {train: a.npz}\n")
+    assert "`x` holds Python objects, not numbers" in str(error.value)
+    assert "pickle" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"\x80\x04\x95 a pickle", "it is no archive of numpy.savez"),
+        (b"\x93NUMPY\x01\x00", "it is a lone array"),
+        (b"", "it is no archive of numpy.savez"),
+    ],
+)
+def test_what_is_no_archive_of_arrays_says_so(tmp_path: Path, content: bytes, reason: str) -> None:
+    (tmp_path / "a.npz").write_bytes(content)
+    with pytest.raises(SpecError, match="E0802") as error:
+        load(tmp_path, "source: {train: a.npz}\n")
+    assert reason in str(error.value)
+    assert "pickle" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.npz", "a.parquet"])
+def test_a_long_name_of_a_column_is_cut_in_a_message(tmp_path: Path, name: str) -> None:
+    """A file without line ends is one name of megabytes."""
+    long = "x" * 100_000
+    if name == "a.csv":
+        (tmp_path / name).write_text(f"{long}\n1\n")
+    elif name == "a.npz":
+        np.savez(tmp_path / name, **{long[:40_000]: X})  # pyright: ignore[reportArgumentType]
+    else:
+        parquet.write_table(arrow.table({long: X}), tmp_path / name)
+    with pytest.raises(SpecError, match="E0804") as error:
+        load(tmp_path, f"source: {{train: {name}}}\n")
+    (found,) = error.value.diagnostics
+    assert len(render([found], "full")) < 500
+    assert "0,000 characters)" in found.notes[0]
+
+
+def test_the_reader_of_mdf_prints_no_lines_of_its_own(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write_mdf(tmp_path / "a.mf4")
+    load(tmp_path, "source: {train: a.mf4}\n")
+    logging.getLogger("asammdf").error("a line that no command prints")
+    assert "a line" not in "".join(capfd.readouterr())
 
 
 def test_numbers_kept_in_another_file_are_not_read(tmp_path: Path) -> None:

@@ -285,3 +285,33 @@ def test_delays_and_constants_do_not_depend_on_units(of_input: float, of_target:
     assert here.constants is not None
     assert there.constants is not None
     assert there.constants.slowest == pytest.approx(here.constants.slowest, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_a_response_that_no_single_lag_shows_is_seen_by_all_together(seed: int) -> None:
+    """An oscillator behind steps of 25 rows, with noise of 0.1: the F test has p < 1e-10."""
+    random = np.random.default_rng(seed)
+    u = np.repeat(random.uniform(-1, 1, 20), 25)
+    x, v, y = 0.0, 0.0, np.zeros(500)
+    for t in range(500):
+        y[t] = x + random.normal(0, 0.1)
+        v += 0.1 * (u[t] - x) - 0.3 * v
+        x += 0.3 * v
+    (piece,) = pieces_of(y, u[:, None], follows(500))
+    found = responses([piece])
+    assert found is not None
+    assert found.answers(0)
+
+
+def test_a_joint_test_has_as_many_false_alarms_as_it_says() -> None:
+    """One in a hundred; of 300 draws 8 or fewer with a chance of 99 %."""
+    alarms = 0
+    for seed in range(300):
+        random = np.random.default_rng(seed)
+        u = np.repeat(random.uniform(-1, 1, 20), 20)
+        y = np.convolve(random.normal(size=400), [1, 0.8, 0.6, 0.3])[:400]
+        (piece,) = pieces_of(y, u[:, None], follows(400))
+        found = responses([piece])
+        assert found is not None
+        alarms += found.answers(0)
+    assert alarms <= 8

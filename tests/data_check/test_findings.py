@@ -154,7 +154,7 @@ def unmoved(table: dict[str, FloatArray]) -> None:
         (poor, "W0821", ("`u` excites ", "Hz")),
         (slow, "W0822", ("sample times; 10 to 30", "`every: 8`")),
         (slow, "W0824", ("40 rows", "`train.0.rollout.horizon: ")),
-        (unmoved, "W0827", ("`y` shows no response to `u` within", "1%")),
+        (unmoved, "W0827", ("`y` shows no response to `u` within", "2%")),
     ],
 )
 def test_a_fault_is_told_with_its_place_and_its_repair(

@@ -137,6 +137,26 @@ def test_inputs_that_were_never_trained_are_told():
     )
 
 
+def test_inputs_outside_of_the_training_rows_are_one_line_of_a_set():
+    """Of several entries over one set and several inputs."""
+    program, spec = compiled(
+        "msnn: 1\nname: many\nsample_time: 1 s\ninputs: {u: 1, v: 1, w: 1}\ntargets: {y: 1}\n"
+        "parameters: {k: 1}\noutputs: {z: {expr: k * (u + v + w), predicts: y}}\n"
+        "validate: [{of: z}, {of: z, rollout: 10}, {of: z, metric: mae, rollout: record}]\n"
+    )
+    random = np.random.default_rng(1)
+    series = {name: random.uniform(-1, 1, 400) for name in ("u", "v", "w", "y")}
+    for name in ("u", "w"):
+        series[name][200:] *= 4
+    series["v"][200:] *= 0.9
+    data = dataset(series, train=[200], test=[200])
+    (warning,) = validate(program, data, spec.checks, {"k": np.array(1.0)}).warnings
+    assert warning.code == "W1004"
+    assert warning.message.startswith("in rows scored in `test` inputs are outside of what was ")
+    assert warning.message.count("`u` in ") == warning.message.count("`w` in ") == 1
+    assert "`v`" not in warning.message
+
+
 def test_the_training_rows_are_inside_by_definition():
     program, spec = gain(more="validate:\n  - {of: x_next, data: train}\n")
     data = dataset(gain_series(200), train=[100], test=[100])

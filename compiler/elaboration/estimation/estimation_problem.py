@@ -67,7 +67,7 @@ def _problem(
     step = _with_measurements(spec, section, program, closed, findings)
     if step is None:
         return None
-    deviations = _deviations(section, step, findings)
+    deviations = _deviations(spec, section, step, findings)
     parameters = _parameters(section, step, findings)
     measured = [
         Measurement(
@@ -177,7 +177,7 @@ def _inputs(program: Program) -> Vector:
 
 
 def _deviations(
-    section: KalmanFilter, program: Program, findings: Findings
+    spec: Spec, section: KalmanFilter, program: Program, findings: Findings
 ) -> dict[str, EstimatedNumbers]:
     """By the names of states; a signal that is fed back stands for its register."""
     named = {state.name: state for state in program.states}
@@ -187,7 +187,10 @@ def _deviations(
     for key, table in tables:
         for name, std in table.items():
             if name not in named:
-                findings.report(errors.not_estimated(key, name, std.span, named))
+                is_unread = name in spec.states
+                findings.report(
+                    errors.not_estimated(key, name, std.span, named, is_unread=is_unread)
+                )
                 continue
             state = named[name]
             number = _in_unit(name, std, state.unit, findings)

@@ -108,7 +108,9 @@ def show(
     else:
         from msnn.reports.show import interface_text
 
-        parts = [interface_text(model.program)]
+        beside = (model.control, model.estimation)
+        others = [problem.program for problem in beside if problem is not None]
+        parts = [interface_text(model.program, others)]
         if model.control is not None:
             from msnn.reports.show_control import control_text
 

@@ -50,6 +50,24 @@ class Responses:
         # the first beyond the band, and beyond what a linear model leaves of another one
         return int(beyond[0]) if len(beyond) else None
 
+    def answers(self, number: int) -> bool:
+        """Whether the taps of an input together are other than 0: an F test of all of them.
+
+        Of an input that holds its values for long no single lag may be beyond the band. F is
+        brought to a normal variable by Paulson (Annals of Mathematical Statistics 13, 1942).
+        """
+        own, taps = self.model.orders.own, self.model.orders.taps
+        used = slice(own + number * taps, own + (number + 1) * taps)
+        found = self.model.numerators[number]
+        weighed = np.asarray(np.linalg.solve(self.model.covariance[used, used], found), float)
+        ratio = float(found @ weighed) / taps
+        if not ratio > 0:
+            return False
+        left = 2 / (9 * (self.model.rows - len(self.model.covariance) - 1))
+        right, root = 2 / (9 * taps), ratio ** (1 / 3)
+        normal = ((1 - left) * root - (1 - right)) / np.sqrt(left * root**2 + right)
+        return bool(normal > NormalDist().inv_cdf(1 - FALSE_ALARMS))
+
     def begins_sharply(self, number: int) -> bool:
         """Whether the response begins with the delay: nothing of its size could hide before it.
 

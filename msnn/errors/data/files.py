@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 
-from msnn.errors.data.lists import listed
+from msnn.errors.data.lists import listed, shortened
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
@@ -59,7 +59,9 @@ def missing_columns(
     else:
         message = f"{file} has no columns {listed([f'`{name}`' for name in missing])}"
         label = "none of them here"
-    nearby = {name: meant for name in missing if (meant := _meant(name, columns))}
+    # nobody writes a longer name into a spec
+    short = [column for column in columns if shortened(column) == column]
+    nearby = {name: meant for name in missing if (meant := _meant(name, short))}
     repair = f"say which column it is: {_named(nearby, missing)} under `data:`" if nearby else None
     if numbers:
         label = "numbers, not names of columns"

@@ -1,7 +1,6 @@
 """W0936-W0938: what the course of a training says of its losses, parameters and kept epochs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, warning
 from spec_schema.diagnostics.source import Span
@@ -37,45 +36,30 @@ def hardly_moved(names: Sequence[str], span: Span | None) -> Diagnostic:
     return warning("W0937", span, message, "a step is a part of `scale:`", help=repair)
 
 
-@dataclass(frozen=True, slots=True)
-class Decided:
-    """A stage, and what decides which of its epochs is kept."""
-
-    stage: str
-    rollouts: int
-    watched: str
-    span: Span | None
-
-    @property
-    def over(self) -> str:
-        """The rollouts in words."""
-        count = "the only rollout" if self.rollouts == 1 else f"{self.rollouts} rollouts"
-        return f"{count} of `{self.watched}`"
-
-    @property
-    def repair(self) -> str:
-        """Other rows of validation, and more of them."""
-        shorter = "a shorter `rollout.horizon`, or " if self.rollouts < _FEW else ""
-        return f"{shorter}a `split:` that spreads `val` over the records (`by: block`)"
-
-
-def kept_on_the_way(
-    decided: Decided, epoch: int, epochs: int, then: float, at_last: float
+def validation_decided(
+    *,
+    stage: str,
+    rollouts: int,
+    watched: str,
+    epoch: int | None,
+    epochs: int,
+    value: float,
+    last: float,
+    span: Span | None,
 ) -> Diagnostic:
-    """W0938: a least-squares stage that keeps weights from the middle of its path."""
-    message = (
-        f"stage `{decided.stage}` keeps epoch {epoch} of {epochs}, the best over {decided.over}: "
-        f"the loss of training fell from {then:.3g} to {at_last:.3g} after it"
-    )
-    label = "these rollouts decide"
-    return warning("W0938", decided.span, message, label, help=decided.repair)
-
-
-def watched_far_above(decided: Decided, monitor: float, total: float) -> Diagnostic:
-    """W0938: a monitor far above what a stage reaches on its training rows."""
-    message = (
-        f"stage `{decided.stage}`: the loss over {decided.over} is {monitor:.3g}, "
-        f"over those of training {total:.3g}"
-    )
-    label = "the two sets differ"
-    return warning("W0938", decided.span, message, label, help=decided.repair)
+    """W0938: weights that validation chose far from what the training rows say."""
+    over = f"{'the only rollout' if rollouts == 1 else f'{rollouts} rollouts'} of `{watched}`"
+    # an epoch of a least-squares stage in the middle of its path, or a monitor far above
+    if epoch is not None:
+        message = (
+            f"stage `{stage}` keeps epoch {epoch} of {epochs}, the best over {over}: "
+            f"the loss of training fell from {value:.3g} to {last:.3g} after it"
+        )
+    else:
+        message = (
+            f"stage `{stage}`: the loss over {over} is {value:.3g}, over those of training "
+            f"{last:.3g}"
+        )
+    shorter = "a shorter `rollout.horizon`, or " if rollouts < _FEW else ""
+    repair = f"{shorter}a `split:` that spreads `val` over the records (`by: block`)"
+    return warning("W0938", span, message, "these rollouts decide", help=repair)

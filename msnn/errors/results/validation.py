@@ -1,15 +1,42 @@
 """E0870, W1004 and W1005: what measuring a trained model finds that its user should know."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 
 
-def extrapolates(name: str, signal: str, share: float, low: float, high: float) -> Diagnostic:
-    """W1004: rows that are measured on where an input was never while training."""
-    message = (
-        f"in {share:.1%} of the rows scored in `{name}` the input `{signal}` is outside of the "
-        f"{low:.4g} … {high:.4g} that was trained on: there the model extrapolates"
-    )
+@dataclass(frozen=True, slots=True)
+class Outside:
+    """An input that leaves the range of training, in a share of the rows, 0 to 1."""
+
+    signal: str
+    share: float
+    low: float
+    high: float
+
+    @property
+    def text(self) -> str:
+        """In words, with the range."""
+        return f"`{self.signal}` in {self.share:.1%} of them ({self.low:.4g} … {self.high:.4g})"
+
+
+def extrapolates(name: str, outside: Sequence[Outside]) -> Diagnostic:
+    """W1004: rows that are measured on where inputs were never while training."""
+    if len(outside) == 1:
+        (one,) = outside
+        message = (
+            f"in {one.share:.1%} of the rows scored in `{name}` the input `{one.signal}` is "
+            f"outside of the {one.low:.4g} … {one.high:.4g} that was trained on: there the model "
+            "extrapolates"
+        )
+    else:
+        listed = ", ".join(each.text for each in outside)
+        message = (
+            f"in rows scored in `{name}` inputs are outside of what was trained on: {listed}; "
+            "there the model extrapolates"
+        )
     repair = (
         "train on records that reach as far, or choose the sets by `split` under `data:` so that "
         "each has its share"

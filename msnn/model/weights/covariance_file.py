@@ -14,7 +14,7 @@ from backends.files.safetensors_bytes import safetensors_bytes
 from msnn.data.dataset import FloatArray, IntArray
 from msnn.errors.results.intervals import no_covariance
 from msnn.model.saved_run import PARAMETERS, read_json
-from msnn.model.weights.safetensors_file import arrays_in
+from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.reading.endless_files import refuse_endless
 
@@ -98,7 +98,10 @@ def read_covariance(weights_file: Path, weights: Mapping[str, FloatArray]) -> Co
         why = f"there is no {path}" if reason is None else f"no standard errors, since {reason}"
         raise SpecError([no_covariance(why)]) from None
     # untrusted, like every file: shapes and finiteness are checked before anything is computed
-    arrays = arrays_in(content) or {}
+    try:
+        arrays = arrays_in(content)
+    except WeightsFault as fault:
+        raise SpecError([no_covariance(f"{path} cannot be read: {fault}")]) from fault
     values = {
         name.removeprefix(_VALUE): arrays[name]
         for name in sorted(arrays)

@@ -14,7 +14,7 @@ from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.errors.learning import weights as weight_errors
 from msnn.model.weights.checked_weights import checked_weights
-from msnn.model.weights.safetensors_file import arrays_in
+from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.reading.endless_files import refuse_endless
 
@@ -58,7 +58,6 @@ def read_weights(path: Path, program: Program) -> dict[str, FloatArray]:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise SpecError((weight_errors.unreadable_weights(shown, reason),)) from error
-    if arrays is None:
-        reason = "it is not a safetensors file"
-        raise SpecError((weight_errors.unreadable_weights(shown, reason),))
+    except WeightsFault as fault:
+        raise SpecError((weight_errors.unreadable_weights(shown, str(fault)),)) from fault
     return checked_weights(program, arrays, shown)

@@ -123,11 +123,18 @@ def _kept(
     nothing = NOTHING * first.total
     if data.watches_training or not alike or not nothing >= 0:
         return None
-    decided = notes.Decided(plan.name, len(data.watched), data.watched_set, plan.span)
     on_the_way = plan.optimizer.needs_squares and best.epoch < last.epoch
-    if on_the_way and best.total > max(FELL * last.total, nothing):
-        return notes.kept_on_the_way(decided, best.epoch, last.epoch, best.total, last.total)
+    is_kept = on_the_way and best.total > max(FELL * last.total, nothing)
     # on rows that nobody trained on the weights that are kept, against what training reaches
-    if best.monitor > max(FAR_ABOVE * last.total, nothing):
-        return notes.watched_far_above(decided, best.monitor, last.total)
-    return None
+    if not is_kept and not best.monitor > max(FAR_ABOVE * last.total, nothing):
+        return None
+    return notes.validation_decided(
+        stage=plan.name,
+        rollouts=len(data.watched),
+        watched=data.watched_set,
+        epoch=best.epoch if is_kept else None,
+        epochs=last.epoch,
+        value=best.total if is_kept else best.monitor,
+        last=last.total,
+        span=plan.span,
+    )

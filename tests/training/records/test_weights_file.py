@@ -58,7 +58,7 @@ def test_unknown_names_are_an_error(tmp_path: Path) -> None:
         read_weights(path, fir_closed_loop().program)
 
 
-@pytest.mark.parametrize("content", [b"", b"not weights", b"\xff" * 64])
+@pytest.mark.parametrize("content", [b"not weights", b"\xff" * 64])
 def test_a_file_of_another_kind_is_refused(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "w.safetensors"
     path.write_bytes(content)
@@ -85,3 +85,38 @@ def test_arrays_that_are_no_floating_point_numbers_are_refused(kind: type, tmp_p
     save_file({"h.weight": np.zeros(5, kind), "g.weight": np.zeros(1)}, path)
     with pytest.raises(SpecError, match=r"`h\.weight` in .* not floating point numbers"):
         read_weights(path, fir_closed_loop().program)
+
+
+def _damaged(content: bytes) -> dict[str, tuple[bytes, str]]:
+    """Bytes that are no weights, with what is said of each."""
+    header = 8 + int.from_bytes(content[:8], "little")
+    halves = b'{"a": {"dtype": "BF16", "shape": [1], "data_offsets": [0, 2]}}'
+    other = content[8:header].replace(b'"shape":[5]', b'"shape":[6]')
+    return {
+        "empty": (b"", "it is empty"),
+        "of text": (b"these are no weights", "it is not a safetensors file"),
+        "a pointer": (b"version https://git-lfs.github.com/spec/v1\noid", "`git lfs pull`"),
+        "of torch": (b"PK\x03\x04" + bytes(60), "a zip archive, as torch.save"),
+        "half a header": (content[: header - 5], f"cut off in its header: {header:,} bytes of"),
+        "half its arrays": (content[:-5], f"need {len(content):,} bytes, it has"),
+        "more than its arrays": (content + b"123", "3 bytes follow its last array"),
+        "a broken header": (content[:8] + b"{" * (header - 8) + content[header:], "is damaged"),
+        "another shape": (content[:8] + other + content[header:], "do not fit"),
+        "half precision": (
+            len(halves).to_bytes(8, "little") + halves + b"\x00\x00",
+            "`a` has the dtype BF16, of which numpy has none",
+        ),
+    }
+
+
+@pytest.mark.parametrize("fault", _damaged(bytes(8)).keys())
+def test_each_fault_of_a_weights_file_has_its_reason(fault: str, tmp_path: Path) -> None:
+    program = fir_closed_loop().program
+    path = write_weights(tmp_path / "w.safetensors", initial_weights(program), program)
+    content, reason = _damaged(path.read_bytes())[fault]
+    path.write_bytes(content)
+    with pytest.raises(SpecError) as caught:
+        read_weights(path, program)
+    (found,) = caught.value.diagnostics
+    assert reason in found.message
+    assert "Error" not in found.message

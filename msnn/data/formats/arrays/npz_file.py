@@ -6,8 +6,10 @@ import zipfile
 import zlib
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.arrays.array_units import unit_beside
@@ -16,6 +18,9 @@ from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
+_LONE = b"\x93NUMPY"
+"""The first bytes of a `.npy` file."""
+
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
     """The wanted arrays of the archive. Raises SpecError with everything that is wrong."""
@@ -23,12 +28,27 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     try:
         # numpy leaves a broken file open that it opened itself
         with path.open("rb") as file:
+            if not zipfile.is_zipfile(file):
+                file.seek(0)
+                lone = file.read(len(_LONE)) == _LONE
+                reason = "it is a lone array" if lone else "it is no archive of numpy.savez"
+                raise SpecError((errors.unreadable_file(shown, reason),))
+            file.seek(0)
             # a pickle runs code when it is read
             archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise SpecError((errors.unreadable_file(shown, "it is a lone array"),))
-            names, get = tuple(archive.files), archive.__getitem__
-            units = partial(unit_beside, names, get=get)
-            return NamedArrays(shown, names, get, unit_texts=units).table(wanted)
+
+            def array(name: str) -> NDArray[Any]:
+                try:
+                    return archive[name]
+                except ValueError as error:
+                    # numpy's own words advise to run what the file says
+                    if "pickle" not in str(error):
+                        raise
+                    reason = f"`{name}` holds Python objects, not numbers: save it as float64"
+                    raise SpecError((errors.unreadable_file(shown, reason),)) from error
+
+            names = tuple(archive.files)
+            units = partial(unit_beside, names, get=array)
+            return NamedArrays(shown, names, array, unit_texts=units).table(wanted)
     except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error

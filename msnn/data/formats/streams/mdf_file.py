@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,6 +23,9 @@ from msnn.errors.data import files as errors
 from msnn.errors.data import formats
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.sections.data.data import TimeColumn
+
+# it prints lines of its own beside the message of the command
+logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
 
 _IN_GROUP = re.compile(r"(?P<name>.+)@(?P<group>[0-9]{1,6})")
 
