@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib.metadata import version as metadata_of
 from pathlib import Path
 
 import casadi
@@ -10,11 +11,13 @@ from numpy.typing import ArrayLike
 
 from backends.casadi_function.function import build_function, build_initial_state, casadi_names
 from backends.casadi_function.options import CasadiOptions
+from backends.casadi_function.source import LARGEST, source_text
 from backends.files.atomic_write import replacing, write_text
 from backends.files.readme import one_line, readme_text
 from backends.ports.metadata import interface_metadata, metadata_text
 from backends.ports.step_interface import step_interface
-from compiler.ir.program import Program
+from compiler.ir import ops
+from compiler.ir.program import Graph, Program
 from compiler.passes.simplify.inline_parameters import inline_parameters
 
 _AS_IT_IS = CasadiOptions()
@@ -27,8 +30,9 @@ def write_casadi(
     prefix: str,
     options: CasadiOptions = _AS_IT_IS,
 ) -> tuple[Path, ...]:
-    """Writes `<prefix>.casadi`, `<prefix>_initial_state.casadi`, `<prefix>.json` and a README,
-    `<prefix>_casadi.md`.
+    """Writes `<prefix>.casadi`, `<prefix>_initial_state.casadi`, `<prefix>.json`, a README,
+    `<prefix>_casadi.md`, and `<prefix>_casadi.py`, which has both functions for any version of
+    CasADi, unless they are vast.
 
     The program is in step form. The values of parameters, `weights` or the initial ones, stand in
     the JSON file where they are inputs of the functions, else in these. Returns the paths. OSError
@@ -39,22 +43,47 @@ def write_casadi(
     names = casadi_names(program)
     of_inputs = weights if options.params == "input" else None
     metadata = interface_metadata(program, step_interface(program), names, of_inputs)
+    step, initial_state = build_function(program, form=options.form), build_initial_state(program)
+    source = None
+    if max(_numbers(program.step), _numbers(program.start)) <= LARGEST:
+        scalars = [build_function(program, form="sx"), build_initial_state(program, form="sx")]
+        source = source_text(scalars, one_line(program.name))
+    version = metadata_of("casadi")
+    module = f"{prefix}_casadi.py"
     text = metadata_text(
         {
             **metadata,
+            "casadi": version,
             "functions": {
                 "step": f"{prefix}.casadi",
                 "initial_state": f"{prefix}_initial_state.casadi",
+                **({} if source is None else {"any_version": module}),
             },
         }
     )
-    readme = readme_text("casadi", model=one_line(program.name), prefix=prefix)
-    step, initial_state = build_function(program, form=options.form), build_initial_state(program)
+    readme = readme_text(
+        "casadi",
+        model=one_line(program.name),
+        prefix=prefix,
+        version=version,
+        source=source is not None,
+    )
     return (
         _save(step, folder / f"{prefix}.casadi"),
         _save(initial_state, folder / f"{prefix}_initial_state.casadi"),
         write_text(folder / f"{prefix}.json", text),
         write_text(folder / f"{prefix}_casadi.md", readme),
+        *(() if source is None else (write_text(folder / module, source),)),
+    )
+
+
+def _numbers(graph: Graph) -> int:
+    """The count of all numbers that a graph computes, the terms of sums too."""
+    return sum(
+        node.type.size + sum(graph[arg].type.size for arg in node.args)
+        if isinstance(node.op, ops.Reduction)
+        else node.type.size
+        for _, node in graph
     )
 
 

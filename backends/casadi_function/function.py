@@ -60,10 +60,13 @@ def build_function(program: Program, name: str = "step", *, form: Form = "mx") -
         return _function(name, arguments, results, result_names, {}).expand(name)
 
 
-def build_initial_state(program: Program, name: str = "initial_state") -> casadi.Function:
+def build_initial_state(
+    program: Program, name: str = "initial_state", *, form: Form = "mx"
+) -> casadi.Function:
     """The states before the first step as a function of the record around it and parameters.
 
-    Each window holds the samples t0+first … t0+last of one signal that the metadata names.
+    Each window holds the samples t0+first … t0+last of one signal that the metadata names. The form
+    is that of `build_function`.
     """
     program = _prepared(program)
     interface = step_interface(program)
@@ -78,7 +81,11 @@ def build_initial_state(program: Program, name: str = "initial_state") -> casadi
         values = lower_nodes(program.start, interface.start_nodes, symbols)
     arguments = [symbol for _, symbol in windows] + [*parameters.values()]
     results = [values[state.start] for state in interface.states]
-    return _function(name, arguments, results, list(names.states.values()), _OPTIONS)
+    result_names = list(names.states.values())
+    if form == "mx":
+        return _function(name, arguments, results, result_names, _OPTIONS)
+    with exact_arithmetic():
+        return _function(name, arguments, results, result_names, {}).expand(name)
 
 
 def casadi_names(program: Program) -> PortNames:

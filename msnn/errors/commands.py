@@ -63,6 +63,13 @@ def compiler_failed(compiler: str, said: Sequence[str], remedy: str) -> Diagnost
     return error("E1132", None, message, notes=notes, help=remedy)
 
 
+def not_run_here(target: str, reason: str) -> Diagnostic:
+    """E1133: an export that what is installed here cannot run."""
+    message = f"the {target} export was written and not compared: {reason}"
+    help = f"compare it where it runs, or name other targets: `--to` without `{target}`"
+    return error("E1133", None, message, help=help)
+
+
 def target_differs(target: str, dtype: str, of: str, difference: str) -> Diagnostic:
     """E1057: an export that computes something else than the interpreter."""
     help = "please report it with the spec and `msnn doctor`"

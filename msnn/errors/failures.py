@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from msnn.errors.commands import compiler_failed, missing_extra
+from msnn.errors.commands import compiler_failed, missing_extra, not_run_here
 from spec_schema.diagnostics.diagnostic import Diagnostic, shown_whole
 
 
@@ -37,3 +37,12 @@ class UnfitCompilerError(MissingExtraError):
         # past the parent, whose sentence is that of what is not there
         Exception.__init__(self, self.diagnostic.message)
         self._made_of = (compiler, said, remedy)
+
+
+class NotRunHereError(MissingExtraError):
+    """An export was written, and what runs it on this machine does not run it."""
+
+    def __init__(self, target: str, reason: str) -> None:
+        self.diagnostic = not_run_here(target, reason)
+        Exception.__init__(self, self.diagnostic.message)
+        self._made_of = (target, reason)

@@ -10,6 +10,7 @@ from msnn.agreement.compare import compare
 from msnn.agreement.judging.record import AgreementRecord, agreement_record
 from msnn.agreement.report import AgreementReport, Failure
 from msnn.agreement.subject import Subject
+from msnn.errors.failures import NotRunHereError
 from msnn.exports.export import load_export
 from msnn.exports.target import AnyPlan, Weights, Written
 from msnn.model.model import Model
@@ -42,8 +43,19 @@ def check_exports(
             origins[_DRAWN if record is None else record.origin] = None
             rows.append(check_export(plan, weights, written, record))
         except Exception as error:  # noqa: BLE001  (raised again once the table is printed)
-            failures.append(Failure(plan.target.name, plan.dtype, error))
+            failures.append(Failure(plan.target.name, plan.dtype, _named(plan, error)))
     return AgreementReport(", ".join(origins), tuple(rows), tuple(failures))
+
+
+def _named(plan: AnyPlan, error: Exception) -> Exception:
+    """What a runtime does not implement is no fault of the export: onnxruntime lacks operators for
+    some types, CasADi's interface some calls. They name it alike.
+    """
+    if type(error).__name__ not in ("NotImplementedError", "NotImplemented"):
+        return error
+    named = NotRunHereError(plan.target.name, " ".join(str(error).split()) or "not implemented")
+    named.__cause__ = error
+    return named
 
 
 def check_export(

@@ -31,7 +31,7 @@ def files_check(model: Sources, identities: Sequence[str]) -> ProofStep:
         names = ", ".join(identity[:12] for identity in identities)
         return check.of(found, f"{len(listed)} files of the export {names}")
 
-    check = ProofStep("files", model.prefix, (), run)
+    check = ProofStep("files", "all", (), run)
     return check
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import runpy
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ import casadi
 import numpy as np
 import pytest
 
+from backends.casadi_function import files
 from backends.casadi_function.files import write_casadi
 from backends.casadi_function.function import build_function
 from compiler.ir.program import Program
@@ -24,9 +27,9 @@ def program() -> Program:
     return to_step_form(SAMPLES["joint_arm"]().program)
 
 
-def test_writes_four_files_that_load(program: Program, tmp_path: Path):
+def test_writes_five_files_of_which_four_load(program: Program, tmp_path: Path):
     paths = write_casadi(program, None, tmp_path, "arm")
-    names = ["arm.casadi", "arm_initial_state.casadi", "arm.json", "arm_casadi.md"]
+    names = ["arm.casadi", "arm_initial_state.casadi", "arm.json", "arm_casadi.md", "arm_casadi.py"]
     assert [path.name for path in paths] == names
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
     loaded, built = casadi.Function.load(str(paths[0])), build_function(program)
@@ -68,6 +71,42 @@ def test_the_same_program_gives_the_same_bytes(program: Program, tmp_path: Path)
     first = [path.read_bytes() for path in write_casadi(program, None, tmp_path / "a", "arm")]
     second = [path.read_bytes() for path in write_casadi(program, None, tmp_path / "b", "arm")]
     assert first == second
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_module_has_the_functions_for_any_version_of_casadi(name: str, tmp_path: Path):
+    """The `.casadi` files are read by the version that wrote them and by later ones."""
+    program = to_step_form(SAMPLES[name]().program)
+    paths = write_casadi(program, None, tmp_path, "model")
+    simplifies = casadi.GlobalOptions.getSimplificationOnTheFly()
+    module = runpy.run_path(str(paths[4]))
+    assert casadi.GlobalOptions.getSimplificationOnTheFly() == simplifies
+    data = json.loads(paths[2].read_text(encoding="utf-8"))
+    assert data["casadi"] == metadata.version("casadi")
+    assert data["functions"]["any_version"] == "model_casadi.py"
+    random = np.random.Generator(np.random.Philox(1))
+    for path, function in ((paths[0], "step"), (paths[1], "initial_state")):
+        saved, written = casadi.Function.load(str(path)), module[function]
+        assert (written.name(), written.name_in()) == (saved.name(), saved.name_in())
+        assert (written.name_out()) == (saved.name_out())
+        sizes = [saved.numel_in(k) for k in range(saved.n_in())]
+        for special in (0.0, 1.0, -0.5, np.inf, np.nan):
+            arguments = [random.uniform(-1.5, 1.5, size) for size in sizes]
+            for argument in arguments:
+                argument[random.random(len(argument)) < 0.2] = special
+            for a, b in zip(written.call(arguments), saved.call(arguments), strict=True):
+                np.testing.assert_allclose(np.array(a), np.array(b), rtol=1e-13, atol=1e-15)
+
+
+def test_a_vast_function_has_no_module(
+    program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(files, "LARGEST", 10)
+    paths = write_casadi(program, None, tmp_path, "arm")
+    assert not (tmp_path / "arm_casadi.py").exists()
+    assert "any_version" not in json.loads(paths[2].read_text(encoding="utf-8"))["functions"]
+    readme = paths[3].read_text(encoding="utf-8")
+    assert "which earlier versions cannot read. A port" in readme
 
 
 @pytest.mark.parametrize("name", ["joint_arm", "spring_damper_rk4", "preview_driver"])

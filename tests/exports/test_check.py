@@ -32,6 +32,44 @@ outputs: {y: x}
 ERRORS = [ZeroDivisionError("ours"), MissingExtraError("a tool", "apt install tool")]
 
 
+class _NotImplemented(Exception):  # noqa: N818  (the name is onnxruntime's)
+    """As onnxruntime has it: none of Python's."""
+
+
+_NotImplemented.__name__ = "NotImplemented"
+
+
+@pytest.mark.parametrize(
+    "error", [NotImplementedError("no\n  kernel"), _NotImplemented("no kernel")]
+)
+@pytest.mark.parametrize("broken", ["onnx", "casadi", "fmu"])
+def test_a_target_that_cannot_be_run_here_is_not_compared(
+    broken: str,
+    error: Exception,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    require_tool("gcc", install="apt install gcc")
+
+    def loaded(plan: AnyPlan, written: Written) -> object:
+        if plan.target.name == broken:
+            raise error
+        return load_export(plan, written)
+
+    monkeypatch.setattr(check, "load_export", loaded)
+    spec = tmp_path / "m.msnn.yaml"
+    spec.write_text(SPEC)
+    words = ["export", str(spec), "--initial", "--check", "--out", str(tmp_path)]
+    assert run([*words, "--to", f"c,{broken}"]) == ExitCode.MISSING_EXTRA
+    said = capsys.readouterr()
+    rows = {line.split()[0]: line for line in said.out.splitlines() if line.split()}
+    assert rows["c"].endswith("agrees")
+    assert rows[broken].endswith("not compared")
+    assert f"error[E1133]: the {broken} export was written and not compared: no kernel" in said.err
+    assert "Traceback" not in said.err
+
+
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
 @pytest.mark.parametrize("broken", [name for name in NAMES if name != "mpc"])
 def test_a_target_that_fails_does_not_hide_the_others(

@@ -226,6 +226,13 @@ FAULTS = {
         "drawn numbers",
         "error: a byte outside of the structs was written",
     ),
+    "a filter without its guard against divergence": (
+        "plant_ekf.c",
+        "    if (!finite) {\n        return PLANT_EKF_DIVERGED;",
+        "    if (0) {\n        return PLANT_EKF_DIVERGED;",
+        "drawn numbers",
+        "error: an estimate that is not finite",
+    ),
     "an index that is too large": (
         "plant_ekf.c",
         "    for (int i = 0; i < ALL; i++) {\n        e->gain[i] /= sum;",

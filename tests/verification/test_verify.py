@@ -198,7 +198,7 @@ def test_a_changed_constant_differs_from_the_golden_vectors(
     assert found == {
         ("golden vectors", "gcc"),
         ("golden vectors", "clang"),
-        ("files", "reference"),
+        ("files", "all"),
         ("golden vectors", "Cortex-M4F -O2"),
         ("golden vectors", "Cortex-M4F -Os"),
     }

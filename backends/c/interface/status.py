@@ -29,6 +29,7 @@ class SelfTestBit(IntFlag):
     NO_SUBNORMALS = 2048
     HELPER_DIFFERS = 4096
     CHECKSUM_DIFFERS = 8192
+    REORDERED = 16384
 
 
 MEANING: dict[StatusBit | SelfTestBit, str] = {
@@ -47,6 +48,8 @@ MEANING: dict[StatusBit | SelfTestBit, str] = {
     SelfTestBit.KERNEL_DIFFERS: "a mathematical function gave other numbers",
     SelfTestBit.CONTRACTED: "the compiler fuses multiplications with additions",
     SelfTestBit.NO_SUBNORMALS: "the processor flushes subnormal numbers to zero",
+    SelfTestBit.REORDERED: "the compiler changes the order of sums, or multiplies by reciprocals "
+    "instead of dividing",
     SelfTestBit.HELPER_DIFFERS: "a vector held other numbers than its struct, or the sample time "
     "is another",
     SelfTestBit.CHECKSUM_DIFFERS: "the values for calibration are not those of their checksum",

@@ -159,6 +159,7 @@ def _drawn_program(
         # squares of these overflow, and these lie below the smallest normal number
         huge="1e30" if single else "1e300",
         denormal="1e-40" if single else "1e-310",
+        largest="3.4028234e38" if single else "1.797693134862315e308",
         bytes=8 * (3 + (numbers + 8) * (1 + size)),
         runs=_RUNS,
     )

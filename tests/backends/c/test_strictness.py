@@ -160,6 +160,36 @@ def test_a_processor_with_half_precision_is_no_reason_to_refuse(tmp_path: Path) 
     assert _run([*command, "-fsyntax-only", *sources]) == ""
 
 
+_REORDERED = 16384
+_FLAGS = {
+    "order": "-fassociative-math -fno-signed-zeros -fno-trapping-math",
+    "reciprocal": "-freciprocal-math",
+    "none": "-O2",
+}
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize("flags", _FLAGS)
+def test_a_build_that_reorders_arithmetic_is_found_in_every_model(
+    flags: str, real: str, compiler: str, tmp_path: Path
+) -> None:
+    """This one has no function and no quotient whose bits such flags would change."""
+    path = require_tool(compiler, install=f"apt install {compiler}")
+    dtype = "float32" if real == "float" else "float64"
+    write_c(nothing_to_do(), {}, tmp_path, COptions(dtype=dtype, prefix="plain"))
+    main = tmp_path / "main.c"
+    main.write_text(
+        '#include <stdio.h>\n#include "plain.h"\n'
+        'int main(void) { printf("%u", (unsigned)plain_selftest()); return 0; }\n'
+    )
+    sources = [str(file) for file in (tmp_path / "src").glob("*.c")]
+    include, program = f"-I{tmp_path / 'include'}", str(tmp_path / "program")
+    options = ["-std=c99", "-O2", "-ffp-contract=off", *_FLAGS[flags].split()]
+    _run([path, *options, include, str(main), *sources, "-o", program, "-lm"])
+    assert _run([program]) == str(0 if flags == "none" else _REORDERED)
+
+
 @pytest.mark.parametrize("flag", ["-ffast-math", "-ffp-contract=fast"])
 def test_a_build_that_changes_numbers_is_found(flag: str, tmp_path: Path) -> None:
     _require_fused_arithmetic()

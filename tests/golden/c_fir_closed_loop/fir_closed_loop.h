@@ -46,6 +46,8 @@ typedef uint32_t fir_closed_loop_status_t;
 #define FIR_CLOSED_LOOP_SELFTEST_NO_SUBNORMALS 2048U
 /* a vector held other numbers than its struct, or the sample time is another */
 #define FIR_CLOSED_LOOP_SELFTEST_HELPER_DIFFERS 4096U
+/* the compiler changes the order of sums, or multiplies by reciprocals instead of dividing */
+#define FIR_CLOSED_LOOP_SELFTEST_REORDERED 16384U
 
 /* Inputs of a step. */
 typedef struct {

@@ -51,6 +51,8 @@ typedef uint32_t reference_status_t;
 #define REFERENCE_SELFTEST_NO_SUBNORMALS 2048U
 /* a vector held other numbers than its struct, or the sample time is another */
 #define REFERENCE_SELFTEST_HELPER_DIFFERS 4096U
+/* the compiler changes the order of sums, or multiplies by reciprocals instead of dividing */
+#define REFERENCE_SELFTEST_REORDERED 16384U
 
 /* Inputs of a step. */
 typedef struct {

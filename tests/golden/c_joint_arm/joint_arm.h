@@ -48,6 +48,8 @@ typedef uint32_t joint_arm_status_t;
 #define JOINT_ARM_SELFTEST_NO_SUBNORMALS 2048U
 /* a vector held other numbers than its struct, or the sample time is another */
 #define JOINT_ARM_SELFTEST_HELPER_DIFFERS 4096U
+/* the compiler changes the order of sums, or multiplies by reciprocals instead of dividing */
+#define JOINT_ARM_SELFTEST_REORDERED 16384U
 
 /* Inputs of a step. */
 typedef struct {

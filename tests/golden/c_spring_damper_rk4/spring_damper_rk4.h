@@ -46,6 +46,8 @@ typedef uint32_t spring_damper_rk4_status_t;
 #define SPRING_DAMPER_RK4_SELFTEST_NO_SUBNORMALS 2048U
 /* a vector held other numbers than its struct, or the sample time is another */
 #define SPRING_DAMPER_RK4_SELFTEST_HELPER_DIFFERS 4096U
+/* the compiler changes the order of sums, or multiplies by reciprocals instead of dividing */
+#define SPRING_DAMPER_RK4_SELFTEST_REORDERED 16384U
 
 /* Inputs of a step. */
 typedef struct {

@@ -59,6 +59,9 @@ _SELFTEST_OPENING = 2
 _TEST_STEPS = 16
 """Golden steps of each."""
 
+_DIVIDEND, _DIVISOR = 5.0, 3.0
+"""In both types 5 / 3 is another number than 5 times the number nearest to 1 / 3."""
+
 _SELFTEST_SEED, _TEST_SEED, _STARTS_SEED, _SINGLES_SEED = 1, 2, 0, 5
 
 
@@ -100,6 +103,11 @@ def selftest_text(
         steps=SELFTEST_STEPS,
         factor=hex_literal(1.0 + small, dtype),
         square=hex_literal(1.0 + 2.0 * small, dtype),
+        # the sum with 1 rounds to it
+        large=hex_literal(float(4.0 / np.finfo(dtype).eps), dtype),
+        dividend=real_literal(_DIVIDEND, dtype),
+        divisor=real_literal(_DIVISOR, dtype),
+        quotient=hex_literal(float(np.divide(_DIVIDEND, _DIVISOR, dtype=dtype)), dtype),
         smallest=hex_literal(float(np.finfo(dtype).tiny), dtype),
         half=real_literal(0.5, dtype),
         zero=real_literal(0.0, dtype),
