@@ -50,8 +50,11 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
 def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
     lines: Lines = partial(content_lines, path, dialect, shown)
     header = read_header(lines, shown, dialect, wanted.users)
-    if header.dialect.delimiter == header.dialect.decimal and header.width > 1:
-        raise SpecError((decimal_between_cells(shown, header.dialect.decimal, header.place),))
+    signs = header.dialect
+    # in quotes it can be both: `"1,5","2,5"`
+    is_both = signs.delimiter == signs.decimal and header.width > 1
+    if is_both and not any('"' in text for _, text in lines()):
+        raise SpecError((decimal_between_cells(shown, signs.decimal, header.place),))
     places = header.places(wanted)
     if header.width == 1:
         lines = with_blank_rows(partial(content_lines, path, dialect, shown, blank=True), header)
