@@ -178,10 +178,11 @@ def _kept_values(moments: IntArray, usable: BoolArray) -> KeptValues:
 
 
 def _at_moments(key: ColumnKey, rows: RecordRows) -> FloatArray:
-    """A resampled column without the values at moments for which none was measured."""
+    """A resampled column without values at moments for which none was measured, and in holes."""
     moments = rows.moments[key]
     values = np.full(len(rows.continues), np.nan)
     belongs = moments[moments >= 0]
+    belongs = belongs[rows.covered[belongs]]
     values[belongs] = rows.columns[key][belongs]
     return values
 
