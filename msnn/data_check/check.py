@@ -76,7 +76,7 @@ def check_datasets(
         if resampled is not None:
             step = model.program.sample_time
         system = _system(model, resampled or next(iter(recorded.values())), step)
-        findings.report(*dynamics_findings(system))
+        findings.report(*dynamics_findings(system, resampled=resampled is not None))
         findings.report(*reading_findings(model, system))
     return DataCheck(
         sample_time=model.program.sample_time,

@@ -29,3 +29,6 @@ def test_a_command_tells_how_many_values_are_kept(msnn: CommandLine, command: st
     said = msnn(verb, "plant.yaml", *options)
     assert said.code == 0
     assert "note[W0830]: resampling keeps 20 of 20 measured values of column `y`" in said.err
+    # advice that the spec follows already
+    assert "`resample: linear`" not in said.err
+    assert ("with a value of `y` in every row" in said.err) == (verb in ("check", "data"))

@@ -371,3 +371,20 @@ def test_dates_that_do_not_compare_are_refused(
     with pytest.raises(SpecError) as caught:
         read(tmp_path, text, spec=BY_MINUTES, **layout)
     assert {found.code for found in caught.value.diagnostics} == {code}
+
+
+@pytest.mark.parametrize("resample", [None, "linear"])
+def test_a_clock_that_is_set_back_by_an_hour_asks_for_offsets(
+    tmp_path: Path, resample: str | None
+) -> None:
+    """Sorted by the clock, the rows of both hours from 2 to 3 would be mixed."""
+    hours = [("02:20", "02:00"), ("02:40", "02:00"), ("02:00", "01:00"), ("02:20", "01:00")]
+    rows = [f"2026-10-25 {clock}+{offset},{i},{i}" for i, (clock, offset) in enumerate(hours)]
+    local = [row.replace("+02:00", "").replace("+01:00", "") for row in rows]
+    spec = SPEC.replace("0.5 s", "20 min")
+    more = {} if resample is None else {"resample": resample}
+    with pytest.raises(SpecError, match="E0813") as caught:
+        read(tmp_path, "\n".join(["time,F,x", *local]), spec=spec, **more)
+    assert "offset from UTC" in str(caught.value.diagnostics[0].help)
+    found = read(tmp_path, "\n".join(["time,F,x", *rows]), spec=spec, **more)
+    assert output(found) == [0, 2, 4, 6]

@@ -149,6 +149,15 @@ def test_values_without_a_row_are_told_as_lost(tmp_path: Path) -> None:
     assert said.notes == ("3 are nearest to a row without inputs, or to none",)
 
 
+def test_values_that_are_not_picked_are_not_lost(tmp_path: Path) -> None:
+    write_mdf(tmp_path / "a.mf4", jittered(500, 0.0))
+    write_csv(tmp_path / "a.csv", jittered(500, 0.0))
+    for name in ("a.mf4", "a.csv"):
+        data = load(tmp_path, name, "linear", ", from: 1 s, to: 2 s")
+        (said,) = data.warnings
+        assert (said.severity, "keeps 21 of 21" in said.message) == ("note", True)
+
+
 def test_counts_are_of_all_files_before_they_are_joined(tmp_path: Path) -> None:
     columns = jittered(100, 0.0)
     write_csv(tmp_path / "a.csv", columns)
@@ -247,3 +256,32 @@ def test_a_hole_is_one_at_any_time_of_day(tmp_path: Path, begin: float) -> None:
     write_csv(tmp_path / "a.csv", {"t": time, "u": time, "y": time})
     data = load(tmp_path, "a.csv", "nearest")
     assert data.episodes("train").tolist() == [[0, 10], [12, 22]]
+
+
+READERS = {
+    "its derivative": ("", 'losses: {d: "mse(o, der(y, method=central))"}'),
+    "a start": ('states: {s: {next: "0.9 * s", init: "y[t]"}}', ""),
+    "a start of two rows": ('states: {s: {next: "0.9 * s", init: "y[t] - y[t-1]"}}', ""),
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_what_reads_several_rows_of_a_target_finds_lines_between_its_values(
+    tmp_path: Path, reader: str
+) -> None:
+    """A target of 50 ms at a sample time of 10 ms; a hole of half a second stays one."""
+    states, losses = READERS[reader]
+    columns = jittered(500, 0.0)
+    columns["y"][200:250] = np.nan
+    write_csv(tmp_path / "a.csv", columns)
+    output = "outputs: {o: {expr: k*u" + (" + s" if states else "")
+    spec = SPEC.replace("outputs: {o: {expr: k*u", f"{states}\n{output}")
+    spec = spec.replace("data:", f"{losses}\ndata:", 1)
+    data = load(tmp_path, "a.csv", "linear", spec=spec)
+    # an input that is there in all rows: nothing ends an episode
+    assert data.episodes("train").tolist() == [[0, 500]]
+    known = np.isfinite(data.series["y"])
+    if reader == "a start":
+        assert known.sum() == 90
+    else:
+        assert np.flatnonzero(~known).tolist() == [*range(196, 250), *range(496, 500)]

@@ -28,6 +28,8 @@ class FileFormat:
     module: str
     packages: tuple[OptionalPackage, ...] = ()
     is_text: bool = False
+    is_isolated: bool = False
+    """Whether a process of its own reads it: a broken file ends its compiled reader."""
     text_keys: tuple[str, ...] = ()
     """The keys of `csv:` that say something of it."""
     keeps_time: bool = False
@@ -35,6 +37,10 @@ class FileFormat:
 
     @property
     def reader(self) -> Reader:
+        if self.is_isolated:
+            from msnn.data.formats.isolation.reader import isolated
+
+            return isolated(self.module)
         # each reader brings its library, of which some take a second to load
         return import_module(self.module).read
 
@@ -72,18 +78,21 @@ FORMATS = (
         name="MAT",
         suffixes=(".mat",),
         module="msnn.data.formats.arrays.mat_file",
+        is_isolated=True,
         packages=(SCIPY, H5PY),
     ),
     FileFormat(
         name="HDF5",
         suffixes=(".h5", ".hdf5"),
         module="msnn.data.formats.arrays.hdf5_file",
+        is_isolated=True,
         packages=(H5PY,),
     ),
     FileFormat(
         name="MDF",
         suffixes=(".mf4", ".mdf"),
         module="msnn.data.formats.streams.mdf_file",
+        is_isolated=True,
         packages=(ASAMMDF,),
         keeps_time=True,
     ),
@@ -91,6 +100,7 @@ FORMATS = (
         name="ROS bag",
         suffixes=(".bag", ".db3", ".mcap"),
         module="msnn.data.formats.streams.rosbag_file",
+        is_isolated=True,
         packages=(ROSBAGS,),
         keeps_time=True,
     ),

@@ -112,6 +112,7 @@ def read_part(
     # of its own: `failed` is then about this file alone
     mine = Findings()
     columns = {**data.columns, **file.layout.columns}
+    compared = compared_signals(program)
     found = feeds(_signals(program, row_filter), columns, mine)
     more = feeds(beside, columns, mine)
     read = _read(file, data, found, more, mine)
@@ -124,7 +125,8 @@ def read_part(
     if read is not None and not mine.failed:
         # a column that a signal of the program needs as well may not be missing
         spare = wanted_columns(more).keys() - wanted_columns(found).keys()
-        scored = columns_of_only(found, compared_signals(program))
+        targets = {f.signal.name for f in found if f.signal.role is Role.TARGET}
+        scored = columns_of_only(found, targets | compared)
         uses = ColumnUses(beside=frozenset(spare), scored=scored)
         rows = record_rows(read, file, data, program.sample_time, mine, uses)
     findings.report(*mine.in_order)
@@ -145,16 +147,13 @@ def read_part(
                 continue
             values = series[feed.signal.name].reshape(len(usable), -1)
             usable &= np.isfinite(values).all(axis=1)
-    kept = {key: _kept_values(moments, usable) for key, moments in rows.moments.items()}
+    single = columns_of_only(found, compared) & rows.moments.keys()
+    kept = {key: _kept_values(rows.moments[key], usable) for key in single}
     if row_filter is not None:
         usable &= _kept(row_filter, series, rows, file, findings)
-    # after the filter, which may read between measured values; a prediction is compared with none
-    measured = {**rows.columns, **{key: _at_moments(key, rows) for key in rows.moments}}
-    series |= {
-        feed.signal.name: feed.series(measured)
-        for feed in found
-        if rows.moments.keys() & set(feed.keys)
-    }
+    # after the filter, which may read between measured values
+    measured = {**rows.columns, **{key: _at_moments(key, rows) for key in single}}
+    series |= {feed.signal.name: feed.series(measured) for feed in found if single & set(feed.keys)}
     # what only the filter read is not kept
     series = {signal.name: series[signal.name] for signal in program.signals}
     series |= {feed.signal.name: feed.series_if_there(rows.columns, len(usable)) for feed in more}
@@ -178,10 +177,11 @@ def _kept_values(moments: IntArray, usable: BoolArray) -> KeptValues:
 
 
 def _at_moments(key: ColumnKey, rows: RecordRows) -> FloatArray:
-    """A resampled column without the values at moments for which none was measured."""
+    """A resampled column without values at moments for which none was measured, and in holes."""
     moments = rows.moments[key]
     values = np.full(len(rows.continues), np.nan)
     belongs = moments[moments >= 0]
+    belongs = belongs[rows.covered[belongs]]
     values[belongs] = rows.columns[key][belongs]
     return values
 

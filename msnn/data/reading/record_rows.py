@@ -29,6 +29,8 @@ from spec_schema.sections.data.data import SECOND, Data, Layout, TimeColumn
 from spec_schema.units.unit import UNCHANGED, Line
 from spec_schema.yaml_tree.writer import scalar_text
 
+_HOUR = 3600.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordRows:
@@ -241,8 +243,10 @@ def _resampled(
     # not `diff <= 0`: of a NaN neither holds, and it is out of order too
     backward = ~(np.diff(moments) > 0)
     if backward.any():
-        row = picked.first + (int(np.argmax(backward)) + 1) * picked.every
-        fault = TimeFault("order", row, 0.0, int(backward.sum()) - 1)
+        index = int(np.argmax(backward))
+        step = float(moments[index + 1] - moments[index])
+        row = picked.first + (index + 1) * picked.every
+        fault = TimeFault("order", row, step, int(backward.sum()) - 1)
         findings.report(_time_fault(fault, file, data, sample_time, table))
         return None
     columns = {key: (moments, column[picked.rows]) for key, column in table.columns.items()}
@@ -390,4 +394,9 @@ def _time_fault(
                 file.shown, fault.step, sample_time, column, place, is_even=fault.is_even
             )
         case "order":
-            return errors.time_not_increasing(file.shown, fault.row, fault.more, place)
+            begins = _begins(table, file.layout.time or data.time)
+            is_local = begins is not None and not begins.has_zone
+            set_back = is_local and -_HOUR <= fault.step <= -_HOUR / 2
+            return errors.time_not_increasing(
+                file.shown, fault.row, fault.more, place, set_back=set_back
+            )

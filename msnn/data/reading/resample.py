@@ -87,11 +87,15 @@ def resample(
             found[key] = np.full(count, np.nan)
             covered &= key in beside or key in scored
         elif key in scored:
-            moments[key] = _moments_of(grid, time, sample_time)
+            # values that the user has not picked are not looked for
+            picked = slice(None) if span is None else (time >= span[0]) & (time <= span[1])
+            moments[key] = _moments_of(grid, time[picked], sample_time)
+            found[key] = _at(grid, time, values, method)
             # a line through a hole joins values that say nothing of what lies between
-            alone = _in_holes(grid, time, sample_time)
-            drawn = _at(grid, time, values, method)
-            found[key] = np.where(alone, _at(grid, time, values, "nearest"), drawn)
+            alone = _in_holes(grid, time, sample_time) | (grid < time[0]) | (grid > time[-1])
+            found[key][alone] = np.nan
+            alone &= _marked(count, moments[key])
+            found[key][alone] = _at(grid[alone], time, values, "nearest")
         else:
             found[key] = _at(grid, time, values, method)
         if key in beside and len(time):
@@ -138,6 +142,13 @@ def _moments_of(grid: FloatArray, time: FloatArray, sample_time: float) -> IntAr
     # of two moments alike far the earlier
     index = np.ceil((time - grid[0]) / sample_time - 0.5 - _SLACK).astype(np.int64)
     return np.where((index < 0) | (index >= len(grid)), -1, index)
+
+
+def _marked(count: int, moments: IntArray) -> BoolArray:
+    """The moments that are listed."""
+    marked = np.zeros(count, dtype=np.bool_)
+    marked[moments[moments >= 0]] = True
+    return marked
 
 
 def _at(grid: FloatArray, time: FloatArray, values: FloatArray, method: Method) -> FloatArray:

@@ -14,8 +14,8 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 _FEWEST_ROWS = 30
 
 
-def dynamics_findings(system: CheckedSystem) -> Iterator[Diagnostic]:
-    """Inputs that teach little, and targets that answer none of them."""
+def dynamics_findings(system: CheckedSystem, *, resampled: bool) -> Iterator[Diagnostic]:
+    """Reports inputs that teach little, and targets that answer none of them."""
     for dependence in system.about.dependences:
         terms = [
             f"{factor:.4g} {system.inputs[other].name}" for other, factor in dependence.factors
@@ -35,7 +35,7 @@ def dynamics_findings(system: CheckedSystem) -> Iterator[Diagnostic]:
                 highest=highest_frequency(found, system.step),
             )
     for target in system.targets:
-        yield from _target(system, target)
+        yield from _target(system, target, resampled=resampled)
 
 
 def highest_frequency(found: Excitation, step: float) -> float:
@@ -43,7 +43,9 @@ def highest_frequency(found: Excitation, step: float) -> float:
     return found.highest / step
 
 
-def _target(system: CheckedSystem, target: CheckedTarget) -> Iterator[Diagnostic]:
+def _target(
+    system: CheckedSystem, target: CheckedTarget, *, resampled: bool
+) -> Iterator[Diagnostic]:
     found, name = target.found, target.channel.name
     # of an input that stands still nothing can be answered
     moving = [i for i, excites in enumerate(system.about.excitation) if excites is not None]
@@ -52,7 +54,13 @@ def _target(system: CheckedSystem, target: CheckedTarget) -> Iterator[Diagnostic
     if found.responses is None:
         needed = _needed(len(system.inputs))
         # too little for a long model, from which everything else follows
-        yield too_few_rows(rows=found.rows, longest=found.longest, needed=needed, of=name)
+        yield too_few_rows(
+            rows=found.rows,
+            longest=found.longest,
+            needed=needed,
+            of=name,
+            resampled=resampled,
+        )
         return
     for number, share in enumerate(found.feedback):
         if share is not None:

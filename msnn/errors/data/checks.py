@@ -132,12 +132,13 @@ def little_of_range(
     return warning("W0828", None, message, help=repair)
 
 
-def too_few_rows(*, rows: int, longest: int, needed: int, of: str) -> Diagnostic:
+def too_few_rows(*, rows: int, longest: int, needed: int, of: str, resampled: bool) -> Diagnostic:
     """W0829: too few rows without gap to say anything of a response."""
     parts = f", at most {longest} of them in one part without gap," if longest < rows else ""
     message = f"{rows} rows with every value{parts} are too few to tell how `{of}` is moved"
-    repair = (
-        f"{needed} rows in one part are enough: record for longer, or fill short gaps in time with "
-        "`resample: linear` under `data:`"
-    )
+    repair = f"{needed} rows in one part are enough: record for longer, "
+    # where the spec resamples already, what lacks is values of the target
+    lacking = f"with a value of `{of}` in every row"
+    gaps = "or fill short gaps in time with `resample: linear` under `data:`"
+    repair += lacking if resampled else gaps
     return warning("W0829", None, message, help=repair)

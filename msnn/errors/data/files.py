@@ -19,9 +19,11 @@ def no_file(
     return error("E0801", span, message, "no such file", help=did_you_mean(meant) or relative)
 
 
-def unreadable_file(file: str, reason: str, repair: str | None = None) -> Diagnostic:
+def unreadable_file(
+    file: str, reason: str, repair: str | None = None, place: Span | None = None
+) -> Diagnostic:
     """E0802: a file that the system does not give, or that is not text."""
-    return error("E0802", None, f"cannot read {file}: {reason}", help=repair)
+    return error("E0802", place, f"cannot read {file}: {reason}", "from here on", help=repair)
 
 
 def spreadsheet(file: str) -> Diagnostic:

@@ -70,11 +70,19 @@ def _seconds(value: float) -> str:
     return f"{value:.6g} s" if value >= 1 else f"{value * 1000:.6g} ms"
 
 
-def time_not_increasing(file: str, row: int, more: int, place: Span | None) -> Diagnostic:
+def time_not_increasing(
+    file: str, row: int, more: int, place: Span | None, *, set_back: bool = False
+) -> Diagnostic:
     """E0813: a time that is not later than the one before."""
     message = f"the time in row {row} of {file} is not later than in the row before"
     notes = and_more(more, "row")
     repair = "sort the rows by time, and of rows with the same time keep one"
+    if set_back:
+        # sorted, the rows of two hours would be mixed
+        repair = (
+            "the clock was set back by an hour, as at the end of summer time: write times with "
+            "their offset from UTC, `02:50+02:00` and then `02:00+01:00`"
+        )
     return error("E0813", place, message, "time does not increase", notes=notes, help=repair)
 
 

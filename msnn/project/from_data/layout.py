@@ -91,7 +91,7 @@ def _first_lines(path: Path, dialect: Dialect) -> list[tuple[int, str]]:
     require_reader(path)
     try:
         lines = sheet_lines if path.suffix.lower() == WORKBOOK else content_lines
-        return list(islice(lines(path, dialect), _LINES))
+        return list(islice(lines(path, dialect, path.name), _LINES))
     except UnicodeDecodeError as error:
         raise SpecError([not_utf8(path, path.name, error)]) from error
 

@@ -15,6 +15,7 @@ from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.arrays.array_units import unit_beside
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
+from msnn.data.formats.unpacked_size import refuse_unpacking
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -36,8 +37,14 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
             file.seek(0)
             # a pickle runs code when it is read
             archive = np.load(file, allow_pickle=False)
+            directory = archive.zip.infolist() if archive.zip else []
+            sizes = {part.filename.removesuffix(".npy"): part.file_size for part in directory}
+            unpacked = 0
 
             def array(name: str) -> NDArray[Any]:
+                nonlocal unpacked
+                unpacked += sizes[name]
+                refuse_unpacking(path, shown, unpacked)
                 try:
                     return archive[name]
                 except ValueError as error:

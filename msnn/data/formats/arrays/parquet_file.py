@@ -16,6 +16,7 @@ from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.arrays.array_units import unit_of_column, units_in
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
+from msnn.data.formats.unpacked_size import refuse_unpacking
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -28,12 +29,14 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     del dialect  # lays out text
     try:
         with parquet.ParquetFile(path) as file:
+            # a value that repeats takes no room in the file, and 8 bytes a row when it is read
+            refuse_unpacking(path, shown, 8 * file.metadata.num_rows * len(wanted.users))
             names = tuple(str(name) for name in file.schema_arrow.names)
             zoned = zoned_columns(file.schema_arrow)
             units = partial(units_of_field, file.schema_arrow)
             arrays = NamedArrays(shown, names, lambda name: _array(file, name), zoned, units)
             return arrays.table(wanted)
-    except (OSError, arrow.ArrowException) as error:
+    except (OSError, ValueError, arrow.ArrowException) as error:
         raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
 
 

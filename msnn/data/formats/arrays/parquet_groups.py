@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.arrays.parquet_file import as_array, units_of_field, zoned_columns
+from msnn.data.formats.unpacked_size import refuse_unpacking
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -33,13 +34,15 @@ def row_groups(path: Path, shown: str) -> Sequence[NamedArrays]:
         # one file is one fragment
         (fragment,) = source.get_fragments()
         count = fragment.num_row_groups
-    except (OSError, arrow.ArrowException) as error:
+        for group in fragment.row_groups:
+            refuse_unpacking(path, shown, 8 * int(group.num_rows))
+    except (OSError, ValueError, arrow.ArrowException) as error:
         raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
     names = tuple(str(name) for name in source.schema.names)
     zoned = zoned_columns(source.schema)
     units = partial(units_of_field, source.schema)
 
-    def group(number: int) -> NamedArrays:
+    def one_group(number: int) -> NamedArrays:
         def column(name: str) -> NDArray[Any]:
             part = fragment.subset(row_group_ids=[number])
             # columns are few and groups many: threads of arrow would only add to the memory
@@ -48,4 +51,4 @@ def row_groups(path: Path, shown: str) -> Sequence[NamedArrays]:
 
         return NamedArrays(f"{shown}, row group {number}", names, column, zoned, units)
 
-    return [group(number) for number in range(count)]
+    return [one_group(number) for number in range(count)]

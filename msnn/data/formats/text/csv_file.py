@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
+from os import SEEK_END
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from msnn.data.formats.text.csv_header import (
     Lines,
     content_lines,
     read_header,
+    with_blank_rows,
 )
 from msnn.data.formats.text.text_encoding import not_utf8
 from msnn.errors.data import files as errors
@@ -45,13 +48,16 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
 
 
 def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
-    def lines() -> Iterator[tuple[int, str]]:
-        return content_lines(path, dialect)
-
+    lines: Lines = partial(content_lines, path, dialect, shown)
     header = read_header(lines, shown, dialect, wanted.users)
-    if header.dialect.delimiter == header.dialect.decimal and header.width > 1:
-        raise SpecError((decimal_between_cells(shown, header.dialect.decimal, header.place),))
+    signs = header.dialect
+    # in quotes it can be both: `"1,5","2,5"`
+    is_both = signs.delimiter == signs.decimal and header.width > 1
+    if is_both and not any('"' in text for _, text in lines()):
+        raise SpecError((decimal_between_cells(shown, signs.decimal, header.place),))
     places = header.places(wanted)
+    if header.width == 1:
+        lines = with_blank_rows(partial(content_lines, path, dialect, shown, blank=True), header)
     # numpy first, as it is far faster; it explains nothing, so what it refuses is read cell by
     # cell
     columns = _numbers(path, header, tuple(places.values()))
@@ -125,6 +131,9 @@ def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatAr
             return None
     if not len(table):
         return None
+    # of a lone column a blank line is a missing value, and numpy passes over it
+    if header.width == 1 and _lines_below(path, header) != len(table):
+        return None
     if blanks:  # all columns were read, so that rows of another width are seen
         whole = table.shape[1] == header.width
         return [np.ascontiguousarray(table[:, i]) for i in indices] if whole else None
@@ -136,7 +145,19 @@ def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatAr
 
 def _delimiters(path: Path, header: Header) -> int:
     """The count of delimiters after the header: loadtxt skips columns it does not read."""
-    sign, total = header.dialect.delimiter.encode(), 0
+    return _count(path, header, header.dialect.delimiter.encode())
+
+
+def _lines_below(path: Path, header: Header) -> int:
+    """The count of lines after the header."""
+    with path.open("rb") as file:
+        file.seek(-1, SEEK_END)
+        is_ended = file.read(1) == b"\n"
+    return _count(path, header, b"\n") + (not is_ended)
+
+
+def _count(path: Path, header: Header, sign: bytes) -> int:
+    total = 0
     with path.open("rb") as file:
         for _ in range(header.skipped):
             file.readline()

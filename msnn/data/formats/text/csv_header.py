@@ -31,6 +31,8 @@ BLANKS = " "
 
 # ";" before ",": with decimal commas both are there
 _DELIMITERS = (";", ",", "\t", "|", BLANKS)
+LONGEST_LINE = 1 << 22
+"""Characters of a line: 200,000 numbers, more columns than a table of measurements has."""
 _UNIT_ALONE = re.compile(r"[\[(].*[\])]")
 
 Lines: TypeAlias = Callable[[], Iterator[tuple[int, str]]]
@@ -229,22 +231,59 @@ def _refuse_late_header(
 _FURTHEST_HEADER = 100
 
 
-def content_lines(path: Path, dialect: Dialect) -> Iterator[tuple[int, str]]:
-    """Number (from 1) and text of the lines after `skip` that are not blank and no comment."""
+def content_lines(
+    path: Path, dialect: Dialect, shown: str, *, blank: bool = False
+) -> Iterator[tuple[int, str]]:
+    """Number (from 1) and text of the lines after `skip` that are no comment and not blank.
+
+    With `blank` blank lines are there, without their blanks. SpecError for a line that is far
+    longer than a row of numbers.
+    """
     # a byte order mark is no part of the first name; `csv` wants line ends as they are
     with path.open(encoding="utf-8-sig", newline="") as file:
         for number, line in enumerate(file, start=1):
-            if number <= dialect.skip or not line.strip():
+            if number <= dialect.skip:
                 continue
-            if dialect.comment is None or not line.lstrip().startswith(dialect.comment):
+            if len(line) > LONGEST_LINE:
+                reason = f"its line {number} has {len(line)} characters, which is no row"
+                here = Span(file=shown, line=number, column=1, end_line=number, end_column=1)
+                repair = "write a line for each row"
+                raise SpecError((errors.unreadable_file(shown, reason, repair, here),))
+            plain = line.lstrip()
+            if not plain:
+                if blank:
+                    yield number, ""
+            elif dialect.comment is None or not plain.startswith(dialect.comment):
                 yield number, line.rstrip("\r\n")
+
+
+def with_blank_rows(lines: Lines, header: Header) -> Lines:
+    """The lines of a table of one column, of which blank ones among the rows are missing values.
+
+    A blank line at the end of a file is none.
+    """
+
+    def kept() -> Iterator[tuple[int, str]]:
+        blank: list[tuple[int, str]] = []
+        for number, text in lines():
+            if text:
+                yield from blank
+                blank.clear()
+                yield number, text
+            elif number > header.skipped:
+                blank.append((number, text))
+
+    return kept
 
 
 def split_cells(line: str, delimiter: str) -> list[str]:
     """The cells of one line, quotes removed."""
+    if '"' in line:
+        # its own limit is shorter than ours
+        csv.field_size_limit(LONGEST_LINE)
     if delimiter == BLANKS:
         if '"' not in line:
-            return line.split()
+            return line.split() or [""]
         return next(csv.reader([line.strip()], delimiter=" ", skipinitialspace=True))
     if '"' not in line:
         return line.split(delimiter)

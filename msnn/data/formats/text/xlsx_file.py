@@ -13,8 +13,9 @@ from typing import Any
 
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_file import text_table
-from msnn.data.formats.text.csv_header import Dialect, read_header
+from msnn.data.formats.text.csv_header import Dialect, read_header, with_blank_rows
 from msnn.data.formats.text.xlsx_units import units_of_formats
+from msnn.data.formats.unpacked_size import refuse_unpacking
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
@@ -29,26 +30,33 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     SpecError with all faults of the sheet.
     """
     # once: a workbook is unpacked and parsed each time it is opened
-    found = list(sheet_lines(path, dialect, shown))
+    every = list(sheet_lines(path, dialect, shown, blank=True))
+    found = [(number, text) for number, text in every if text]
+    own = Dialect(delimiter=_CELLS, comment=dialect.comment, header=dialect.header)
 
     def lines() -> Iterator[tuple[int, str]]:
         return iter(found)
 
-    own = Dialect(delimiter=_CELLS, comment=dialect.comment, header=dialect.header)
     header = read_header(lines, shown, own, wanted.users)
     header = replace(header, shown_units=units_of_formats(path))
+    if header.width == 1:
+        rows = with_blank_rows(lambda: iter(every), header)
+        return text_table(rows, header, header.places(wanted), wanted)
     return text_table(lines, header, header.places(wanted), wanted)
 
 
 def sheet_lines(
-    path: Path, dialect: Dialect, shown: str | None = None
+    path: Path, dialect: Dialect, shown: str, *, blank: bool = False
 ) -> Iterator[tuple[int, str]]:
-    """Number and text of the rows after `skip` that are not empty and no comment."""
-    for number, text in _sheet(path, shown or path.name):
+    """Number and text of the rows after `skip` that are no comment and not empty.
+
+    With `blank` empty rows are there, as empty texts.
+    """
+    for number, text in _sheet(path, shown):
         plain = text.lstrip()
         comment = dialect.comment is not None and plain.startswith(dialect.comment)
-        if number > dialect.skip and plain and not comment:
-            yield number, text
+        if number > dialect.skip and not comment and (plain or blank):
+            yield number, text if plain else ""
 
 
 def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
@@ -56,6 +64,10 @@ def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
     # an optional package without types
     openpyxl: Any = import_module("openpyxl")
     try:
+        with zipfile.ZipFile(path) as book:
+            unpacked = sum(part.file_size for part in book.infolist())
+        # XML is packed by 10, and parsed at a tenth of the speed of numbers
+        refuse_unpacking(path, shown, unpacked, free=1 << 26, times_size=50)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # styles that it does not know
             book: Any = openpyxl.load_workbook(path, read_only=True, data_only=True)
@@ -65,19 +77,44 @@ def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
             book.close()
             if _has_formulas(path):
                 _show_formulas(openpyxl, path, rows)
+    except SpecError:
+        raise
     except OSError as error:
         reason = error.strerror or str(error)
         raise SpecError((errors.unreadable_file(shown, reason),)) from error
     except Exception as error:
         # what is broken in the archive shows as whatever its parser met first
-        reason = f"it is not a workbook that can be read ({str(error).splitlines()[0][:80]})"
+        said = (str(error).splitlines() or [""])[0][:80]
+        reason = f"it is not a workbook that can be read ({said})"
         raise SpecError((errors.unreadable_file(shown, reason),)) from error
+    _refuse_scattered(rows, shown)
     width = max(map(len, rows), default=0)
     return [
         # rows end at their last cell; the table has as many columns as its longest row
-        (number, _CELLS.join([*row, *[""] * (width - len(row))]))
+        (number, _CELLS.join([*row, *[""] * (width - len(row))]) if any(row) else "")
         for number, row in enumerate(rows, start=1)
     ]
+
+
+_MOST_EMPTY = 10_000_000
+"""Empty cells of a table: a row of spaces for each of 100,000 rows with 100 columns."""
+
+
+def _refuse_scattered(rows: Sequence[Sequence[str]], shown: str) -> None:
+    """SpecError for cells so far from the others that the table would be empty cells."""
+    width = max(map(len, rows), default=0)
+    filled = sum(map(bool, rows))
+    cells = sum(cell != "" for row in rows for cell in row)
+    alone = len(rows) > _FAR and width > _FAR and cells < width
+    if width * filled - cells <= _MOST_EMPTY and not alone:
+        return
+    row, cells_there = max(enumerate(rows, start=1), key=lambda each: len(each[1]))
+    reason = f"row {row} has a cell in column {len(cells_there)}, far from the others"
+    raise SpecError((errors.unreadable_file(shown, reason, "remove that cell"),))
+
+
+_FAR = 1000
+"""Rows and columns beyond which a lone cell is no table."""
 
 
 def _has_formulas(path: Path) -> bool:

@@ -1,0 +1,1 @@
+"""Reads files with compiled readers in a process of its own, which a broken file may end."""

@@ -1,0 +1,110 @@
+"""The process that reads files for another one, within limits of memory and processor time."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import IO, TypeAlias
+
+from msnn.data.formats.isolation.message import write_message
+from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
+from msnn.data.formats.text.csv_header import Dialect
+from msnn.errors.data.files import unreadable_file
+from spec_schema.diagnostics.diagnostic import SpecError
+
+Reader: TypeAlias = Callable[[Path, str, WantedColumns, Dialect], ColumnTable | Streams]
+"""(path, its name in messages, the wanted columns, layout of text) → columns; raises SpecError."""
+
+_LONGEST_REASON = 200
+"""Letters of what a library says of a broken file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A file to read by `read` of a module, and what that may take."""
+
+    module: str
+    path: Path
+    shown: str
+    wanted: WantedColumns
+    dialect: Dialect
+    memory: int
+    """Bytes in addition to those that the process has."""
+    seconds: int
+    """Of the processor."""
+
+
+def serve() -> None:
+    """Answers requests of the standard input until it ends."""
+    # the user's Ctrl-C ends the one who asks, and that ends this one
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    answers = os.fdopen(os.dup(1), "wb")
+    # libraries print what they think of a file
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    while (request := _next(sys.stdin.buffer)) is not None:
+        write_message(answers, _answer(request))
+
+
+def _next(requests: IO[bytes]) -> Request | None:
+    # of the parent, which is no stranger
+    with suppress(EOFError):
+        return pickle.load(requests)  # noqa: S301
+    return None
+
+
+def _answer(request: Request) -> object:
+    read = import_module(request.module).read
+    # after the import: what the reader itself takes is no fault of the file
+    _limit(request.memory, request.seconds)
+    try:
+        return _read(read, request)
+    except SpecError as error:
+        return error.diagnostics
+
+
+def _read(read: Reader, request: Request) -> ColumnTable | Streams:
+    try:
+        return read(request.path, request.shown, request.wanted, request.dialect)
+    except SpecError:
+        raise
+    except Exception as error:
+        # parsers do not check what they read: broken files show as whatever came first
+        reason = (str(error).splitlines() or [""])[0][:_LONGEST_REASON] or "it is broken"
+        raise SpecError((unreadable_file(request.shown, reason),)) from error
+
+
+def _limit(memory: int, seconds: int) -> None:
+    try:
+        import resource
+    # Windows
+    except ImportError:
+        return
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    limits = {
+        resource.RLIMIT_AS: _address_space() + memory,
+        resource.RLIMIT_CPU: int(used.ru_utime + used.ru_stime) + 1 + seconds,
+    }
+    for kind, limit in limits.items():
+        hard = resource.getrlimit(kind)[1]
+        soft = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+        # macOS knows RLIMIT_AS and refuses it
+        with suppress(ValueError, OSError):
+            resource.setrlimit(kind, (soft, hard))
+
+
+def _address_space() -> int:
+    """Bytes of memory that the process may address already; 4 GiB where the system does not say."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+    except OSError:
+        return 4 << 30
+    return pages * os.sysconf("SC_PAGE_SIZE")
