@@ -31,12 +31,13 @@ class StepProgress:
         if self._began is None:
             self._began, self._next = (now, done), now + _FIRST
         # at the end the result says it; a line "0 s left" above it would only stay there
-        if now < self._next or done >= total:
+        began, before = self._began
+        # another simulation begins with fewer steps: of no step since there is no time to tell
+        if now < self._next or done >= total or done <= before:
             return
         self._next = now + _AGAIN[0 if self._live else 1]
         # linear in the steps since the first call: what was done before, loading and compiling,
         # counts not
-        began, before = self._began
         left = (now - began) / (done - before) * (total - done)
         text = f"  {done:,} of {total:,} steps, {left:.0f} s left"
         # ECMA-48 EL 2 clears the whole line: a shorter text would leave the end of the longer one

@@ -38,6 +38,21 @@ def test_short_ones_say_nothing(clock: Clock) -> None:
     assert stream.getvalue() == ""
 
 
+def test_a_second_simulation_after_a_slow_first_step_says_nothing_of_no_steps(
+    clock: Clock,
+) -> None:
+    """A machine under load ended `report` with a division by zero."""
+    stream = io.StringIO()
+    with StepProgress(stream) as progress:
+        progress.told(10, 1000)
+        clock.now += 2.0
+        progress.told(10, 1000)
+        progress.told(5, 1000)
+        assert stream.getvalue() == ""
+        progress.told(20, 1000)
+    assert stream.getvalue() == "  20 of 1,000 steps, 196 s left\n"
+
+
 def test_long_ones_say_how_far_they_are_every_five_seconds(clock: Clock) -> None:
     stream = io.StringIO()
     with StepProgress(stream) as progress:
