@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,3 +76,64 @@ class Products:
             count=self.count + other.count,
             left_out=self.left_out + other.left_out,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class ProductsOfRuns:
+    """The products of one loss, in which each run has numbers of its own beside the shared ones."""
+
+    all: Products
+    """The products of the shared numbers, summed over the runs, with the blocks of each run."""
+    squares: FloatArray
+    """rᵀr of each run."""
+    cost: FloatArray
+    """Σ of the loss over the elements of each run."""
+    count: FloatArray
+    """Scored elements of each run."""
+
+    @property
+    def blocks(self) -> StartBlocks:
+        """The blocks of the numbers of each run."""
+        assert self.all.starts is not None, "each run has numbers"
+        return self.all.starts
+
+    def in_order(self, order: NDArray[np.int64]) -> ProductsOfRuns:
+        """The runs in this order."""
+        one = self.blocks
+        blocks = StartBlocks(one.cross[order], one.curvature[order], one.slope[order])
+        every = (self.squares[order], self.cost[order], self.count[order])
+        return ProductsOfRuns(replace(self.all, starts=blocks), *every)
+
+
+def joined_runs(runs: Sequence[Products], own: int) -> ProductsOfRuns:
+    """One run's products after the other, the last `own` numbers in each being its own."""
+    n = len(runs[0].slope) - own
+    blocks = StartBlocks(
+        np.array([one.curvature[:n, n:] for one in runs]),
+        np.array([one.curvature[n:, n:] for one in runs]),
+        np.array([one.slope[n:] for one in runs]),
+    )
+    shared = [replace(one, curvature=one.curvature[:n, :n], slope=one.slope[:n]) for one in runs]
+    return ProductsOfRuns(
+        all=replace(sum(shared[1:], shared[0]), starts=blocks),
+        squares=np.array([one.squares for one in runs]),
+        cost=np.array([one.cost for one in runs]),
+        count=np.array([one.count for one in runs]),
+    )
+
+
+def one_after_the_other(parts: Sequence[ProductsOfRuns]) -> ProductsOfRuns:
+    """The runs of all parts."""
+    shared = [replace(part.all, starts=None) for part in parts]
+    blocks = [part.blocks for part in parts]
+    starts = StartBlocks(
+        np.concatenate([one.cross for one in blocks]),
+        np.concatenate([one.curvature for one in blocks]),
+        np.concatenate([one.slope for one in blocks]),
+    )
+    return ProductsOfRuns(
+        all=replace(sum(shared[1:], shared[0]), starts=starts),
+        squares=np.concatenate([part.squares for part in parts]),
+        cost=np.concatenate([part.cost for part in parts]),
+        count=np.concatenate([part.count for part in parts]),
+    )

@@ -9,10 +9,14 @@ msnn.export(model, "c", "firmware/plant", result.weights)
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from msnn.cli.interrupts import expect_early_interrupts
 
-from msnn.project.package_names import check_package_names
+expect_early_interrupts()
+
+from importlib import import_module  # noqa: E402  (each takes long enough for a Ctrl-C)
+from typing import TYPE_CHECKING, Any  # noqa: E402
+
+from msnn.project.package_names import check_package_names  # noqa: E402
 
 check_package_names()
 

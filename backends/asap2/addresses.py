@@ -22,7 +22,8 @@ class Symbol:
 
 
 Find: TypeAlias = Callable[[str], Symbol | None]
-"""The symbol for what a link or a memory segment names; None leaves the object as it is."""
+"""The symbol for what a link, a memory segment or `EPK` and its text name; None leaves the object
+as it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,8 @@ def filled(text: str, find: Find, *, big_endian: bool = False) -> str:
     for before, token in pairwise(tokens):
         if before.text == "BYTE_ORDER":
             changes.append((token, order))
+        if before.text == "EPK" and (symbol := find(f"EPK {token.text[1:-1]}")) is not None:
+            changes.append((before, f"ADDR_EPK 0x{symbol.address:X} EPK"))
     for block in _objects(tokens):
         place, link = _address(block), _behind(block, "SYMBOL_LINK")
         named = block[1].text if block[0].text == "MEMORY_SEGMENT" else ""
@@ -59,6 +62,12 @@ def linked(text: str) -> list[str]:
     tokens = [token.text for token in _tokens(text)]
     pairs = pairwise(tokens)
     return [after[1:-1] for before, after in pairs if before == "SYMBOL_LINK"]
+
+
+def epk(text: str) -> str | None:
+    """The text by which a tool tells whether an image is that of the file; None without one."""
+    pairs = pairwise(token.text for token in _tokens(text))
+    return next((after[1:-1] for before, after in pairs if before == "EPK"), None)
 
 
 def _tokens(text: str) -> Iterator[_Token]:

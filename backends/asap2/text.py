@@ -15,6 +15,7 @@ from backends.asap2.objects import (
     Storage,
     Struct,
 )
+from backends.files.export_identity import OPEN
 from backends.ports.identifiers import ascii_text
 
 # what an ECU's type can hold, where the spec has no range: ASAP2 wants limits of everything
@@ -56,6 +57,8 @@ def a2l_text(model: CalibratedModel) -> str:
         f"/begin MODULE {model.prefix} {quoted(model.doc)}",
         '/begin MOD_PAR ""',
         f"  VERSION {quoted(model.version)}",
+        # a tool compares it with the image, once the file has its address
+        f"  EPK {quoted(OPEN)}",
         *_segment(model.segment),
         "/end MOD_PAR",
         '/begin MOD_COMMON ""',

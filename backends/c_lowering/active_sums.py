@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from backends.c_lowering.state_memory import StateMemory, joining, seen_values
 from compiler.ir.ops import Add
-from compiler.ir.program import Graph, NodeId
+from compiler.ir.program import Graph, NodeId, Program
 from compiler.passes.analyses.compact_sets import (
     CompactSets,
     active_sums,
@@ -26,6 +27,16 @@ class ActiveSums:
     """Sums of the terms of active sets only, and those sets."""
     parts: frozenset[NodeId] = frozenset()
     """Values that only such sums read: computed where they are used, never kept."""
+
+
+def sums_of_active_sets(program: Program, memories: Iterable[StateMemory]) -> list[NodeId]:
+    """The sums of a step of which generated C computes the terms of active sets only.
+
+    An infinite or NaN term of another set makes the sum NaN in the interpreter, not in C: nothing
+    is promised of a step in which one of these sums is not finite.
+    """
+    read = seen_values(program) + [joining(memory) for memory in memories]
+    return [*find_active_sums(program.step, read).sums]
 
 
 def find_active_sums(graph: Graph, roots: Iterable[NodeId]) -> ActiveSums:

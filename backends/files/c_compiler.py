@@ -6,7 +6,6 @@ import importlib.util
 import os
 import shlex
 import shutil
-import sys
 from pathlib import Path
 
 _COMPILERS = ("gcc", "clang", "cc")
@@ -41,9 +40,23 @@ def find_compiler() -> tuple[str, ...]:
         found = shutil.which(name)
         if found is not None:
             return (found,)
-    if importlib.util.find_spec("ziglang") is not None:
-        return (sys.executable, "-m", "ziglang", "cc")
+    zig = zig_program()
+    if zig is not None:
+        return (str(zig), "cc")
     raise CompilerMissingError
+
+
+def zig_program() -> Path | None:
+    """The program that the wheel `ziglang` brings; None where it is not installed.
+
+    It is started by its path. `python -m ziglang` would look in the working folder first and run a
+    `ziglang.py` that lies beside the spec.
+    """
+    wheel = importlib.util.find_spec("ziglang")
+    if wheel is None or wheel.origin is None:
+        return None
+    program = Path(wheel.origin).parent / ("zig.exe" if os.name == "nt" else "zig")
+    return program if program.is_file() else None
 
 
 def installed_as(compiler: tuple[str, ...]) -> tuple[int, ...]:

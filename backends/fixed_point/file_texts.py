@@ -10,12 +10,13 @@ from typing import Any
 from backends.asap2.text import a2l_text
 from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, defined, origin
-from backends.c.folder.package_texts import package_texts
+from backends.c.folder.package_texts import NUMBER, package_texts
 from backends.c.interface.status import MEANING, SelfTestBit, StatusBit, status_macro
 from backends.c_language.layout import comment
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
 from backends.c_language.tree import Function
+from backends.files.export_identity import OPEN, with_identity, with_manifest
 from backends.fixed_point.calibrated_model import calibrated_model
 from backends.fixed_point.functions import FixedFunctions
 from backends.fixed_point.names import FixedNames, fixed_names, fixed_printer
@@ -64,7 +65,7 @@ def file_texts(
     }
     texts["README.md"] = _readme(program, names, errors, texts)
     texts |= package_texts(names, texts, in_reals=False)
-    return dict(sorted(texts.items()))
+    return with_manifest(with_identity(dict(sorted(texts.items()))))
 
 
 def step_texts(
@@ -128,6 +129,7 @@ def _readme(
         "",
         headers=[f"{names.prefix}.h", f"{names.prefix}_real.h"],
         in_reals=False,
+        version=NUMBER,
         sources=sorted(p for p in paths if p.startswith("src/") and p.endswith(".c")),
         input_names=[entry.port.name for entry in program.inputs],
         assignments=[
@@ -198,6 +200,7 @@ def _metadata(
         "model": program.name,
         "doc": program.doc,
         "spec_sha256": program.spec_hash,
+        "export_sha256": OPEN,
         "sample_time": program.sample_time,
         **({"late": program.late} if program.late else {}),
         "c": {

@@ -22,7 +22,8 @@ VERSIONS: tuple[Version, ...] = (2, 3)
 
 
 def model_sources(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
-    """The generated C that both versions share, by names of files in one folder."""
+    """The generated C that both versions share, without its identity, by names of files in one
+    folder."""
     texts = model_texts(program, interface, weights)
     prefix = interface.prefix
     # sources lie in one folder of a unit: folders of an export are taken off

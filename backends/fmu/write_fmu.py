@@ -12,6 +12,7 @@ from backends.c.interface.interface import Interface, c_interface
 from backends.c.interface.status import MEANING
 from backends.c_lowering.options import COptions
 from backends.files.atomic_write import write_text
+from backends.files.export_identity import identity_of, with_identity
 from backends.files.readme import one_line, readme_text
 from backends.fmu.description.facts import UnitFacts
 from backends.fmu.description.variable import UnitVariables, Variable, VariableKind
@@ -37,9 +38,10 @@ def write_fmu(
     interface = c_interface(program, options)
     physical = physical_weights(program, weights)
     variables = unit_variables(program, interface, physical)
+    sources = model_sources(program, interface, physical)
     units = write_units(
-        _facts(program, interface, variables),
-        model_sources(program, interface, physical),
+        _facts(program, interface, variables, identity_of(sources)),
+        with_identity(sources),
         partial(unit_sources, program, interface, variables),
         folder,
         platforms,
@@ -53,9 +55,12 @@ def write_fmu(
     return (*units, *write_headers(folder), write_text(folder / "README.md", readme))
 
 
-def _facts(program: Program, interface: Interface, variables: UnitVariables) -> UnitFacts:
+def _facts(
+    program: Program, interface: Interface, variables: UnitVariables, identity: str
+) -> UnitFacts:
     return UnitFacts(
         model=program.name,
+        identity=identity,
         prefix=interface.prefix,
         doc=" ".join(program.doc.split()),
         dtype=interface.options.dtype,

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 
+from backends.files.c_compiler import zig_program
 from backends.fmu.binary import Platform
 
 
 def zig_compiler(target: Platform) -> tuple[str, ...]:
     """The command of the wheel `ziglang` for a kind of machine."""
-    command = (sys.executable, "-m", "ziglang", "cc", "-target", target.target)
+    command = (str(_zig()), "cc", "-target", target.target)
     return (*command, *_without_mingw()) if target.suffix == "dll" else command
 
 
 def zig_libraries() -> Path:
     """The folder of the wheel with the headers and sources of C libraries."""
-    wheel = importlib.util.find_spec("ziglang")
-    assert wheel is not None
-    assert wheel.origin is not None
-    return Path(wheel.origin).parent / "lib" / "libc"
+    return _zig().parent / "lib" / "libc"
+
+
+def _zig() -> Path:
+    program = zig_program()
+    assert program is not None, "its users ask for the wheel first"
+    return program
 
 
 def _without_mingw() -> tuple[str, ...]:

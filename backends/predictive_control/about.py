@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from backends.c_language.literals import Dtype
+from backends.files.export_identity import OPEN
 from backends.ports.metadata import metadata_text
 from backends.predictive_control.inputs import SeriesField
 from backends.predictive_control.members import StructMember
@@ -24,6 +25,7 @@ def about_text(
     *,
     plan: PlanLayout,
     rows: Rows,
+    cost_scale: float,
 ) -> str:
     """The JSON file of a controller."""
     real = dtype
@@ -35,12 +37,17 @@ def about_text(
     return metadata_text(
         {
             "prefix": prefix,
+            "export_sha256": OPEN,
             "dtype": dtype,
             "horizon": problem.horizon,
             "structure": plan.structure,
             "plan": {"places": list(plan.places), "step": plan.step},
             "iterations": problem.iterations,
+            # after a plan that leads nowhere it takes as many again
+            "starts_again": problem.mode == "converged",
             "tolerance": problem.tolerance,
+            # of what it solves: multipliers and adjoints of the struct are so many times as large
+            "cost_scale": cost_scale,
             "states": quantities(problem.states),
             "controls": quantities(problem.controls),
             "limits": [_limits(rows, number) for number in range(nu)],

@@ -16,6 +16,11 @@ def reachable(tolerance: float, dtype: Dtype) -> float:
     return tolerance if dtype == "float64" else max(tolerance, 1e-3)
 
 
+def floor_of_curvature(dtype: Dtype) -> float:
+    """The least curvature of the cost in a number divided by its scale."""
+    return 1e-8 if dtype == "float64" else 1e-5
+
+
 def solver_constants(
     tolerance: float,
     dtype: Dtype,
@@ -71,7 +76,7 @@ def solver_constants(
         ),
         ("ROUNDING", precision / 2, "Largest error of a rounded number, by its size."),
         ("LEAST_SLACK", 4 * precision, "Least slack of a control, by its scale: rounding."),
-        ("LEAST_CURVATURE", 1e-8 if exact else 1e-5, "Floor of curvatures."),
+        ("LEAST_CURVATURE", floor_of_curvature(dtype), "Floor of curvatures, by scales."),
         ("LEAST_SHARE", 1e-4, "Floor of the curvature of a control by its own stage's."),
         ("ROTATED", 1e-24 if exact else 1e-12, "Part off the diagonal that counts as none."),
         ("STEEP", 1e7 if exact else 1e3, "Ratio whose hypotenuse is itself."),

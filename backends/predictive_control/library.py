@@ -32,6 +32,8 @@ class ControllerLibrary:
         self._prefix: str = about["prefix"]
         self._plan: dict[str, Any] = about["plan"]
         self._horizon: int = about["horizon"]
+        self.cost_scale: float = about["cost_scale"]
+        """By what the cost that it solves for is larger than that of the spec."""
         self._library = library
         self._state = np.zeros(1, struct_type(about["struct"]))
         self._in = np.zeros(1, struct_type(about["in"]))

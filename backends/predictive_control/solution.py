@@ -23,6 +23,8 @@ def multipliers_of(problem: ControlProblem, rows: Rows, library: ControllerLibra
     live = library.member("live") != 0
     live[:, : 2 * nu] |= np.repeat(library.member("room") == 0, 2, axis=1)  # held by both limits
     sides = np.where(live, library.member("multiplier").astype(np.float64), 0.0)
+    # those of the cost as the spec has it
+    sides = sides / library.cost_scale
     # sides alternate: low, high
     low, high = sides[:, 0::2], sides[:, 1::2]
     rate_low, rate_high = np.zeros((n, nu)), np.zeros((n, nu))

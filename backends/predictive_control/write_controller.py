@@ -16,8 +16,9 @@ from backends.c_language.printer import Printer
 from backends.c_language.rendering import GeneratedNames, render
 from backends.c_language.tree import Function
 from backends.files.atomic_write import write_text
+from backends.files.export_identity import with_identity
 from backends.predictive_control.about import about_text
-from backends.predictive_control.constants import reachable, solver_constants
+from backends.predictive_control.constants import floor_of_curvature, reachable, solver_constants
 from backends.predictive_control.inputs import input_fields, quantity_lines
 from backends.predictive_control.members import Sizes, members
 from backends.predictive_control.numbers import TypedLiterals
@@ -32,6 +33,7 @@ from backends.predictive_control.structure.condensed_form import condensed_form
 from backends.predictive_control.structure.form import Form
 from backends.predictive_control.structure.rows import Rows, resting_controls, rows_of
 from backends.predictive_control.structure.staged_form import staged_form
+from compiler.optimal_control.cost_scale import with_scaled_cost
 from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.structure import chosen_structure
 from compiler.optimal_control.trained import trained
@@ -51,7 +53,7 @@ def write_controller(
     """Writes `include/<prefix>_mpc.h`, `src/<prefix>_mpc*.c`; returns their paths."""
     known = trained(problem, weights)
     texts = controller_texts(known, prefix, dtype)
-    texts |= selftest_texts(known, prefix, dtype, texts)
+    texts = with_identity(texts | selftest_texts(known, prefix, dtype, texts))
     return tuple(write_text(folder / name, text) for name, text in texts.items())
 
 
@@ -71,7 +73,8 @@ def solver_texts(
 ) -> dict[str, str]:
     """Texts by path of the solver of a problem, under this name; that of a window solves alone."""
     # a tolerance that the type cannot resolve would cap every solve
-    problem = replace(problem, tolerance=reachable(problem.tolerance, dtype))
+    cost_scale = problem.cost_scale
+    problem = with_scaled_cost(replace(problem, tolerance=reachable(problem.tolerance, dtype)))
     controller = GeneratedNames(problem.program.name, name)
     rows = rows_of(problem)
     numbers = TypedLiterals(dtype)
@@ -103,6 +106,12 @@ def solver_texts(
         past_moves=structure == "condensed",
     )
     struct = members(sizes, made.shapes, numbers.real)
+    of_rows = [row.scale for row in rows.rows]
+    # the numbers that a stage reads, in its order, are those of x and then those of u
+    of_stage = [[*scales, *of_rows[:nu]][at] for at in made.facts["read_numbers"]]
+    # C has no empty arrays: a model without states has one number that nothing reads
+    of_states = [scales[at] for at in made.newest] or [1.0]
+    least_curvature = floor_of_curvature(dtype)
     nothing = f"(const {numbers.real} *)0"
     facts = {
         **made.facts,
@@ -158,15 +167,21 @@ def solver_texts(
         "exists": [int(limit is not None) for limit in sides],
         "limits": [0.0 if limit is None else limit for limit in sides],
         "limits_move": rows.move,
-        "scales": [row.scale for row in rows.rows],
-        # C has no empty arrays: a model without states has one number that nothing reads
-        "state_scales": [scales[at] for at in made.newest] or [1.0],
+        "scales": of_rows,
+        "state_scales": of_states,
+        "stage_scales": of_stage,
+        "per_row": [1 / scale for scale in of_rows],
+        "per_state": [1 / scale for scale in of_states],
+        "per_memory": [1 / scale for scale in scales],
+        "floors": [least_curvature / scale**2 for scale in of_rows[:nu]],
         "linear": [row.linear for row in rows.rows],
         "quadratic": [row.quadratic for row in rows.rows],
         "hard": hard if any(hard) else [],
         "resting": resting_controls(rows, nu),
         "can_be_infinite": stage.can_be_infinite or terminal.can_be_infinite,
         "lacks_steady": stage.lacks_steady,
+        # in the mode `fixed` a second solve would take twice the time that was promised
+        "starts_again": problem.mode == "converged",
         "gauss_newton": problem.hessian == "gauss_newton",
         "iterations": problem.iterations,
         "log_terms": 15 if dtype == "float64" else 7,
@@ -180,7 +195,16 @@ def solver_texts(
     texts = {
         f"include/{name}.h": text("header.h.j2", title),
         f"src/{name}.c": text("controller.c.j2", title),
-        f"{name}.json": about_text(problem, name, dtype, struct, fields, plan=made.plan, rows=rows),
+        f"{name}.json": about_text(
+            problem,
+            name,
+            dtype,
+            struct,
+            fields,
+            plan=made.plan,
+            rows=rows,
+            cost_scale=cost_scale,
+        ),
     }
     if table.kernels:
         kernels = c_sources(table.kernels, numbers.real, name)

@@ -3,12 +3,14 @@
 `python -m benchmarks.fuzz.specs [--count 10000] [--first SEED] [--findings FOLDER]`. Goes on after
 the last seed that FOLDER/next_seed names, so that it may be ended at any time and started again.
 A finding is a folder: the smallest spec with the fault, the spec of the seed, and what was wrong.
-A second of a processor each, half of it compilers': 10,000 take some hours.
+Every target exports drawn weights (`tests/random_specs/drawn_weights.py`), of every fourth seed the
+initial ones. Two seconds of a processor each, half of it compilers': 2,000 take an hour.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections import Counter
 from contextlib import suppress
@@ -17,8 +19,10 @@ from pathlib import Path
 
 from backends.files.atomic_write import write_text
 from msnn.exports.table import NAMES
+from msnn.model.load import load_model
+from spec_schema.diagnostics.diagnostic import SpecError
+from tests.random_specs.drawn_weights import drawn_weights
 from tests.random_specs.generate import random_spec
-from tests.random_specs.random_spec import RandomSpec
 from tests.random_specs.shrink import shrunk
 from tests.random_specs.trial import Fault, fault_of
 
@@ -43,7 +47,12 @@ def main() -> int:
     with suppress(KeyboardInterrupt):
         for seed in range(first, first + arguments.count):
             spec = random_spec(seed)
-            fault = fault_of(spec, searches=seed % SEARCHED == 0, compared=compared)
+            fault = fault_of(
+                spec,
+                searches=seed % SEARCHED == 0,
+                weights_of=partial(drawn_weights, seed=seed),
+                compared=compared,
+            )
             last = seed + 1
             write_text(folder / "next_seed", f"{last}\n")
             if fault is None:
@@ -55,7 +64,7 @@ def main() -> int:
                 f"seed {seed}: {fault.stage}: {fault.kind}{'' if new else ' (again)'}", flush=True
             )
             if new:
-                _keep(folder / f"seed_{seed}", spec, fault, arguments.shrink)
+                _keep(folder / f"seed_{seed}", seed, fault, arguments.shrink)
     seconds = time.monotonic() - began
     # a backend that was left out finds nothing
     print("compared: " + ", ".join(f"{name} {count}" for name, count in compared.items()))
@@ -70,18 +79,29 @@ def _next_seed(folder: Path) -> int:
         return 0
 
 
-def _keep(folder: Path, spec: RandomSpec, fault: Fault, seconds: float) -> None:
-    """Writes the finding, then a smaller spec in its place."""
+def _keep(folder: Path, seed: int, fault: Fault, seconds: float) -> None:
+    """Writes the finding, then a smaller spec in its place, and the weights of that."""
+    spec, weights_of = random_spec(seed), partial(drawn_weights, seed=seed)
     write_text(folder / "fault.txt", f"{fault.stage}: {fault.kind}\n\n{fault.detail}\n")
     for name, text in spec.texts().items():
         write_text(folder / "seed" / name, text)
     # what did not find it is left out: a target takes a second, the searched steps another
     writes = fault.stage == "export"
     targets = (fault.stage,) if fault.stage in NAMES else NAMES if writes else ()
-    needed = partial(fault_of, targets=targets, kernel=fault.stage == "train", searches=writes)
+    needed = partial(
+        fault_of,
+        targets=targets,
+        kernel=fault.stage == "train",
+        searches=writes,
+        weights_of=weights_of,
+    )
     smallest = shrunk(spec, fault, needed, seconds)
     for name, text in smallest.texts().items():
         write_text(folder / name, text)
+    with suppress(SpecError):  # a spec that is refused has no program
+        program = load_model(folder / "spec.msnn.yaml").program
+        weights = {name: value.tolist() for name, value in weights_of(program).items()}
+        write_text(folder / "weights.json", json.dumps(weights, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -66,7 +66,7 @@ def main() -> None:
         for name, follow in (("mlp", _network), ("fir", _window)):
             problem = load_model(HERE / f"{name}.msnn.yaml").control
             assert problem is not None
-            weights: dict[str, Vector] = (run if name == "mlp" else fir)._weights()
+            weights: dict[str, Vector] = run.network_weights() if name == "mlp" else fir._weights()
             exact = Controller(problem, weights, "float64", Path(place) / f"{name}64")
             coarse = replace(problem, tolerance=1e-3)
             short = Controller(coarse, weights, "float32", Path(place) / f"{name}32")

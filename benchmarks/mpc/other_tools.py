@@ -114,7 +114,7 @@ def main() -> None:
         for name in ("mlp", "fir"):
             folder = Path(place) / name
             folder.mkdir()
-            weights: dict[str, Vector] = (run if name == "mlp" else fir)._weights()
+            weights: dict[str, Vector] = run.network_weights() if name == "mlp" else fir._weights()
             nlps = _problems(name, weights)
             library = _library(name, weights, folder)
             contenders = _contenders(nlps, library, folder)

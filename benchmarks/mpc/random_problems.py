@@ -168,7 +168,8 @@ def solve_plant(
             sides = (multipliers.control_min, multipliers.control_max)
             room = max((high - low for low, high in held if high - low < NO_ROOM), default=0.0)
             exact = 1e3 * np.finfo(float).eps + 2 * room
-            rounding = exact * max(float(np.max(side)) for side in sides)
+            largest = max(float(np.max(side)) for side in sides)
+            rounding = exact * problem.cost_scale * largest
             if not residual <= 2 * problem.tolerance + rounding:
                 found["WRONG: called solved"] += 1
                 told = {name: values.tolist() for name, values in along.items()}

@@ -42,7 +42,7 @@ def main() -> None:
 def _generate(folder: Path) -> None:
     problem = load_model(HERE / "mlp.msnn.yaml").control
     assert problem is not None
-    weights = _weights()
+    weights = network_weights()
     write_controller(problem, weights, folder / "plant", prefix="plant", dtype="float64")
     five = replace(problem, mode="fixed", iterations=5)
     write_controller(five, weights, folder / "quick", prefix="quick", dtype="float64")
@@ -52,7 +52,7 @@ def _generate(folder: Path) -> None:
     (folder / "draws.h").write_text(f"static const double FRESH[4000]={{{numbers}}};\n")
 
 
-def _weights() -> dict[str, NDArray[np.float64]]:
+def network_weights() -> dict[str, NDArray[np.float64]]:
     text = (HERE / "prototypes" / "w.h").read_text()
 
     def numbers(name: str, *shape: int) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from compiler.builtins.reductions import lower_mean, lower_sum
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Apply, Relation
 from compiler.ir.program import NodeId
+from compiler.ir.rules.unit_rules import distance_unit
 from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes
@@ -88,7 +89,7 @@ def _elu(builder: GraphBuilder, x: NodeId) -> NodeId:
     # Of an argument with a unit it is elu of its number, in that unit: exp(x / unit) · unit.
     unit = builder.type(x).unit
     grown = builder.emit(Apply("exp"), (fallen,), builder.type(fallen).with_unit(unit))
-    negative = builder.subtract(grown, builder.constant(1.0, unit=unit))
+    negative = builder.subtract(grown, builder.constant(1.0, unit=distance_unit(unit)))
     return builder.select(builder.compare(Relation.GREATER, x, zero), x, negative)
 
 

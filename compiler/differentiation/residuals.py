@@ -55,11 +55,11 @@ def unsquared_residual(builder: GraphBuilder, loss: Loss) -> Unsquared:
     if loss.measure is not Measure.HUBER:
         assert loss.measure is Measure.MSE, "other losses are no sums of squares"
         return Unsquared(error, root, root)
-    # |e| ≤ 1: (e/√2)²; beyond, the weight 1/|e| gives the square the slope of the straight line
+    # |e| ≤ δ: (e/√2)²; beyond, the weight δ/|e| gives the square the slope of the straight line
     # (iteratively reweighted least squares; Holland, Welsch 1977).
-    one = builder.broadcast(builder.constant(1.0), axes)
-    size = builder.maximum(builder.apply("abs", error), one)
-    half = builder.broadcast(builder.constant(0.5), axes)
+    limit = builder.broadcast(builder.constant(loss.delta), axes)
+    size = builder.maximum(builder.apply("abs", error), limit)
+    half = builder.broadcast(builder.constant(0.5 * loss.delta), axes)
     factor = builder.apply("sqrt", builder.divide(half, size))
     return Unsquared(error, factor if root is None else builder.multiply(root, factor), root)
 

@@ -122,7 +122,7 @@ def _newest(program: Program, state: State) -> NodeId:
 def loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
     """The sum of a loss's cost over the elements whose target is a number."""
     error = scored_error(builder, loss)
-    cost, elements = _cost(builder, loss.measure, error), builder.type(error).size
+    cost, elements = element_cost(builder, loss, error), builder.type(error).size
     counts = None
     if loss.rows is not None:
         counts = element_factors(builder, loss, loss.rows)
@@ -178,9 +178,9 @@ def _there(builder: GraphBuilder, target: NodeId) -> NodeId:
     return builder.compare(Relation.LESS_EQUAL, target, target)
 
 
-def _cost(builder: GraphBuilder, measure: Measure, error: NodeId) -> NodeId:
+def element_cost(builder: GraphBuilder, loss: Loss, error: NodeId) -> NodeId:
     """The cost of each element; every measure is 0 where the error is."""
-    match measure:
+    match loss.measure:
         case Measure.MSE | Measure.RMSE:
             return builder.multiply(error, error)
         case Measure.MAE:
@@ -189,9 +189,11 @@ def _cost(builder: GraphBuilder, measure: Measure, error: NodeId) -> NodeId:
             size = builder.apply("abs", error)
             half = builder.constant(0.5)
             square = builder.multiply(half, builder.multiply(error, error))
-            # both pieces are 1/2 with slope 1 where they meet
-            near = builder.compare(Relation.LESS_EQUAL, size, builder.constant(1.0))
-            return builder.select(near, square, builder.subtract(size, half))
+            # both pieces are δ²/2 with slope δ where they meet
+            delta, middle = builder.constant(loss.delta), builder.constant(0.5 * loss.delta)
+            near = builder.compare(Relation.LESS_EQUAL, size, delta)
+            line = builder.multiply(delta, builder.subtract(size, middle))
+            return builder.select(near, square, line)
         case Measure.MEAN:
             return error
 

@@ -11,6 +11,7 @@ from compiler.elaboration.formulas import formulas_of
 from compiler.elaboration.losses.penalties import checked_penalties
 from compiler.elaboration.lower_spec import exported_equations, lower_spec
 from compiler.elaboration.signals import logged_signals
+from compiler.elaboration.unchecked_scales import report_unchecked_scales
 from compiler.interpreter.never_finite import never_finite
 from compiler.ir.program import Dimension, Program
 from compiler.ir.types import Type
@@ -26,7 +27,7 @@ from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.reader import ReadResult
 from spec_schema.sections.spec import Spec
 
-UNIT_WARNINGS = ("W0504", "W0505", "W0737")
+UNIT_WARNINGS = ("W0504", "W0505", "W0509", "W0510", "W0737")
 """What `strict_units` refuses."""
 
 
@@ -87,6 +88,7 @@ def compile_linked(
     with room_for(len(spec.equations) + len(spec.outputs)):
         lowered = lower_spec(linked, draw)
     elaborated, context = lowered.elaborated, lowered.elaborated.context
+    report_unchecked_scales(context, lowered.states)
     refused = [d for d in context.findings.in_order if d.code in UNIT_WARNINGS]
     if strict_units and refused:
         context.findings.report(units.strict_units(len(refused)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -12,10 +12,13 @@ from compiler.ir.program import Graph, NodeId
 from compiler.ir.rules.alignment import align, contracted
 from compiler.ir.rules.infinite_values import InfiniteValues
 from compiler.ir.rules.unit_rules import (
+    Ruled,
     UnitConflict,
+    addition_unit,
     function_unit,
     product_unit,
     quotient_unit,
+    subtraction_unit,
     sum_unit,
 )
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS, Array
@@ -60,10 +63,18 @@ class GraphBuilder(NodeStore):
     # ---- elementwise
 
     def add(self, left: NodeId, right: NodeId) -> NodeId:
-        return self._sum_like(ops.Add(), "+", left, right)
+        # `-a + b` is b - a, which matters to temperatures in degC
+        if isinstance(self.node(left).op, ops.Negate):
+            unit = self._unit_of_terms(subtraction_unit, right, left)
+        elif isinstance(self.node(right).op, ops.Negate):
+            unit = self._unit_of_terms(subtraction_unit, left, right)
+        else:
+            unit = self._unit_of_terms(addition_unit, left, right)
+        return self._binary(ops.Add(), left, right, unit)
 
     def subtract(self, left: NodeId, right: NodeId) -> NodeId:
-        return self._sum_like(ops.Subtract(), "-", left, right)
+        unit = self._unit_of_terms(subtraction_unit, left, right)
+        return self._binary(ops.Subtract(), left, right, unit)
 
     def minimum(self, left: NodeId, right: NodeId) -> NodeId:
         return self._sum_like(ops.Minimum(), "min", left, right)
@@ -257,12 +268,25 @@ class GraphBuilder(NodeStore):
             self.conflicts.append(conflict)
         return unit
 
+    def _unit_of_terms(
+        self, rule: Callable[[Unit | None, Unit | None], Ruled], left: NodeId, right: NodeId
+    ) -> Unit | None:
+        """Unit of a sum or a difference; a literal 0 leaves that of the other term."""
+        for zero, other in ((left, right), (right, left)):
+            if self._is_zero(zero):
+                return self.type(other).unit
+        unit, conflict = rule(self.type(left).unit, self.type(right).unit)
+        if conflict:
+            self.conflicts.append(conflict)
+        return unit
+
+    def _is_zero(self, value: NodeId) -> bool:
+        op = self.node(value).op
+        return isinstance(op, ops.Constant) and not any(op.values)
+
     def _term_unit(self, value: NodeId) -> Unit | None:
         """Unit in a sum: a literal 0 fits every unit."""
-        node = self.node(value)
-        if isinstance(node.op, ops.Constant) and not any(node.op.values):
-            return None
-        return node.type.unit
+        return None if self._is_zero(value) else self.type(value).unit
 
     def _sum_like(self, op: ops.Op, operation: str, left: NodeId, right: NodeId) -> NodeId:
         return self._binary(op, left, right, self._ruled_sum(operation, left, right))

@@ -179,7 +179,7 @@ class Measure(Enum):
     MAE = "mae"
     """… |prediction − target|."""
     HUBER = "huber"
-    """… e²/2 for |e| ≤ 1, |e| − 1/2 beyond, e = prediction − target."""
+    """… e²/2 for |e| ≤ δ, δ (|e| − δ/2) beyond, e = prediction − target (Huber 1964)."""
     MEAN = "mean"
     """… the prediction itself: an expression that is already a cost."""
 
@@ -204,6 +204,16 @@ class Loss:
     span: Span | None = field(default=None, compare=False)
     rows: NodeId | None = None
     """How much each row counts in the mean, a number ≥ 0 of the log alone; None for 1."""
+    delta: float = 1.0
+    """δ of `huber`, in the unit of its difference; other measures have none."""
+    is_default: bool = False
+    """Whether nobody wrote it: that of an output which predicts, where there are no `losses:`."""
+
+    @property
+    def measured(self) -> str:
+        """The measure in words, with its δ where that is not the default."""
+        delta = "" if self.delta == 1.0 else f", delta {self.delta:g}"
+        return f"{self.measure.value}{delta}"
 
     @property
     def nodes(self) -> tuple[NodeId, ...]:

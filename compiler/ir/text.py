@@ -123,9 +123,9 @@ def _loss(loss: Loss) -> str:
     rows = "" if loss.rows is None else f", rows %{loss.rows}"
     weight = "" if loss.weight == 1.0 else f", weight {loss.weight!r}"
     share = "" if loss.share == 1.0 else f", share {loss.share!r}"
-    return (
-        f"loss {loss.name} = {loss.measure.value}(%{loss.prediction}{target}){rows}{weight}{share}"
-    )
+    delta = "" if loss.delta == 1.0 else f", delta {loss.delta!r}"
+    cost = f"{loss.measure.value}(%{loss.prediction}{target}{delta})"
+    return f"loss {loss.name} = {cost}{rows}{weight}{share}"
 
 
 def _operation(node: Node) -> str:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import assert_never
 
 from compiler.ir.program import NodeId
+from compiler.ir.rules.unit_rules import distance_unit
 from compiler.ir.scalars.table import Array
 from compiler.ir.types import UNNAMED, Axis
 from compiler.layers.rules.arguments import read_scalars
@@ -54,7 +55,7 @@ def fuzzify(context: LayerContext, settings: Fuzzify, arguments: Arguments) -> N
         case "gaussian":
             # half the mean distance to the neighbours; learned widths begin there
             widths = neighbour_widths(_numbers(context, settings))
-            unit = builder.type(value).unit
+            unit = distance_unit(builder.type(value).unit)
             if settings.learn:
                 doc = "width of each set"
                 width = context.learned("widths", (axis,), widths, doc, unit=unit, low=0.0)

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from compiler.ir.program import NodeId
+from compiler.ir.rules.unit_rules import distance_unit
 from compiler.ir.training.known import Statistic
 from compiler.ir.types import Axis, describe_axes
 from compiler.layers.rules.arguments import read_value
@@ -64,7 +65,7 @@ def _numbers(
         mean_node = _constant(context, mean, value, unit)
     if std == "data":
         return mean_node, _measured(context, "std", signal, value)
-    return mean_node, _constant(context, std, value, unit)
+    return mean_node, _constant(context, std, value, distance_unit(unit))
 
 
 def _signal(context: LayerContext, settings: Normalize, inverse: bool) -> str:
@@ -128,6 +129,7 @@ def _measured(
         what, place = f"the argument of `{context.name}`", context.call.arguments[0].span
         context.refuse(shapes.wrong_axes(what, describe_axes(axes), describe_axes(found), place))
     unit = entry.unit.value if entry.unit else None
+    unit = unit if kind == "mean" else distance_unit(unit)
     node = context.measured(kind, Statistic(kind, signal), axes, unit)
     return builder.broadcast(node, found)
 

@@ -5,13 +5,20 @@ from __future__ import annotations
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.rules.unit_rules import UnitConflict
 from compiler.lowering.context import Context
+from spec_schema.diagnostics.source import Span
 from spec_schema.errors import units
 from spec_schema.expressions.text import number_text
 from spec_schema.expressions.tree import Binary, Expression, Number
+from spec_schema.units.unit import Unit
 
 
-def report_unit_conflicts(context: Context, builder: GraphBuilder, expression: Expression) -> None:
-    """Turns the conflicts that building the expression's node met into diagnostics."""
+def report_unit_conflicts(
+    context: Context, builder: GraphBuilder, expression: Expression, operation: str | None = None
+) -> None:
+    """Turns the conflicts that building the expression's node met into diagnostics.
+
+    `operation` is what the user wrote, where its node has another name.
+    """
     for conflict in builder.conflicts:
         secondary = ()
         if isinstance(expression, Binary):
@@ -21,7 +28,7 @@ def report_unit_conflicts(context: Context, builder: GraphBuilder, expression: E
             )
         context.findings.report(
             units.units_differ(
-                conflict.operation,
+                operation or conflict.operation,
                 conflict.found.text,
                 conflict.expected.text,
                 expression.span,
@@ -31,6 +38,18 @@ def report_unit_conflicts(context: Context, builder: GraphBuilder, expression: E
             )
         )
     builder.conflicts.clear()
+
+
+def report_declared_unit(
+    context: Context, name: str, found: Unit, declared: Unit, span: Span
+) -> None:
+    """Reports the unit of an expression that differs from the one its entry declares."""
+    is_temperature = found.same_dimension(declared) and found.offset != declared.offset
+    context.findings.report(
+        units.declared_unit_differs(
+            name, found.text, declared.text, span, is_temperature=is_temperature
+        )
+    )
 
 
 def _bare_number(conflict: UnitConflict, expression: Expression) -> str | None:

@@ -21,7 +21,8 @@ def trained_window(window: WindowProblem, weights: Mapping[str, ArrayLike]) -> C
 
     Over the scale s of a bounded state errors change by about √c deviations, c the largest cost of
     a sample at points drawn from what is declared. Where each of N+1 samples is r deviations off,
-    the cost has a slope of 2 r (N+1) √c / s: w₁, the linear cost of leaving a range.
+    the cost has a slope of 2 r (N+1) √c / s: w₁, the linear cost of leaving a range. Such a cost is
+    in deviations already: a solver takes it as it is.
     """
     control = window.control
     own = {parameter.name for parameter in control.program.parameters}
@@ -34,4 +35,4 @@ def trained_window(window: WindowProblem, weights: Mapping[str, ArrayLike]) -> C
         path if path.hard else replace(path, linear=steep / path.scale)
         for path in control.path_limits
     )
-    return trained(replace(control, path_limits=paths), given)
+    return replace(trained(replace(control, path_limits=paths), given), cost_scale=1.0)

@@ -45,6 +45,8 @@ from compiler.state_estimation.problem import EstimatedNumbers, EstimationProble
 # no name of a spec has a blank
 NOISE, SPREAD, STARTS, RUNS = "moving noise", "start spread", "stage starts", "stage runs"
 _STAGE, _TERMINAL = "cost of stage", "cost of end"
+_DRAWN = 10.0
+"""Standard deviations that a measurement is where it is drawn to find the size of costs."""
 _UNCERTAIN, _NUMBER = "of", "number"
 """Axes of w and v, and of all numbers of ξ."""
 
@@ -285,7 +287,10 @@ class _Draft:
                 WindowProblem.seen(measurement.signal),
             )
             value, seen = (b.signal(name, 0, 0, Type(axes)) for name in names)
-            signals += [Signal(name, Role.INPUT, axes) for name in names]
+            # numbers drawn for it are a few deviations, in whatever unit
+            most = _DRAWN * measurement.std
+            signals.append(Signal(names[0], Role.INPUT, axes, range=(-most, most)))
+            signals.append(Signal(names[1], Role.INPUT, axes))
             std = b.constant(measurement.std, unit=None)
             error = b.divide(b.subtract(value, expected), std)
             errors.append(Output(f"error of {measurement.signal}", error))

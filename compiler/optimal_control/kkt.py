@@ -9,7 +9,8 @@ the plan by λ_k = ∂(l + zᵀg)/∂x + Aᵀ λ_{k+1}, backwards from λ_N. Wit
     complementarity  z · distance to the limit, and −z · s where z < 0
 
 For a soft limit exceeded by v ≥ 0 the multiplier is w₁ + 2 w₂ v where v > 0, and at most w₁ where
-v = 0: complementarity has |z − w₁ − 2 w₂ v| · v and (z − w₁) · s.
+v = 0: complementarity has |z − w₁ − 2 w₂ v| · v and (z − w₁) · s. Stationarity and complementarity
+are multiplied by the cost scale σ of the problem, as they are compared with a tolerance.
 """
 
 from __future__ import annotations
@@ -120,9 +121,9 @@ class _Judged:
         bounds, products = self._limits()
         return Residuals(
             dynamics=greatest(gaps / scale_x),
-            stationarity=greatest(self._gradient() * scale_u),
+            stationarity=greatest(self._gradient() * scale_u) * self.problem.cost_scale,
             bounds=greatest(bounds),
-            complementarity=greatest(products),
+            complementarity=greatest(products) * self.problem.cost_scale,
         )
 
     def _slopes_of(self, output: str) -> tuple[Array, Array]:

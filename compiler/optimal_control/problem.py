@@ -140,6 +140,8 @@ class ControlProblem:
     mode: Mode
     iterations: int
     tolerance: float
+    cost_scale: float = 1.0
+    """σ: solvers solve for σJ, whose size fits tolerance and barriers (`cost_scale.cost_scale`)."""
     flat: frozenset[str] = frozenset()
     """Next values and outputs whose curvature the solver leaves out, as `step_derivatives` does."""
 

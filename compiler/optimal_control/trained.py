@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.types import Axis, Type
+from compiler.optimal_control.cost_scale import cost_scale, drawn
 from compiler.optimal_control.problem import ControlProblem, PathLimits
 from compiler.passes.simplify.inline_parameters import inline_parameters
 
@@ -39,7 +39,7 @@ def trained(problem: ControlProblem, weights: Mapping[str, ArrayLike]) -> Contro
         linear = steepest / path.scale if path.linear is None else path.linear
         quadratic = linear / path.scale if path.quadratic is None else path.quadratic
         paths.append(replace(path, linear=linear, quadratic=quadratic))
-    return replace(known, path_limits=tuple(paths))
+    return replace(known, path_limits=tuple(paths), cost_scale=cost_scale(known))
 
 
 def size_of_cost(problem: ControlProblem) -> float:
@@ -50,12 +50,20 @@ def size_of_cost(problem: ControlProblem) -> float:
     limits = {control.name: control.scale for control in problem.control_limits}
     # rows beyond the last point, for windows that look ahead of it
     rows = DRAWS + problem.longest_preview
+
+    def around_0(scale: float) -> tuple[float, float]:
+        return -scale, scale
+
     log = {
-        signal.name: _drawn(random, rows, signal.axes, signal.range, limits.get(signal.name, 1.0))
+        signal.name: drawn(
+            random, rows, signal.axes, signal.range or around_0(limits.get(signal.name, 1.0))
+        )
         for signal in program.signals
     }
     states = {
-        state.name: _drawn(random, DRAWS, state.axes, state.range, problem.state_scales[state.name])
+        state.name: drawn(
+            random, DRAWS, state.axes, state.range or around_0(problem.state_scales[state.name])
+        )
         for state in program.states
     }
     found = Interpreter(program).step(log, np.arange(DRAWS), states, losses=False)
@@ -63,14 +71,3 @@ def size_of_cost(problem: ControlProblem) -> float:
     # costs that are 0 everywhere say nothing of how steep they are
     finite = costs[np.isfinite(costs) & (costs > 0)]
     return float(finite.max()) if finite.size else 1.0
-
-
-def _drawn(
-    random: np.random.Generator,
-    rows: int,
-    axes: tuple[Axis, ...],
-    limits: tuple[float, float] | None,
-    scale: float,
-) -> NDArray[np.float64]:
-    low, high = limits or (-scale, scale)
-    return random.uniform(low, high, (rows, *Type(axes).shape))

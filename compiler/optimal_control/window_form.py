@@ -108,6 +108,12 @@ def window_form(problem: ControlProblem) -> WindowForm:
     return WindowForm(*found, tuple(memory), tuple(newest), whole)
 
 
+def signals_held(program: Program) -> dict[str, str]:
+    """The signal of which a state is a buffer of past samples, by the state's name."""
+    found = {name: _signal(program, node) for name, node in _pushed(program).items()}
+    return {name: signal for name, signal in found.items() if signal is not None}
+
+
 def _pushed(program: Program) -> dict[str, NodeId]:
     """The newest sample of each state that is a buffer."""
     known = {

@@ -44,10 +44,14 @@ class Elf:
 
     big_endian: bool
     instances: tuple[Instance, ...]
+    texts: Mapping[str, tuple[int, str]] = field(default_factory=dict[str, tuple[int, str]])
+    """Address and text of the wanted arrays of characters that are in the image, by name."""
 
 
-def elf_variables(path: Path, types: Iterable[str]) -> Elf:
+def elf_variables(path: Path, types: Iterable[str], texts: Iterable[str] = ()) -> Elf:
     """All variables with a fixed address that are, or contain, one of these typedefs.
+
+    `texts` are names of arrays of characters; a linker may have dropped them.
 
     One in another counts too: parameters beside their checksum.
 
@@ -66,11 +70,23 @@ def elf_variables(path: Path, types: Iterable[str]) -> Elf:
                 raise _unreadable(path, "it has no debug information")
             # what several units describe counts once
             found = dict.fromkeys(_all_instances(elf.get_dwarf_info(), frozenset(types)))
-            return Elf(not elf.little_endian, tuple(found))
+            return Elf(not elf.little_endian, tuple(found), _texts(elf, frozenset(texts)))
         except failures.ELFError as error:
             raise _unreadable(path, f"it is no ELF file ({error})") from None
         except failures.DWARFError as error:
             raise _unreadable(path, f"its debug information cannot be read ({error})") from None
+
+
+def _texts(elf: Any, names: frozenset[str]) -> dict[str, tuple[int, str]]:
+    symbols = elf.get_section_by_name(".symtab")
+    found: dict[str, tuple[int, str]] = {}
+    for symbol in symbols.iter_symbols() if symbols is not None and names else ():
+        if symbol.name in names and isinstance(symbol["st_shndx"], int):
+            section = elf.get_section(symbol["st_shndx"])
+            begin = symbol["st_value"] - section["sh_addr"]
+            data: bytes = section.data()[begin : begin + symbol["st_size"]]
+            found[symbol.name] = symbol["st_value"], data.rstrip(b"\0").decode("utf-8", "replace")
+    return found
 
 
 def _unreadable(path: Path, reason: str) -> SpecError:

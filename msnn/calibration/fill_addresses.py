@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from backends.asap2.addresses import Symbol, filled, linked
+from backends.asap2.addresses import Symbol, epk, filled, linked
 from msnn.calibration.elf_variables import Instance, elf_variables
 from msnn.errors.targets import calibration as faults
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
@@ -55,7 +55,8 @@ def fill_addresses(elf: Path, export: Path, chosen: Mapping[str, str]) -> Filled
     # a struct that nothing is linked to needs no variable
     counts = {s: sum(link.startswith(f"{prefix}_{s}_t.") for link in links) for s in OPTIONS}
     types = {struct: f"{prefix}_{struct}_t" for struct in OPTIONS if counts[struct]}
-    found = elf_variables(elf, types.values())
+    identity = f"{prefix}_export_sha256"
+    found = elf_variables(elf, types.values(), [identity])
     if not found.instances:
         raise SpecError([faults.no_instances(str(elf), list(types.values()))])
     findings = Findings()
@@ -69,9 +70,14 @@ def fill_addresses(elf: Path, export: Path, chosen: Mapping[str, str]) -> Filled
             instances[struct] = instance
         elif not there:
             warnings.append(faults.without_address(type, counts[struct]))
+    wanted, (at, there) = epk(text), found.texts.get(identity, (0, ""))
+    if there and wanted is not None and there != wanted:
+        findings.report(faults.other_image(str(elf), there, wanted))
     # after all structs: one look at the options mends them together
     findings.raise_errors()
     symbols = _symbols(instances)
+    if there:
+        symbols[f"EPK {there}"] = Symbol(identity, at)
     return Filled(
         filled(text, symbols.get, big_endian=found.big_endian),
         instances,

@@ -7,10 +7,11 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, cast
 
-from msnn.cli.manners import NOW
+from msnn.cli.manners import NOW, refuse_to_overwrite
 from msnn.errors.failures import ReaderGoneError
 from msnn.terminals import is_live
 from spec_schema.diagnostics.diagnostic import Diagnostic
@@ -112,9 +113,34 @@ def report(diagnostics: Sequence[Diagnostic], sources: Iterable[SourceText]) -> 
 
 
 def report_model(model: Model) -> None:
-    """Prints the warnings of loading a model, with `--verbose` its remarks too."""
+    """Prints the warnings of loading a model, with `--verbose` its remarks too.
+
+    Raises as `spare_files_of`.
+    """
+    spare_files_of(model)
     remarks = model.remarks if NOW.is_verbose else ()
     report((*model.warnings, *remarks), model.sources)
+
+
+def spare_files_of(model: Model) -> None:
+    """A usage error where the command would overwrite a file of the model or of its data."""
+    if any(isinstance(path, Path) and path.is_file() for path in NOW.written.values()):
+        refuse_to_overwrite(NOW.written, _files_of(model))
+
+
+def _files_of(model: Model) -> Iterator[Path]:
+    """The files of the spec, its sub-models, their weights and its data."""
+    from msnn.data.reading.files import matching
+
+    yield model.path
+    for part in model.parts:
+        yield Path(part.path)
+        if part.file is not None:
+            yield part.file
+    if model.spec.data is not None:
+        for source in model.spec.data.source.values():
+            for pattern in source.files:
+                yield from matching(NOW.data_root or model.folder, pattern.value)
 
 
 def wants_color(stream: TextIO) -> bool:

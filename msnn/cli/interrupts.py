@@ -2,16 +2,61 @@
 
 from __future__ import annotations
 
-import signal
+import os
+import sys
+
+TYPE_CHECKING = False  # `typing` takes long to load
+if TYPE_CHECKING:
+    from typing import Any
+
+_HEARD: list[int] = []
+"""The signals that have interrupted this process."""
+INTERRUPTED = 130  # ExitCode.INTERRUPTED, which is not loaded yet
+
+
+def expect_early_interrupts() -> None:
+    """Lets Ctrl-C end `msnn` in one word while it loads, before `main` listens.
+
+    Programs that import msnn end as they like.
+    """
+    # while a package is imported for `python -m`, that is all that Python says of it
+    is_module = sys.argv[:1] == ["-m"] and "msnn" in sys.orig_argv
+    if is_module or _name() in ("msnn", "msnn.exe"):
+        sys.excepthook = _told
+
+
+def _name() -> str:
+    return os.path.basename(sys.argv[0]) if sys.argv else ""  # noqa: PTH119  (pathlib loads long)
+
+
+def _told(kind: type[BaseException], error: BaseException, trace: Any) -> None:
+    if not is_interrupt(error):
+        sys.__excepthook__(kind, error, trace)
+        return
+    print("interrupted", file=sys.stderr, flush=True)
+    os._exit(INTERRUPTED)
 
 
 def interrupt_on_signals() -> None:
     """Lets Ctrl-C and SIGTERM raise KeyboardInterrupt; one that the process ignores stays so."""
+    import signal
+
     for number in (signal.SIGINT, signal.SIGTERM):
         # `nohup` and shells that start a job in the background set SIG_IGN, which is a wish to be
         # left alone
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, signal.default_int_handler)
+            signal.signal(number, _interrupt)
+
+
+def _interrupt(number: int, frame: object) -> None:
+    del frame
+    _HEARD.append(number)
+    raise KeyboardInterrupt
+
+
+def was_interrupted() -> bool:
+    """Whether a signal came since `interrupt_on_signals`, also one whose error a library caught."""
+    return bool(_HEARD)
 
 
 def is_interrupt(error: BaseException) -> bool:

@@ -11,10 +11,14 @@ import sys
 from io import TextIOWrapper
 from typing import NoReturn
 
-from msnn.cli.interrupts import interrupt_on_signals, is_interrupt
+from msnn.cli.interrupts import (
+    INTERRUPTED,
+    interrupt_on_signals,
+    is_interrupt,
+    was_interrupted,
+)
 from msnn.project.late_metadata import load_metadata_when_asked
 
-_INTERRUPTED = 130  # ExitCode.INTERRUPTED, which is not loaded yet
 _LOOKING = frozenset({"check", "compile", "diff", "show"})
 """Verbs that need numpy for little more than the constants of a spec."""
 
@@ -43,12 +47,16 @@ def main() -> NoReturn:
         from msnn.cli.application import run
 
         code = int(run(sys.argv[1:]))
+        if was_interrupted() and code != INTERRUPTED:
+            # whatever caught the error went on: a result that nobody waited for is no success
+            print("interrupted", file=sys.stderr)
+            code = INTERRUPTED
     # KeyboardInterrupt is no Exception, and an import may wrap it in an ImportError
     except BaseException as error:
         if not is_interrupt(error):
             raise
         print("interrupted", file=sys.stderr)
-        code = _INTERRUPTED
+        code = INTERRUPTED
     if looks:
         _leave(code)
     sys.exit(code)

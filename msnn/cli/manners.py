@@ -33,6 +33,9 @@ class Manners:
     results: list[str] = field(default_factory=list[str])
     """What goes to `output` when the command is over."""
     messages: Messages = "full"
+    written: dict[str, object] = field(default_factory=dict[str, object])
+    """The options that name what is replaced or added to."""
+    data_root: Path | None = None
     kept: list[Diagnostic] = field(default_factory=list[Diagnostic])
     """Messages of the log of SARIF, which is the only result then."""
 
@@ -48,7 +51,9 @@ def forget_manners() -> None:
     """Before a command: as if no option had been given."""
     NOW.is_quiet, NOW.is_verbose, NOW.output = False, False, None
     NOW.messages, NOW.is_silent = "full", False
+    NOW.data_root = None
     NOW.results.clear()
+    NOW.written.clear()
     NOW.kept.clear()
 
 
@@ -81,7 +86,7 @@ STANDARD_OUTPUT = Path("-")
 _OWN_PLACES = {"out", "output"}
 """Parameters of verbs that have a place of their own for what they write."""
 
-_WRITTEN = {*_OWN_PLACES, "write_to", "plot", "junit", "summary"}
+_WRITTEN = {*_OWN_PLACES, "write_to", "plot", "junit", "summary", "json", "report"}
 """Parameters of verbs that name what is replaced or added to."""
 
 
@@ -100,6 +105,8 @@ def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
     @wraps(verb)
     def mannered(**arguments: Any) -> None:
         refuse_to_overwrite(arguments)
+        NOW.written |= {name: arguments[name] for name in _WRITTEN & arguments.keys()}
+        NOW.data_root = arguments.get("data_root")
         asked = [arguments.pop(option) for option in options]
         _behave(*asked)
         verb(**arguments)

@@ -22,7 +22,7 @@ from msnn.comparison.ranking import (
     ranked,
 )
 from msnn.comparison.readings import Readings
-from msnn.comparison.trial import Setup, Trial, TrialOutcome, run_trial
+from msnn.comparison.trial import Setup, Trial, TrialOutcome, log_outcome, run_trial
 from msnn.comparison.trial_lists import TrialLists
 from msnn.comparison.variants import GridAxis, Variant, variants
 from msnn.comparison.workers.local_workers import outcomes
@@ -31,7 +31,7 @@ from msnn.data.reading.frames import Frames
 from msnn.errors.sweeps import grid_of_a_search, nothing_proposed, set_and_swept, swept_twice
 from msnn.model.load import load_model
 from msnn.model.model import PROGRAM_SUFFIX
-from msnn.model.saved_run import CHECKPOINT, run_of
+from msnn.model.saved_run import run_of
 from msnn.training.engines.what_trains import require_what_trains, slow_modules
 from msnn.training.ranks.torchrun import refuse_several_processes
 from msnn.training.records.run_log import LOG, RunLine, append, read
@@ -174,12 +174,8 @@ def compare(
     with closing(running) as ended:
         for trial, outcome in ended:
             line = outcome.line
-            # a refused spec can be mended: next time it is tried again
-            if log is not None and line.state != "refused" and line != known.get(line.key):
-                append(log, line)
-                # after the line: killed between the two, the training is in the log and its
-                # checkpoint harmless
-                _forget_checkpoint(log, line)
+            if log is not None and not outcome.is_logged and line != known.get(line.key):
+                log_outcome(log, line)
             lines.setdefault(trial.variant, []).append(line)
             if proposals is not None:
                 proposals.ended(trial, line)
@@ -208,12 +204,6 @@ def _cost_another(
         lines[lines.index(first)] = line
         if log is not None:
             append(log, line)
-
-
-def _forget_checkpoint(log: Path, line: RunLine) -> None:
-    """Deletes the checkpoint of a logged trial: until then a killed comparison resumes from it."""
-    if line.folder is not None:
-        (log.parent / line.folder / CHECKPOINT).unlink(missing_ok=True)
 
 
 def _judged(

@@ -18,11 +18,12 @@ from msnn.model.load import with_seed
 from msnn.model.model import Model
 from msnn.model.model_data import sources_of
 from msnn.model.model_weights import redrawn_weights
-from msnn.model.saved_run import WEIGHTS
+from msnn.model.saved_run import CHECKPOINT, WEIGHTS
 from msnn.model.weights.weights_file import read_weights
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.records.progress import Silent
-from msnn.training.records.run_log import Measured, RunLine, measured_in
+from msnn.training.records.run_lock import alone
+from msnn.training.records.run_log import LOG, Measured, RunLine, append, measured_in, read
 from msnn.training.records.training_options import in_folder, options_for
 from msnn.training.run_line import begun, diverged, ended
 from msnn.training.train import train
@@ -67,6 +68,8 @@ class TrialOutcome:
     line: RunLine
     is_new: bool
     """False where the log had it."""
+    is_logged: bool = False
+    """Whether the log has its line already."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,10 +88,39 @@ def run_trial(
     """Trains, measures and costs a variant, or takes what is `known` of it by key.
 
     Mistakes of the spec or the data, what is not installed, and a training that diverges are
-    outcomes. Raises TrainingInterruptedError.
+    outcomes. One that another process trains in the same folder is waited for. Raises
+    TrainingInterruptedError.
     """
     found = ready_trial(trial, setup, known, readings)
-    return found if isinstance(found, TrialOutcome) else train_ready(found, setup)
+    if isinstance(found, TrialOutcome):
+        return found
+    if setup.runs is None:
+        return train_ready(found, setup)
+    folder = setup.runs / trial_folder(found.model, found.line)
+    with alone(folder):
+        # another comparison has trained it since the log was read, or a process was killed here
+        if folder.exists():
+            of_now = {line.key: line for line in read(setup.runs / LOG)}
+            found = ready_trial(trial, setup, of_now, readings)
+            if isinstance(found, TrialOutcome):
+                return replace(found, is_logged=found.line == of_now.get(found.line.key))
+        outcome = train_ready(found, setup)
+        # before another process may look
+        is_logged = log_outcome(setup.runs / LOG, outcome.line)
+        return replace(outcome, is_logged=is_logged)
+
+
+def log_outcome(log: Path, line: RunLine) -> bool:
+    """Adds the line of a training that is over to the log; False for one that was refused."""
+    # a refused spec can be mended: next time it is tried again
+    if line.state == "refused":
+        return False
+    append(log, line)
+    # after the line: killed between the two, the training is in the log and its checkpoint
+    # harmless; until then a killed comparison goes on from it
+    if line.folder is not None:
+        (log.parent / line.folder / CHECKPOINT).unlink(missing_ok=True)
+    return True
 
 
 def ready_trial(

@@ -138,13 +138,13 @@ class Controller:
         if found.status is Status.INFEASIBLE:
             return self._kept(Status.INFEASIBLE, allowed, found)
         plan = found.plan
-        penalties, excess = self._functions.penalties(allowed.limits, found.values)
+        cost, excess = self._functions.cost(allowed.limits, found.values)
         return Solution(
             status=found.status,
             control=by_sample(problem.controls, plan.controls[0]),
             controls=by_name(problem.controls, plan.controls),
             states=by_name(problem.states, plan.states),
-            cost=found.values.cost + penalties,
+            cost=cost,
             residual=found.residual,
             violation=found.violation,
             excess=excess,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -51,6 +52,8 @@ class ReferenceMethod:
         if outcome is None or (may_begin_again and not outcome.residual <= tolerance):
             states, controls = self._cold(given, allowed, resting)
             again = solve(states, controls, None)
+            spent = 0 if outcome is None else outcome.iterations
+            again = replace(again, iterations=spent + again.iterations)
             # not less or equal: also where the first one is NaN
             if outcome is None or not outcome.residual <= again.residual:
                 outcome = again

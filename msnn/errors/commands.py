@@ -26,6 +26,13 @@ def folder_exists(path: str) -> Diagnostic:
     return error("E1034", None, message, help="choose another name")
 
 
+def foreign_file(path: str) -> Diagnostic:
+    """E1054: a file of somebody else where a command would put its own under a name of its own."""
+    message = f"{path} is there already and was not written by msnn"
+    repair = "move it away, or write to another place with `--out`"
+    return error("E1054", None, message, help=repair)
+
+
 def unusable_name(name: str, reason: str) -> Diagnostic:
     """E1035: a project name that a spec cannot have."""
     repair = "a name has letters, digits and `_`, begins with a letter and is no reserved word"

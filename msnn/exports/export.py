@@ -98,11 +98,14 @@ def write_export(plan: AnyPlan, weights: Weights, folder: Path) -> Written:
     """Writes the files of one target into the folder.
 
     They appear there when all of them are written: a command that is killed leaves what was there.
+    Raises SpecError (E1054) where they would replace files that no export has written.
     """
     from backends.files.atomic_write import replacing_files  # `check` plans exports without it
+    from msnn.exports.foreign_files import spare_foreign_files
 
     with replacing_files(folder) as temporary:
         files = plan.target.write(plan, plan.of(weights), temporary)
+        spare_foreign_files(folder / path.relative_to(temporary) for path in files)
     # files were written elsewhere and have moved: told by where they are now
     return Written(folder, tuple(folder / path.relative_to(temporary) for path in files))
 

@@ -8,6 +8,7 @@ from contextlib import suppress
 from multiprocessing import get_context
 from typing import Any
 
+from msnn.comparison.workers.process_context import children_off_working_folder
 from msnn.language_server.examine import Examined, examine
 
 _POLL = 0.05
@@ -34,7 +35,8 @@ class CheckProcess:
         self.stop()
         self._pipe, theirs = self._context.Pipe()
         self._process = self._context.Process(target=_answer, args=(theirs,), daemon=True)
-        self._process.start()
+        with children_off_working_folder():
+            self._process.start()
         # the process has the only other end: where it dies, reading here ends at once
         theirs.close()
 

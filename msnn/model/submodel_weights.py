@@ -20,6 +20,7 @@ from msnn.model.weights.safetensors_file import arrays_in
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import submodels as errors
 from spec_schema.late_dataclass import dataclass
+from spec_schema.reading.endless_files import refuse_endless
 from spec_schema.reading.reader import ReadResult
 from spec_schema.sections.submodels import Use
 
@@ -142,6 +143,7 @@ def _content(path: Path) -> bytes:
     if not path.is_file() or path.stat().st_size > LARGEST_FILE:
         message = "it is not a file of weights"
         raise ValueError(message)
+    refuse_endless(path)
     return path.read_bytes()
 
 

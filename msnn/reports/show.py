@@ -206,9 +206,7 @@ def _parameters(program: Program) -> str:
 
 
 def _losses(program: Program) -> str:
-    rows = [
-        (loss.name, loss.measure.value, f"{loss.weight * loss.share:g}") for loss in program.losses
-    ]
+    rows = [(loss.name, loss.measured, f"{loss.weight * loss.share:g}") for loss in program.losses]
     return table_text(("loss", "measure", "weight"), rows, numbers=[2]) if rows else ""
 
 

@@ -118,7 +118,7 @@ def summed(
             # a row counts or not, elements of it may be missing besides
             there &= _along(rows, prediction)
             each = _factors(named[name], moment.values, prediction)
-            sums[name] += _sum(named[name].measure, prediction, target, there, each)
+            sums[name] += _sum(named[name], prediction, target, there, each)
     return sums
 
 
@@ -137,7 +137,7 @@ def _factors(loss: Loss, values: StepValues, like: FloatArray) -> FloatArray | N
 
 
 def _sum(
-    measure: Measure,
+    loss: Loss,
     prediction: FloatArray,
     target: FloatArray | None,
     scored: BoolArray,
@@ -147,24 +147,25 @@ def _sum(
         # a factor of 0 leaves an element out, whatever stands there
         scored = scored & (factors > 0)
     with np.errstate(over="ignore"):  # a sum that overflows is infinite, and said to diverge
-        costs = cost(measure, prediction[scored], None if target is None else target[scored])
+        costs = cost(loss, prediction[scored], None if target is None else target[scored])
         if factors is None:
             return LossSum(float(np.sum(costs)), costs.size)
         each = factors[scored]
         return LossSum(float(np.sum(each * costs)), float(np.sum(each)))
 
 
-def cost(measure: Measure, prediction: FloatArray, target: FloatArray | None) -> FloatArray:
+def cost(loss: Loss, prediction: FloatArray, target: FloatArray | None) -> FloatArray:
     """The term of each element in the mean of a loss."""
     error = prediction if target is None else prediction - target
-    match measure:
+    match loss.measure:
         case Measure.MSE | Measure.RMSE:
             return error * error
         case Measure.MAE:
             return np.abs(error)
         case Measure.HUBER:
             size = np.abs(error)
-            # the parabola and the straight line meet at an error of 1
-            return np.where(size <= 1, 0.5 * error * error, size - 0.5)
+            # the parabola and the straight line meet at an error of δ
+            line = loss.delta * (size - 0.5 * loss.delta)
+            return np.where(size <= loss.delta, 0.5 * error * error, line)
         case Measure.MEAN:
             return prediction

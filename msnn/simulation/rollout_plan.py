@@ -56,6 +56,15 @@ class RolloutPlan:
     """How states begin whose `init` is to be fitted; None where there are none."""
 
     @property
+    def fed_back(self) -> tuple[str, ...]:
+        """The closed signals that read a prediction: in one step only those of the same row do."""
+        if self.horizon != 1:
+            return self.closed
+        predicted = (output.predicts for output in self.program.outputs)
+        same = {one.signal for one in predicted if one is not None and one.ahead == 0}
+        return tuple(name for name in self.closed if name in same)
+
+    @property
     def reading(self) -> Program:
         """The program by which rollouts are placed: with what starts read before they are found."""
         return self.program if self.starts is None else self.starts.program

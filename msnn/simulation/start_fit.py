@@ -6,31 +6,29 @@ loss l, with the exact slopes J of the residuals r in x.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.differentiation.compared_squares import SIZE_OF, compared_squares
+from compiler.differentiation.compared_squares import compared_squares
 from compiler.differentiation.estimated_starts import (
     estimated_states,
     offset_parameter,
     start_signal,
     with_moved_starts,
 )
-from compiler.differentiation.residuals import LossResiduals
-from compiler.differentiation.sensitivities import sensitivities
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.program import Output, Program
+from compiler.ir.program import Program
 from compiler.ir.types import Type
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.errors.learning import fitted_starts as errors
 from msnn.simulation.gauss_newton import RunProducts, descended
-from msnn.simulation.rollout import moments
 from msnn.simulation.rollout_plan import RolloutPlan
+from msnn.simulation.start_products import RunSums, StartProducts
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
 Series = Mapping[str, FloatArray]
@@ -47,6 +45,8 @@ class FoundStarts:
     """Runs whose first evaluations do not decide the state: it stays where the search began."""
     unsettled: BoolArray
     """Runs that would move on after the last step."""
+    notes: tuple[Diagnostic, ...] = ()
+    """What else is to be said of the search."""
 
     def series(self, rows: int) -> dict[str, FloatArray]:
         """The values in the rows t0, as programs with read starts take them."""
@@ -62,8 +62,19 @@ class FoundStarts:
 class StartFit:
     """Finds the starts of one program's runs, its loops closed."""
 
-    def __init__(self, program: Program, over: int | None, skip: int = 0) -> None:
-        """`over` evaluations of each run decide; None for all that it has, from `skip` on."""
+    def __init__(
+        self,
+        program: Program,
+        over: int | None,
+        skip: int = 0,
+        *,
+        searches: int = 1,
+        native: bool = True,
+    ) -> None:
+        """`over` evaluations of each run decide; None for all that it has, from `skip` on.
+
+        About so many `searches` are expected; without `native` no kernel runs the model.
+        """
         self._skip = skip
         self._program = program
         self._over = over
@@ -71,8 +82,8 @@ class StartFit:
         # start + offset with an offset of 0: slopes in the offset are those in the start
         self._moved = compared_squares(with_moved_starts(program))
         self._sizes = [Type(state.axes).size for state in self._states]
-        offsets = [offset_parameter(state) for state in self._states]
-        self._judged, self._residuals = with_slopes(self._moved, offsets)
+        offsets = {start_signal(state.name): offset_parameter(state) for state in self._states}
+        self._runs = StartProducts(self._moved, offsets, repeats=searches, native=native)
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -107,16 +118,17 @@ class StartFit:
             # sizes compare nothing
             if loss.target is not None
         }
-        judge = Interpreter(self._judged, weights)
         # a copy of the mapping, not of the series: `products` writes into its own arrays
         log = {**series, **self.blank(len(next(iter(series.values()))))}
+        each = self._runs.on(log, runs, weights, self._skip, rows)
 
         def products(members: IntArray, values: FloatArray) -> RunProducts:
             some = runs.take(members)
             for name, part in self._parts(values):
                 # starts are series that the program reads in the row where a run begins
                 log[start_signal(name)][some.t0] = part
-            return self._products(judge, log, some, shares, rows)
+            with np.errstate(all="ignore"):  # a run that leaves the numbers takes no step
+                return _weighted(each(some), shares)
 
         begin = Interpreter(self._program, weights).start(series, runs.t0)
         flat = [begin[state.name].reshape(len(runs), -1) for state in self._states]
@@ -126,7 +138,8 @@ class StartFit:
             name: np.asarray(part.reshape(len(runs), -1).any(axis=1))
             for name, part in self._parts(found.undecided)
         }
-        return FoundStarts(runs.t0, dict(self._parts(found.values)), lost, ~found.settled)
+        values = dict(self._parts(found.values))
+        return FoundStarts(runs.t0, values, lost, ~found.settled, self._runs.notes)
 
     def _parts(self, numbers: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
         """The numbers of each state out of rows of all of them."""
@@ -134,84 +147,8 @@ class StartFit:
         for state, part in zip(self._states, parts, strict=True):
             yield state.name, part.reshape(len(numbers), *Type(state.axes).shape)
 
-    def _products(
-        self,
-        judge: Interpreter,
-        log: Series,
-        runs: Runs,
-        shares: Mapping[str, float],
-        rows: Mapping[str, BoolArray] | None,
-    ) -> RunProducts:
-        members, numbers = len(runs), sum(self._sizes)
-        sums = {one.loss.name: _Sums.of_zeros(members, numbers) for one in self._residuals}
-        with np.errstate(all="ignore"):  # a run that leaves the numbers takes no step
-            for moment in moments(judge, log, runs, losses=False):
-                for name, one in sums.items() if moment.number >= self._skip else ():
-                    some = (
-                        np.ones(len(moment.t), np.bool_) if rows is None else rows[name][moment.t]
-                    )
-                    one.add(name, moment.values.outputs, moment.members, some)
-            return _weighted(sums, shares)
 
-
-@dataclass(slots=True)
-class _Sums:
-    """The sums of one loss over its evaluations, for every run."""
-
-    squares: FloatArray
-    slope: FloatArray
-    curvature: FloatArray
-    size: FloatArray
-    count: FloatArray
-
-    @classmethod
-    def of_zeros(cls, members: int, numbers: int) -> _Sums:
-        shapes = ((members,), (members, numbers), (members, numbers, numbers))
-        squares, slope, curvature = map(np.zeros, shapes)
-        return cls(squares, slope, curvature, np.zeros(members), np.zeros(members))
-
-    def add(
-        self, loss: str, values: Mapping[str, FloatArray], members: IntArray, some: BoolArray
-    ) -> None:
-        """One evaluation of some of these runs."""
-        values = {name: value[some] for name, value in values.items()}
-        members, runs = members[some], int(some.sum())
-        if not runs:  # all of them are in rows that do not decide
-            return
-        error = values[f"{RESIDUAL}{loss}"].reshape(runs, -1)
-        slopes = values[f"{SLOPES}{loss}"].reshape(runs, self.slope.shape[1], -1)
-        self.squares[members] += np.sum(error * error, axis=1)
-        # each run stands in a moment once, so that no sum is lost by indexing
-        self.slope[members] += np.einsum("rne,re->rn", slopes, error)
-        self.curvature[members] += slopes @ slopes.transpose(0, 2, 1)
-        self.size[members] += values[f"{_SIZE}{loss}"]
-        # of evaluations whose target is there; missing ones have residual 0
-        self.count[members] += values[f"{COUNT}{loss}"]
-
-
-RESIDUAL, SLOPES, _SIZE, COUNT = "residual of ", "slopes of ", "size of ", "count of "
-"""Before the name of a loss: outputs of the program that is run."""
-
-
-def with_slopes(moved: Program, names: Sequence[str]) -> tuple[Program, tuple[LossResiduals, ...]]:
-    """The program whose outputs are residuals, their slopes in parameters, sizes and counts."""
-    found = sensitivities(moved, names)
-    outputs: list[Output] = []
-    terms = {term.loss.name: term for term in found.losses}
-    for one in found.residuals:
-        name, term = one.loss.name, terms[one.loss.name]
-        assert term.count is not None, "targets can be missing"
-        outputs += [
-            Output(f"{RESIDUAL}{name}", one.values),
-            Output(f"{SLOPES}{name}", one.slopes),
-            Output(f"{_SIZE}{name}", terms[f"{SIZE_OF}{name}"].total),
-            Output(f"{COUNT}{name}", term.count),
-        ]
-    program = replace(found.program, outputs=tuple(outputs), losses=(), expected=(), fits=())
-    return program, found.residuals
-
-
-def _weighted(sums: Mapping[str, _Sums], shares: Mapping[str, float]) -> RunProducts:
+def _weighted(sums: Mapping[str, RunSums], shares: Mapping[str, float]) -> RunProducts:
     """Σ over the losses of weight / count times what each adds; a loss without rows adds 0."""
     found: list[RunProducts] = []
     for name, one in sums.items():
@@ -229,9 +166,12 @@ def _weighted(sums: Mapping[str, _Sums], shares: Mapping[str, float]) -> RunProd
     return sum(found[1:], found[0])
 
 
-def fit_of(plan: RolloutPlan) -> StartFit | None:
-    """The fit of a plan's starts; None where it has none to find."""
-    return None if plan.starts is None else StartFit(plan.starts.program, plan.starts.over)
+def fit_of(plan: RolloutPlan, *, searches: int = 1, native: bool = True) -> StartFit | None:
+    """The fit of a plan's starts, as of `StartFit`; None where it has none to find."""
+    starts = plan.starts
+    if starts is None:
+        return None
+    return StartFit(starts.program, starts.over, searches=searches, native=native)
 
 
 def with_starts(
@@ -253,7 +193,7 @@ def with_starts(
 
 def uncertain_starts(found: FoundStarts, data: Dataset, wanted_by: str) -> list[Diagnostic]:
     """One warning of what nothing decides, one of what was not settled."""
-    diagnostics: list[Diagnostic] = []
+    diagnostics = [*found.notes]
     lost = {name: one for name, one in found.undecided.items() if one.any()}
     if lost:
         some = np.any([*lost.values()], axis=0)

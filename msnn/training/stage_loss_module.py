@@ -19,6 +19,7 @@ from msnn.training.engines.engine import LossSums, batches_of
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.torch.known_steps import prior_total
 from msnn.training.engines.torch.objectives import KernelObjective, TorchObjective
+from msnn.training.plans.default_weights import with_default_weights
 from msnn.training.plans.epoch_order import order_key, shuffled
 from msnn.training.plans.known_terms_of_stage import has_priors, residuals_of
 from msnn.training.plans.stage_data import StageData, stage_data
@@ -52,7 +53,9 @@ def stage_loss(
     findings.raise_errors()
     assert runs is not None
     first = first_weights(program, data) if weights is None else weights
-    return StageLoss(with_data_scales(plans, data, first)[number], data, runs, first)
+    return StageLoss(
+        with_data_scales(with_default_weights(plans, data), data, first)[number], data, runs, first
+    )
 
 
 class StageLoss(nn.Module):

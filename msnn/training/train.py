@@ -10,6 +10,7 @@ from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.learning import run_ends
 from msnn.training.engines.devices import on_device
 from msnn.training.engines.open_engine import try_optimizers
+from msnn.training.plans.default_weights import with_default_weights
 from msnn.training.plans.stage_data import stage_data
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.ranks.training_ranks import weights_of_first
@@ -65,7 +66,8 @@ def train(
     ranks = options.ranks
     # ranks must begin alike: each would draw its own, and train another model
     first = weights_of_first(ranks, first_weights(program, data) if weights is None else weights)
-    plans = with_data_scales([replace(plan, ranks=ranks) for plan in plans], data, first)
+    weighed = with_default_weights([replace(plan, ranks=ranks) for plan in plans], data)
+    plans = with_data_scales(weighed, data, first)
     ready = [(p, d) for p, d in zip(plans, datas, strict=True) if d is not None]
     record = run_record(program, plans, data, options.parts)
     # before a folder is made: of ranks that differ none leaves anything behind

@@ -6,6 +6,8 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.learning import run_ends, second_order
@@ -37,6 +39,7 @@ from msnn.training.same_on_all import (
 from msnn.training.stages.divergence import explain_divergence
 from msnn.training.stages.late_jumps import LateJumps
 from msnn.training.stages.multi_start import StageAttempts
+from msnn.training.stages.stage_course import StageCourse
 from msnn.training.stages.stage_run import Interrupted, StageRun
 from msnn.training.stages.stage_starts import stage_starts
 from msnn.training.starts.drawn_weights import begins_alike, drawn_weights
@@ -62,6 +65,7 @@ class TrainingRun:
     safe: Safekeeping
     reached: Reached
     jumps: LateJumps = field(default_factory=LateJumps)
+    course: StageCourse = field(default_factory=StageCourse)
 
     def through(self, now: Checkpoint, stop_asked: threading.Event) -> TrainingResult:
         """From where the run stands to its end."""
@@ -75,11 +79,15 @@ class TrainingRun:
             hint = self.jumps.hint(plan)
             if hint is not None:
                 self.progress.warned(hint)
+            for note in self.course.stage_ended(plan, data, result, now.begin):
+                self.progress.warned(note)
             self.progress.stage_ended(stage_end(plan, result))
             now = Checkpoint(ended=(*now.ended, result), begin=result.best)
             self.reached.checkpoint = now
             if self.safe.is_stale:
                 self.safe.save(now, now.begin)
+        for note in self.course.unmoved([plan for plan, _ in self.stages]):
+            self.progress.warned(note)
         # of several ranks all go on to the errors, though one alone has the folder
         if self.folder is None and self.options.ranks is None:
             return self._result(now.begin, now)
@@ -192,7 +200,10 @@ class TrainingRun:
     def _explained(self, attempt: StageRun, fault: NonFiniteLossError) -> Diagnostic:
         now, epoch = attempt.engine.weights(), attempt.epoch + 1
         data = self.data if attempt.starts is None else attempt.starts.data()
-        return explain_divergence(attempt.plan, data, now, fault, epoch)
+        # before the first epoch the best weights are those that the attempt began with
+        begun = None if attempt.best_epoch else attempt.best
+        same = begun is not None and all(np.array_equal(now[n], begun[n]) for n in begun)
+        return explain_divergence(attempt.plan, data, now, fault, epoch, before_updates=same)
 
     def _announce(self, plan: StagePlan, data: StageData, epoch: int) -> None:
         self.progress.stage_started(
@@ -205,6 +216,8 @@ class TrainingRun:
                 horizon=str(plan.rollout.horizon),
                 monitored_on=data.watched_set,
                 attempts=plan.attempts,
+                weights=plan.loss_weights if plan.weighs_by_variance else None,
+                fed_back=plan.rollout.fed_back,
                 epoch=epoch,
             )
         )
@@ -216,6 +229,7 @@ class TrainingRun:
             self.curves.epoch_ended(event, engine.weights())
         self.progress.epoch_ended(event)
         self.jumps.epoch_ended(event)
+        self.course.epoch_ended(event)
         if engine.has_left_out:  # said once: it is the same warning every time
             self.progress.warned(second_order.left_out(plan.name, plan.span))
 

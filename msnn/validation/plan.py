@@ -15,12 +15,14 @@ from msnn.simulation.durations import samples
 from msnn.simulation.rollout_plan import RolloutPlan, default_rollout, plan_rollout
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
+from spec_schema.errors.units import turns_or_radians
 from spec_schema.expressions.tree import Expression, Member, Name, Window
 from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.data.data import Source
 from spec_schema.sections.validation import Metric, Validation
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.quantity import Quantity
+from spec_schema.units.turns import turn_readings
 from spec_schema.units.unit import ONE, Unit
 
 PERCENT = parse_unit("%")
@@ -228,6 +230,10 @@ def _limit(limit: Quantity | None, unit: Unit | None, findings: Findings) -> flo
     expected = unit or ONE
     if not limit.unit.same_dimension(expected):
         findings.report(errors.wrong_limit_unit(limit.text, expected.text, limit.span))
+        return None
+    if (readings := turn_readings(limit.unit, expected)) is not None:
+        found = turns_or_radians(limit.unit.text, expected.text, *readings.texts, limit.span)
+        findings.report(found)
         return None
     # of a difference: 2 K are 2 degC
     return limit.unit.convert(limit.value, expected, is_distance=True)

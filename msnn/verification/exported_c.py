@@ -40,7 +40,8 @@ class ExportedC(CFolder):
     """A model as its files describe it."""
 
     prefix: str
-    spec_hash: str
+    identity: str
+    """The hash of the export, as its description has it."""
     dtype: str
     takes_parameters: bool
     calibration: str | None
@@ -135,7 +136,7 @@ def _read(folder: Path, about: dict[str, Any]) -> ExportedC:
     return ExportedC(
         folder=folder.resolve(),
         prefix=prefix,
-        spec_hash=about["spec_sha256"],
+        identity=about["export_sha256"],
         dtype=layout["dtype"],
         takes_parameters=bool(layout["takes_parameters"]),
         calibration=layout.get("calibration", {}).get("variable"),

@@ -13,6 +13,7 @@ from typing import Literal
 from msnn.errors.targets.boards import no_controller_on_board
 from msnn.verification.bare_metal import board_checks
 from msnn.verification.exported_c import ExportedC, read_exported_c
+from msnn.verification.files_check import files_check
 from msnn.verification.host.coverage import coverage_check
 from msnn.verification.host.fuzz import fuzz_check
 from msnn.verification.host.host_checks import host_checks, misra_check
@@ -91,9 +92,9 @@ def verify(folder: Path, wanted: WantedSteps) -> Verification:
     if isinstance(model, ExportedController):
         if wanted.board is not None:
             raise SpecError([no_controller_on_board(model.prefix)])
-        checks, asked = tuple(_online_checks(model, wanted)), ()
+        checks, asked = (files_check(model, model.identities), *_online_checks(model, wanted)), ()
     else:
-        checks = tuple(_checks(model, wanted))
+        checks = (files_check(model, [model.identity]), *_checks(model, wanted))
         asked = () if wanted.board is None else (board_check(wanted.board, model, wanted.ram),)
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)

@@ -57,9 +57,13 @@ def not_callable(name: str, kind: str, span: Span, moves: bool = False) -> Diagn
     return error("E0304", span, message, "not a layer or function", help=repair)
 
 
-def wrong_argument_count(name: str, wanted: str, found: int, span: Span) -> Diagnostic:
-    """E0305: too few or too many arguments."""
-    return error("E0305", span, f"`{name}` takes {wanted}, not {found}", "this call")
+def wrong_argument_count(
+    name: str, wanted: str, found: int, span: Span, keywords: Sequence[str] = ()
+) -> Diagnostic:
+    """E0305: too few or too many arguments; `keywords` are what it takes by name besides."""
+    named = ", ".join(f"`{keyword}=`" for keyword in keywords)
+    repair = f"it takes {named} by name" if keywords else None
+    return error("E0305", span, f"`{name}` takes {wanted}, not {found}", "this call", help=repair)
 
 
 def unknown_keyword(name: str, keyword: str, span: Span, known: Iterable[str]) -> Diagnostic:

@@ -7,11 +7,11 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
 
 
-def unreadable_spec(path: str, reason: str, span: Span) -> Diagnostic:
+def unreadable_spec(path: str, reason: str, span: Span, repair: str | None = None) -> Diagnostic:
     """E0730: a sub-model whose spec cannot be read."""
     message = f"cannot read the sub-model's spec {path}: {reason}"
     notes = ("a path is relative to the folder of the file that it stands in",)
-    return error("E0730", span, message, "used here", notes=notes)
+    return error("E0730", span, message, "used here", notes=notes, help=repair)
 
 
 def uses_itself(chain: Sequence[str], span: Span) -> Diagnostic:

@@ -18,13 +18,22 @@ def two_units(written: str, declared: str, span: Span, declaration: Span) -> Dia
         f"the value is in {written}, but the unit is declared as {declared}",
         written,
         secondary=((declaration, f"declared as {declared} here"),),
-        help="write the unit once",
+        help="write a unit that converts, or the unit once",
     )
 
 
 def incomparable_unit(written: str, wanted: str, span: Span) -> Diagnostic:
     """E0503: a unit of the wrong dimension."""
     return error("E0503", span, f"{written} is not a unit of {wanted}", f"expected {wanted}")
+
+
+def turns_or_radians(
+    written: str, wanted: str, count: str, turns: str, radians: str, span: Span
+) -> Diagnostic:
+    """E0507: a unit that counts per time, converted to one of angle per time or from it."""
+    message = f"{written} is no clear number of {wanted}: {count} may count revolutions or radians"
+    repair = f"write `{turns}` in place of `{count}` for revolutions, or `{radians}` for radians"
+    return error("E0507", span, message, f"expected {wanted}", help=repair)
 
 
 def unit_of_none(name: str, written: str, span: Span) -> Diagnostic:
@@ -55,6 +64,39 @@ def units_differ(
     return warning("W0504", span, message, f"{expected} expected", secondary=secondary, help=repair)
 
 
+def rate_of_another_time(
+    state: str, rate: str, factor: str, seconds: float, span: Span, place: Span
+) -> Diagnostic:
+    """W0509: a state without unit whose derivative counts per another time than the second."""
+    message = f"`der` is per second, the rate of `{state}` is in {rate}, and `{state}` has no unit"
+    repair = (
+        f"divide by a constant of `{seconds:.12g} {factor}` and declare the unit of `{state}`, or "
+        "declare the inputs of `der` per second"
+    )
+    secondary = ((place, "no unit is declared"),)
+    return warning(
+        "W0509", span, message, f"{rate} taken per second", secondary=secondary, help=repair
+    )
+
+
+def unconverted(
+    written: str,
+    number: str,
+    unit: str,
+    coherent: str,
+    reason: str,
+    span: Span,
+    secondary: tuple[tuple[Span, str], ...] = (),
+) -> Diagnostic:
+    """W0510: a quantity in a multiple of an SI unit, written to something without unit."""
+    message = f"{written} is taken as {number}: {reason}"
+    repair = (
+        f"declare `unit: {coherent}`, to which it converts, or `unit: {unit}` if {number} is meant"
+    )
+    label = f"not in {coherent}"
+    return warning("W0510", span, message, label, secondary=secondary, help=repair)
+
+
 def strict_units(count: int) -> Diagnostic:
     """E0506: units that do not fit, which `--strict-units` refuses."""
     warnings = "the warning" if count == 1 else f"the {count} warnings"
@@ -62,7 +104,12 @@ def strict_units(count: int) -> Diagnostic:
     return error("E0506", None, message)
 
 
-def declared_unit_differs(name: str, found: str, declared: str, span: Span) -> Diagnostic:
+def declared_unit_differs(
+    name: str, found: str, declared: str, span: Span, *, is_temperature: bool = False
+) -> Diagnostic:
     """W0505: an expression in another unit than its entry declares."""
     message = f"`{name}` is declared in {declared}, its expression is in {found}"
-    return warning("W0505", span, message, f"this is in {found}")
+    repair = None
+    if is_temperature:
+        repair = "degC - degC is in K, degC + K in degC: declare the unit of the difference or sum"
+    return warning("W0505", span, message, f"this is in {found}", help=repair)

@@ -61,7 +61,9 @@ LOSS_FUNCTIONS: dict[str, Signature] = {
     "mse": Signature(1, 2, doc="Mean of squared differences."),
     "rmse": Signature(1, 2, doc="Root of the mean of squared differences."),
     "mae": Signature(1, 2, doc="Mean of absolute differences."),
-    "huber": Signature(1, 2, doc="Squares of small differences, magnitudes of large ones."),
+    "huber": Signature(
+        1, 2, ("delta",), "e²/2 of differences up to delta (default 1), a straight line beyond."
+    ),
     "l1": Signature(1, 1, doc="Mean magnitude; takes numbers of learned arrays to exactly 0."),
     "l2": Signature(1, 1, doc="Mean square of parameters."),
     "group": Signature(1, 1, ("over",), doc="Σ over a dim of the norm of each slice of an array."),

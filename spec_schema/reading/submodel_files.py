@@ -10,6 +10,7 @@ from spec_schema.diagnostics.source import SourceText
 from spec_schema.errors import robots as robot_errors
 from spec_schema.errors import submodels as errors
 from spec_schema.late_dataclass import dataclass
+from spec_schema.reading.endless_files import is_near, refuse_endless
 from spec_schema.reading.one_file import ReadResult, read_file, read_one_spec
 from spec_schema.sections.robots import Robot
 from spec_schema.sections.spec import Spec
@@ -34,13 +35,16 @@ def read_used(
     `unsaved` has by their real paths. Raises SpecError with everything that is wrong with any of
     them; beside it stands where the file is used.
     """
-    return _Reading(texts, unsaved or {}).used(result, (result.source.path,))
+    path = result.source.path
+    return _Reading(path, texts, unsaved or {}).used(result, (path,))
 
 
 @dataclass()
 class _Reading:
     """Files that are read already, by where they really are, and how many sub-models each is."""
 
+    root: str
+    """The path of the spec that is read for itself."""
     texts: Mapping[str, str] | None
     unsaved: Mapping[str, str]
     read: dict[str, ReadResult] = field(default_factory=dict[str, ReadResult])
@@ -71,6 +75,9 @@ class _Reading:
                     raise SpecError([errors.too_many_submodels(limit, use.file.span)])
             except SpecError as error:
                 failed = True
+                if not is_near(path, self.root) and any(_is_of(d, path) for d in error.diagnostics):
+                    faults.append(_unquoted(use, path))
+                    continue
                 label = f"used here as `{name}`"
                 faults += [_seen_from_use(d, use, label) for d in error.diagnostics]
                 sources += error.sources
@@ -135,9 +142,24 @@ def _why_unreadable(path: str, largest: int = LARGEST_FILE) -> str | None:
             return "no such file"
         if not file.is_file():
             return "it is not a file"
+        refuse_endless(file)
         return "it is too large" if file.stat().st_size > largest else None
     except (OSError, ValueError) as error:
         return (getattr(error, "strerror", None) or str(error)).lower()
+
+
+def _is_of(diagnostic: Diagnostic, path: str) -> bool:
+    """Whether it is about what is in a file, and not about whether it can be read."""
+    return diagnostic.span is not None and diagnostic.span.file == path
+
+
+def _unquoted(use: Use, path: str) -> Diagnostic:
+    """What is said of a file with mistakes of which no line may be shown."""
+    reason = "it has mistakes, and messages quote no file outside of the spec's folder"
+    if use.robot is not None:
+        return robot_errors.unreadable_robot(path, reason, use.file.span)
+    repair = f"`msnn check {path}` shows them"
+    return errors.unreadable_spec(path, reason, use.file.span, repair)
 
 
 def _seen_from_use(diagnostic: Diagnostic, use: Use, label: str) -> Diagnostic:

@@ -1,5 +1,6 @@
 """The values a spec names: constants, parameters with their initial values, functions."""
 
+from dataclasses import replace
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import ValidationInfo, model_validator
@@ -31,7 +32,11 @@ from spec_schema.fields.quantities import (
     has_variance,
     split_quantity,
 )
-from spec_schema.yaml_tree.nodes import Node, Scalar, Table
+from spec_schema.units.conversion import converted
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.quantity import Quantity
+from spec_schema.units.unit import UnitError
+from spec_schema.yaml_tree.nodes import Node, Positions, Scalar, Table
 
 
 class NormalInitializer(Entry):
@@ -243,7 +248,7 @@ class Parameter(Entry):
 
 
 def _with_split_unit(node: Node, key: str, findings: Findings) -> Node:
-    """`{init: 5 N/m}` as `{init: 5, unit: N/m}`."""
+    """`{init: 5 N/m}` as `{init: 5, unit: N/m}`, and `{init: 300 K, unit: degC}` in degC."""
     value = node.entries.get(key) if isinstance(node, Table) else None
     parts = split_quantity(value) if isinstance(value, Scalar) else None
     # what is no entry or no quantity is reported where its field reads it
@@ -252,14 +257,34 @@ def _with_split_unit(node: Node, key: str, findings: Findings) -> Node:
     amount, unit = parts
     declared = node.entries.get("unit")
     if isinstance(declared, Scalar) and declared.text.strip() != unit.text:
-        # goes on with the declared one, so that this mistake is told once and not of each use
-        report = unit_errors.two_units(unit.text, declared.text, unit.span, declared.span)
-        findings.report(report)
+        # goes on with the declared one, so that a mistake is told once and not of each use
+        amount = _converted_amount(amount, unit, declared, findings)
         unit = declared
     entries = {**node.entries, key: amount, "unit": unit}
     # a key that is written keeps its place
     keys = {"unit": unit.span, **node.keys}
     return Table(entries, keys, node.span, node.key)
+
+
+def _converted_amount(amount: Scalar, unit: Scalar, declared: Scalar, findings: Findings) -> Scalar:
+    """A number with a unit in the unit that its entry declares."""
+    try:
+        own, wanted = parse_unit(unit.text), parse_unit(declared.text)
+    except UnitError:
+        own = wanted = None
+    if own is None or wanted is None or not own.same_dimension(wanted):
+        report = unit_errors.two_units(unit.text, declared.text, unit.span, declared.span)
+        findings.report(report)
+        return amount
+    quantity = Quantity(float(amount.text), own, amount.span.to(unit.span))
+    number = converted(quantity, wanted, findings)
+    if number is None or number == quantity.value:
+        return amount
+    text = repr(number)
+    # each digit of the new number stands where the old one does
+    old = amount.positions
+    places = Positions(old.source, [old.offsets[0]] * len(text) + [old.offsets[-1]])
+    return replace(amount, text=text, value=text, positions=places)
 
 
 Arguments: TypeAlias = DifferentOf[NewName]

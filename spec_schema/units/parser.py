@@ -15,6 +15,10 @@ _TOKEN = re.compile(
 _PARENTHESES = re.compile(r"\((?P<inside>[^()]*)\)(?!\s*(?:\^|\*\*))")
 _OPERATOR = re.compile(r"(?<!\*)[*·](?!\*)|/")
 _PRODUCT_DOT = re.compile(r"[^\W\d]\.[^\W\d]")
+_TURNS = re.compile(r"(?:r|tr|U)\s*/\s*(?:min|s|sec)\b")
+"""Revolutions per time in English, French and German; each letter alone is no unit."""
+_POWER_SIGN = re.compile(r"[^\W\d][-\u2212]\d")
+"""`s-1` of ISO 80000 and of CF, `s⁻¹`, whose sign NFKC makes a minus sign."""
 
 
 def parse_unit(text: str) -> Unit:
@@ -40,7 +44,7 @@ def parse_unit(text: str) -> Unit:
             continue
         if found["power"] or found["operator"] or not expects_factor:
             raise _misplaced(found, start)
-        factor = ONE if found["one"] else _factor(found["symbol"], start)
+        factor = ONE if found["one"] else _factor(text, found["symbol"], start)
         position = found.end()
         # looked at ahead of the loop: a power belongs to the factor before it alone
         power = _TOKEN.match(text, position)
@@ -61,11 +65,11 @@ def _joined(unit: Unit, factor: Unit, divide: bool) -> Unit:
     return factor if unit == ONE else unit * factor
 
 
-def _factor(symbol: str, start: int) -> Unit:
+def _factor(text: str, symbol: str, start: int) -> Unit:
     unit = unit_symbol(symbol)
     if unit is not None:
         return unit
-    meant = meant_symbol(symbol)
+    meant = "rev" if _TURNS.match(text, start) else meant_symbol(symbol)
     guess = None if meant else guessed_symbol(symbol)
     message = f"unknown unit `{symbol}`"
     raise UnitError(message, start, start + len(symbol), meant=meant, guess=guess)
@@ -91,7 +95,9 @@ def _unreadable(text: str, position: int) -> UnitError:
     if text[start] in "()":
         return _grouped(text, start)
     # `N.s`, a product as ISO 80000 prints it; `m^0.5` is none
-    meant = "*" if _PRODUCT_DOT.match(text, max(start - 1, 0)) else None
+    before = max(start - 1, 0)
+    meant = "*" if _PRODUCT_DOT.match(text, before) else None
+    meant = "^-" if _POWER_SIGN.match(text, before) else meant
     message = f"`{text[start]}` does not belong in a unit"
     # as tables have it for numbers without a unit
     guess = "1" if text.strip() == "-" else None

@@ -126,6 +126,8 @@ UNIT_ROWS: Mapping[str, UnitRow] = {
     "Btu": _other(1055.05585262, m=2, kg=1, s=-2),
     # 0 °F lies 459.67 degrees of Fahrenheit above absolute 0
     "degF": _other(5 / 9, 459.67 * 5 / 9, K=1),
+    # of differences of degF
+    "degR": _other(5 / 9, K=1),
     "gal": _other(231 * (_FOOT / 12) ** 3, m=3),
     "St": _si(1e-4, m=2, s=-1),
     "P": _si(0.1, m=-1, kg=1, s=-1),

@@ -99,6 +99,11 @@ class Unit:
         """The unit whose `degree`-th power is this one."""
         return self.power(Fraction(1, degree))
 
+    @property
+    def angle(self) -> Rational:
+        """The exponent of rad, which counts as 1 in dimension checks."""
+        return self.exponents[_ANGLE]
+
     def same_dimension(self, other: "Unit") -> bool:
         """Whether the SI exponents agree; the tag of angle is left out, so `1/s` is `rad/s`."""
         return _without_angle(self.exponents) == _without_angle(other.exponents)
@@ -110,6 +115,28 @@ class Unit:
             and math.isclose(self.scale, other.scale, rel_tol=_SCALE_TOLERANCE)
             and math.isclose(self.offset, other.offset, rel_tol=_SCALE_TOLERANCE)
         )
+
+    @property
+    def coherent(self) -> str:
+        """The text of the coherent SI unit of this dimension: `H` of `uH`, `m/s` of `km/h`."""
+        # without prefixes, where that is enough; else of base units
+        for name in (_without_prefix, _base_symbols):
+            unit = name(self)
+            if unit is not None and unit.scale == 1.0 and unit.offset == 0.0:
+                return unit.text
+        return self.text
+
+    @property
+    def difference(self) -> "Unit":
+        """The unit of the difference of two values: K of degC, degR of degF, else the unit itself.
+
+        20 degC - 15 degC is 5 K, and 20 degC + 5 K is 25 degC.
+        """
+        if self.offset == 0.0:
+            return self
+        found = unit_symbol("K" if self.scale == 1.0 else "degR")
+        assert found is not None
+        return found
 
     def in_si(self, value: float) -> float:
         """The number in SI units, rounded once: 10 us is 1e-05 s, which 10 · 1e-06 is not."""
@@ -178,6 +205,27 @@ def unit_symbol(symbol: str) -> Unit | None:
 def _unit_of_row(symbol: str, row: UnitRow, prefix_scale: float) -> Unit:
     exponents = tuple(row.exponents.get(base, 0) for base in BASE_SYMBOLS)
     return Unit(exponents, prefix_scale * row.scale, row.offset, ((symbol, 1),))
+
+
+def _without_prefix(unit: Unit) -> Unit | None:
+    found = ONE
+    for symbol, power in unit.factors:
+        rows = (symbol, *(symbol.removeprefix(p) for p in PREFIXES if symbol.startswith(p)))
+        # `min` is no milli-inch: a symbol of its own keeps all of it
+        row = next((name for name in rows if name in UNIT_ROWS), symbol)
+        factor = unit_symbol(row)
+        assert factor is not None, "factors are symbols"
+        found = found * factor.power(power)
+    return None if found.text == unit.text else found
+
+
+def _base_symbols(unit: Unit) -> Unit | None:
+    found = ONE
+    for symbol, power in zip(BASE_SYMBOLS, unit.exponents, strict=True):
+        base = unit_symbol(symbol)
+        assert base is not None
+        found = found * base.power(power)
+    return found
 
 
 def _without_angle(exponents: Exponents) -> Exponents:

@@ -1,5 +1,5 @@
 /* Batches: their losses and slopes, by as many threads as are given. */
-/* Groups of one job, whose gradients are added lane by lane before the lanes are. The sum of a batch
+/* Groups of one job, whose gradients are added sample by sample before the samples of a group are. The sum of a batch
    is taken over these blocks in their order, whoever did them: its bits depend on no thread. */
 #define BLOCK 4
 
@@ -32,7 +32,7 @@ struct totals {
 
 static size_t lanes_of_thread(const struct work *w)
 {
-    return PARAMETERS + lanes_of_group((size_t)w->steps, w->kept);
+    return PARTS * PARAMETERS + lanes_of_group((size_t)w->steps, w->kept);
 }
 
 int64_t msnn_work_bytes(const struct work *w)
@@ -100,7 +100,7 @@ static void run_block(void *context, int64_t job, int seat)
     const struct batch *const b = context;
     const int64_t number = b->begin + job;
     lanes *const collected = b->own + (size_t)seat * lanes_of_thread(b->work);
-    lanes *const rest = collected + PARAMETERS;
+    lanes *const rest = collected + PARTS * PARAMETERS;
     double *const sums = b->sums + number * LOSSES;
     double *const counts = b->counts_wanted ? b->counts + number * LOSSES : NULL;
     const int64_t begin = number * BLOCK;
@@ -109,13 +109,13 @@ static void run_block(void *context, int64_t job, int seat)
         sums[l] = 0;
         b->counts[number * LOSSES + l] = 0;
     }
-    memset(collected, 0, PARAMETERS * sizeof *collected);
+    memset(collected, 0, PARTS * PARAMETERS * sizeof *collected);
     for (int64_t k = begin; k < end; k++) {
         run_group(b->problem, &b->groups[k], b->theta, b->scale, b->work->kept, rest,
                   b->slopes_wanted ? collected : NULL, sums, counts);
     }
     if (b->slopes_wanted) {
-        sums_over_lanes(collected, PARAMETERS, b->slopes + number * PARAMETERS);
+        sums_over_group(collected, PARAMETERS, b->slopes + number * PARAMETERS);
     }
 }
 
@@ -169,7 +169,7 @@ static void count_all(const struct batch *b, double *counts)
     memset(counts, 0, LOSSES * sizeof *counts);
     for (int64_t k = 0; k < b->n; k++) {
         double used = 0;
-        for (int i = 0; i < LANES; i++) {
+        for (int i = 0; i < GROUP; i++) {
             used += b->groups[k].used[i] ? 1.0 : 0.0;
         }
         for (int l = 0; l < LOSSES; l++) {

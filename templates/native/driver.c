@@ -8,9 +8,22 @@ struct problem {
 
 struct group {
     int64_t steps;
-    int64_t start[LANES];
-    truth used[LANES];              /* -1 in lanes with a sample of their own; others repeat one */
+    int64_t start[GROUP];
+    truth used[GROUP];              /* -1 where there is a sample; the others repeat one */
 };
+
+/* The samples of a group that stand in one vector. */
+struct part {
+    const int64_t *start;
+    mask used;
+};
+
+static struct part part_of(const struct group *g, int number)
+{
+    struct part found = {g->start + number * LANES, no_lane};
+    memcpy(&found.used, g->used + number * LANES, sizeof found.used);
+    return found;
+}
 
 /* Samples start+first … of one lane; rows outside the log belong to samples that nothing reads. */
 static void gather_lane(const struct problem *p, const real *series, int64_t start, int64_t count,
@@ -23,7 +36,7 @@ static void gather_lane(const struct problem *p, const real *series, int64_t sta
 }
 
 /* Samples start+first … of every lane, a row a time. */
-static void gather(const struct problem *p, int signal, const struct group *g, int64_t first,
+static void gather(const struct problem *p, int signal, const struct part *g, int64_t first,
                    int64_t count, int64_t elements, lanes *rows)
 {
     const real *const series = p->series[signal];
@@ -48,7 +61,7 @@ static void gather(const struct problem *p, int signal, const struct group *g, i
 }
 
 /* Lanes whose loss l counts at step t of the rollout, by the table of rows. */
-inline_function mask scored_lanes(const struct problem *p, const struct group *g, int l, size_t t)
+inline_function mask scored_lanes(const struct problem *p, const struct part *g, int l, size_t t)
 {
     mask found = no_lane;
     for (int i = 0; i < LANES; i++) {

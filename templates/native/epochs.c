@@ -22,14 +22,14 @@ void msnn_groups(const int64_t *restrict starts, const int64_t *restrict members
 {
     for (int64_t begin = 0; begin < count; begin += batch) {
         const int64_t end = begin + batch < count ? begin + batch : count;
-        for (int64_t first = begin; first < end; first += LANES, groups++) {
-            const int64_t own = end - first < LANES ? end - first : LANES;
+        for (int64_t first = begin; first < end; first += GROUP, groups++) {
+            const int64_t own = end - first < GROUP ? end - first : GROUP;
             groups->steps = steps;
             for (int64_t l = 0; l < own; l++) {
                 groups->start[l] = starts[members[first + l]];
                 groups->used[l] = -1;
             }
-            for (int64_t l = own; l < LANES; l++) {
+            for (int64_t l = own; l < GROUP; l++) {
                 groups->start[l] = starts[members[end - 1]];
                 groups->used[l] = 0;
             }

@@ -1,4 +1,6 @@
-/* A training kernel: LANES samples in every `lanes`, arithmetic of the language's own vectors. */
+/* A training kernel: GROUP samples side by side, LANES of them in every `lanes`, which is as wide as
+   the processor's vectors. The functions of the model run once for each of the PARTS of a group. Sums
+   over a group have the same order on every processor. */
 #include <float.h>
 #include <math.h>
 #include <stdbool.h>
@@ -14,14 +16,34 @@
 typedef double real;
 typedef int64_t truth;
 #define ALL_BUT_SIGN INT64_MAX
-#define LANES 8
-#define all(v) {(v), (v), (v), (v), (v), (v), (v), (v)}
+#define REAL_BYTES 8
 #else
 typedef float real;
 typedef int32_t truth;
 #define ALL_BUT_SIGN INT32_MAX
-#define LANES 16
+#define REAL_BYTES 4
+#endif
+
+/* gcc takes comparisons of vectors that are wider than the processor's apart into single numbers. */
+#if defined(__AVX512F__)
+#define VECTOR_BYTES 64
+#elif defined(__AVX2__)
+#define VECTOR_BYTES 32
+#else
+#define VECTOR_BYTES 16
+#endif
+#define GROUP (64 / REAL_BYTES)
+#define LANES (VECTOR_BYTES / REAL_BYTES)
+#define PARTS (GROUP / LANES)
+
+#if LANES == 16
 #define all(v) {(v), (v), (v), (v), (v), (v), (v), (v), (v), (v), (v), (v), (v), (v), (v), (v)}
+#elif LANES == 8
+#define all(v) {(v), (v), (v), (v), (v), (v), (v), (v)}
+#elif LANES == 4
+#define all(v) {(v), (v), (v), (v)}
+#else
+#define all(v) {(v), (v)}
 #endif
 
 typedef real lanes __attribute__((vector_size(LANES * sizeof(real))));
@@ -97,22 +119,22 @@ inline_function lanes fused(lanes a, lanes b, lanes c) { return a * b + c; }
 #elif defined(__FMA__) && !defined(__clang__)
 /* gcc makes one instruction of the loop below only sometimes */
 #if MSNN_DOUBLE
+#define FUSED_128 __builtin_ia32_vfmaddpd
 #define FUSED_256 __builtin_ia32_vfmaddpd256
 #define FUSED_512(a, b, c) __builtin_ia32_vfmaddpd512_mask(a, b, c, (uint8_t)-1, 4)
 #else
+#define FUSED_128 __builtin_ia32_vfmaddps
 #define FUSED_256 __builtin_ia32_vfmaddps256
 #define FUSED_512(a, b, c) __builtin_ia32_vfmaddps512_mask(a, b, c, (uint16_t)-1, 4)
 #endif
 inline_function lanes fused(lanes a, lanes b, lanes c)
 {
-#if defined(__AVX512F__)
+#if VECTOR_BYTES == 64
     return FUSED_512(a, b, c);
+#elif VECTOR_BYTES == 32
+    return FUSED_256(a, b, c);
 #else
-    typedef real half __attribute__((vector_size(sizeof(lanes) / 2)));
-    union { lanes whole; half part[2]; } x = {a}, y = {b}, z = {c};
-    z.part[0] = FUSED_256(x.part[0], y.part[0], z.part[0]);
-    z.part[1] = FUSED_256(x.part[1], y.part[1], z.part[1]);
-    return z.whole;
+    return FUSED_128(a, b, c);
 #endif
 }
 #else
@@ -144,24 +166,39 @@ inline_function lanes lane_sqrt(lanes x)
     return r;
 }
 
-typedef real half_lanes __attribute__((vector_size(LANES / 2 * sizeof(real))));
-typedef real quarter_lanes __attribute__((vector_size(LANES / 4 * sizeof(real))));
+typedef real bytes_32 __attribute__((vector_size(32)));
+typedef real bytes_16 __attribute__((vector_size(16)));
 
-/* Sum over the lanes by a tree of fixed shape: each half is added to the other. */
-inline_function real sum_lanes(lanes x)
+/* Sum over a group, the first of its PARTS vectors at x and the next `apart` behind: by a tree of
+   fixed shape in which each half is added to the other. */
+inline_function real sum_group(const lanes *x, size_t apart)
 {
-    half_lanes half[2];
-    quarter_lanes quarter[2];
-    memcpy(half, &x, sizeof half);
-    half[0] += half[1];
-    memcpy(quarter, half, sizeof quarter);
-    quarter[0] += quarter[1];
-    real rest = quarter[0][0];
-#if MSNN_DOUBLE
-    return rest + quarter[0][1];
+#if PARTS == 4
+    const lanes whole = (x[0] + x[2 * apart]) + (x[apart] + x[3 * apart]);
+#elif PARTS == 2
+    const lanes whole = x[0] + x[apart];
 #else
-    rest += quarter[0][2];
-    return rest + (quarter[0][1] + quarter[0][3]);
+    const lanes whole = x[0];
+    (void)apart;
+#endif
+#if VECTOR_BYTES == 64
+    bytes_32 half[2];
+    memcpy(half, &whole, sizeof half);
+    const bytes_32 two = half[0] + half[1];
+#elif VECTOR_BYTES == 32
+    const bytes_32 two = whole;
+#endif
+#if VECTOR_BYTES == 16
+    const bytes_16 one = whole;
+#else
+    bytes_16 quarter[2];
+    memcpy(quarter, &two, sizeof quarter);
+    const bytes_16 one = quarter[0] + quarter[1];
+#endif
+#if MSNN_DOUBLE
+    return one[0] + one[1];
+#else
+    return (one[0] + one[2]) + (one[1] + one[3]);
 #endif
 }
 
@@ -171,8 +208,8 @@ inline_function real sum_lanes(lanes x)
 #endif
 #endif
 
-/* The sum over the lanes of each of `count` vectors, all by the tree of `sum_lanes`. */
-#if defined(HAS_SHUFFLE) && !MSNN_DOUBLE
+/* The sum over a group of each of `count` vectors of PARTS rows, all by the tree of `sum_group`. */
+#if defined(HAS_SHUFFLE) && LANES == 16
 #define FIRST_HALVES 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23
 #define LAST_HALVES 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31
 #define FIRST_QUARTERS 0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27
@@ -197,7 +234,7 @@ inline_function lanes paired(const lanes *x)
     return folded(quartered(x), quartered(x + 4), FIRST_PAIRS, LAST_PAIRS);
 }
 
-static void sums_over_lanes(const lanes *x, int count, real *sums)
+static void sums_over_group(const lanes *x, int count, real *sums)
 {
     int i = 0;
     for (; i + LANES <= count; i += LANES) {
@@ -205,14 +242,14 @@ static void sums_over_lanes(const lanes *x, int count, real *sums)
         memcpy(sums + i, &found, sizeof found);
     }
     for (; i < count; i++) {
-        sums[i] = sum_lanes(x[i]);
+        sums[i] = sum_group(x + i, (size_t)count);
     }
 }
 #else
-static void sums_over_lanes(const lanes *x, int count, real *sums)
+static void sums_over_group(const lanes *x, int count, real *sums)
 {
     for (int i = 0; i < count; i++) {
-        sums[i] = sum_lanes(x[i]);
+        sums[i] = sum_group(x + i, (size_t)count);
     }
 }
 #endif
@@ -232,9 +269,8 @@ LOOK_UP(look_up_word, words, uint32_t)
 LOOK_UP(look_up_wide, wides, uint64_t)
 
 /* TILE samples of every lane, from rows that lie apart to one vector a sample. */
-#define TILE (16 / (int)sizeof(real))
+#define TILE (16 / REAL_BYTES)
 typedef real part1 __attribute__((vector_size(16), aligned(sizeof(real))));
-typedef real part2 __attribute__((vector_size(32)));
 #if !defined(HAS_SHUFFLE)
 inline_function void transpose(const real *const *from, int64_t at, lanes *out)
 {
@@ -245,63 +281,76 @@ inline_function void transpose(const real *const *from, int64_t at, lanes *out)
     }
 }
 #elif MSNN_DOUBLE
-/* In each 16 bytes of the result: the same 16 bytes of lanes l, l+2, l+4, l+6. */
+#define TWO_PARTS 0, 1, 2, 3
+#define FOUR_PARTS 0, 1, 2, 3, 4, 5, 6, 7
+#if LANES == 8
+#define EVEN_LANES 0, 8, 2, 10, 4, 12, 6, 14
+#define ODD_LANES 1, 9, 3, 11, 5, 13, 7, 15
+#elif LANES == 4
+#define EVEN_LANES 0, 4, 2, 6
+#define ODD_LANES 1, 5, 3, 7
+#else
+#define EVEN_LANES 0, 2
+#define ODD_LANES 1, 3
+#endif
+#else
+#define TWO_PARTS 0, 1, 2, 3, 4, 5, 6, 7
+#define FOUR_PARTS 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15
+/* Every 16 bytes: the first two numbers of a and b in turn, then the last two. */
+#if LANES == 16
+#define FIRST_TWO 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29
+#define LAST_TWO 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31
+#elif LANES == 8
+#define FIRST_TWO 0, 8, 1, 9, 4, 12, 5, 13
+#define LAST_TWO 2, 10, 3, 11, 6, 14, 7, 15
+#else
+#define FIRST_TWO 0, 4, 1, 5
+#define LAST_TWO 2, 6, 3, 7
+#endif
+#endif
+
+#if defined(HAS_SHUFFLE)
+/* In each 16 bytes of the result: the same 16 bytes of lanes l, l + TILE, l + 2 TILE, … */
 inline_function lanes beside(const real *const *from, int64_t at, int l)
 {
     const part1 a = *(const part1 *)(from[l] + at);
-    const part1 b = *(const part1 *)(from[l + 2] + at);
-    const part1 c = *(const part1 *)(from[l + 4] + at);
-    const part1 d = *(const part1 *)(from[l + 6] + at);
-    const part2 low = __builtin_shufflevector(a, b, 0, 1, 2, 3);
-    const part2 high = __builtin_shufflevector(c, d, 0, 1, 2, 3);
-    return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
+#if LANES == TILE
+    return a;
+#else
+    const part1 b = *(const part1 *)(from[l + TILE] + at);
+    const bytes_32 low = __builtin_shufflevector(a, b, TWO_PARTS);
+#if LANES == 2 * TILE
+    return low;
+#else
+    const part1 c = *(const part1 *)(from[l + 2 * TILE] + at);
+    const part1 d = *(const part1 *)(from[l + 3 * TILE] + at);
+    const bytes_32 high = __builtin_shufflevector(c, d, TWO_PARTS);
+    return __builtin_shufflevector(low, high, FOUR_PARTS);
+#endif
+#endif
 }
 
 inline_function void transpose(const real *const *from, int64_t at, lanes *out)
 {
+#if MSNN_DOUBLE
     const lanes even = beside(from, at, 0);
     const lanes odd = beside(from, at, 1);
-    out[0] = __builtin_shufflevector(even, odd, 0, 8, 2, 10, 4, 12, 6, 14);
-    out[1] = __builtin_shufflevector(even, odd, 1, 9, 3, 11, 5, 13, 7, 15);
-}
+    out[0] = __builtin_shufflevector(even, odd, EVEN_LANES);
+    out[1] = __builtin_shufflevector(even, odd, ODD_LANES);
 #else
-/* In each 16 bytes of the result: the same 16 bytes of lanes l, l+4, l+8, l+12. */
-inline_function lanes beside(const real *const *from, int64_t at, int l)
-{
-    const part1 a = *(const part1 *)(from[l] + at);
-    const part1 b = *(const part1 *)(from[l + 4] + at);
-    const part1 c = *(const part1 *)(from[l + 8] + at);
-    const part1 d = *(const part1 *)(from[l + 12] + at);
-    const part2 low = __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7);
-    const part2 high = __builtin_shufflevector(c, d, 0, 1, 2, 3, 4, 5, 6, 7);
-    return __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-}
-
-/* Every 16 bytes: the first two numbers of a and b in turn, then the last two. */
-inline_function lanes first_two(lanes a, lanes b)
-{
-    return __builtin_shufflevector(a, b, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29);
-}
-
-inline_function lanes last_two(lanes a, lanes b)
-{
-    return __builtin_shufflevector(a, b, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31);
-}
-
-inline_function void transpose(const real *const *from, int64_t at, lanes *out)
-{
     const lanes a = beside(from, at, 0);
     const lanes b = beside(from, at, 1);
     const lanes c = beside(from, at, 2);
     const lanes d = beside(from, at, 3);
     /* twice in turn: (a, c) and (b, d) first, so that the lanes end in their order */
-    const lanes ac_low = first_two(a, c);
-    const lanes ac_high = last_two(a, c);
-    const lanes bd_low = first_two(b, d);
-    const lanes bd_high = last_two(b, d);
-    out[0] = first_two(ac_low, bd_low);
-    out[1] = last_two(ac_low, bd_low);
-    out[2] = first_two(ac_high, bd_high);
-    out[3] = last_two(ac_high, bd_high);
+    const lanes ac_low = __builtin_shufflevector(a, c, FIRST_TWO);
+    const lanes ac_high = __builtin_shufflevector(a, c, LAST_TWO);
+    const lanes bd_low = __builtin_shufflevector(b, d, FIRST_TWO);
+    const lanes bd_high = __builtin_shufflevector(b, d, LAST_TWO);
+    out[0] = __builtin_shufflevector(ac_low, bd_low, FIRST_TWO);
+    out[1] = __builtin_shufflevector(ac_low, bd_low, LAST_TWO);
+    out[2] = __builtin_shufflevector(ac_high, bd_high, FIRST_TWO);
+    out[3] = __builtin_shufflevector(ac_high, bd_high, LAST_TWO);
+#endif
 }
 #endif

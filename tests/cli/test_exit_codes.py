@@ -207,6 +207,44 @@ def test_interrupting_an_import_ends_with_130(project: Path, module: str, number
     assert (said.code, said.out, said.err) == (ExitCode.INTERRUPTED, "", "interrupted\n")
 
 
+def test_an_interrupt_that_a_library_catches_ends_with_130(project: Path):
+    """As in a callback of C, or where an import that fails is one of something optional."""
+    start = _SIGNAL_AT_IMPORT.replace(
+        'os.kill(os.getpid(), int(os.environ["SIGNAL"]))',
+        "exec('try: os.kill(os.getpid(), 2)\\nexcept KeyboardInterrupt: pass')",
+    )
+    said = in_new_process(("check", SPEC), project, {"SIGNAL_AT": "msnn.model.load"}, start)
+    assert (said.code, said.err) == (ExitCode.INTERRUPTED, "interrupted\n")
+
+
+@pytest.mark.parametrize("place", ["msnn.project.package_names", "msnn.cli.main"])
+@pytest.mark.parametrize("name", ["msnn", "other"])
+def test_an_interrupt_before_main_listens_is_one_word(project: Path, place: str, name: str):
+    """A program of another name that imports msnn ends as Python has it."""
+    program = project / name
+    program.write_text(
+        "import os, sys\n"
+        "class Interrupting:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name == {place!r}: os.kill(os.getpid(), 2)\n"
+        "sys.meta_path.insert(0, Interrupting())\n"
+        "from msnn.cli.main import main\n"
+        "main()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, program, "check", SPEC],
+        cwd=project,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if name == "msnn":
+        assert (done.returncode, done.stderr) == (ExitCode.INTERRUPTED, "interrupted\n")
+    else:
+        assert "Traceback" in done.stderr
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupting_ends_with_130(project: Path, number: signal.Signals):
     change(project, "epochs: 80", "epochs: 100000")

@@ -424,3 +424,39 @@ def test_the_c_of_another_training_is_counted_where_the_first_does_not_end(msnn:
     ended = [line for line in latest.values() if line.state == "finished"]
     assert len(ended) > 1
     assert [line.seed for line in ended if line.cost is not None] == [ended[0].seed]
+
+
+def test_equal_comparisons_at_once_share_their_trainings(msnn: CommandLine):
+    """Each training is done once, by whichever comes first, and all say the same."""
+    words = ("compare", SPEC, "--set", "train.0.epochs=30", "--seeds", "4", "--no-cost")
+    jobs = ("1", "2", "1")
+    began = [
+        subprocess.Popen(
+            [sys.executable, "-m", "msnn", *words, "--jobs", number],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for number in jobs
+    ]
+    said = [process.communicate() for process in began]
+    assert [process.returncode for process in began] == [0, 0, 0], said
+    assert len({_but_seconds(out) for out, _ in said}) == 1, said
+    lines = read(Path("runs") / LOG)
+    assert len(lines) == len({line.key for line in lines}) == 4
+    folder = Path("runs/plant/compare")
+    assert len(list(folder.iterdir())) == 4  # and no file of a lock
+    for line in lines:
+        assert not (Path("runs") / str(line.folder) / "checkpoint.safetensors").exists()
+
+
+def test_a_comparison_takes_what_another_has_trained_since_it_began(
+    msnn: CommandLine, monkeypatch: pytest.MonkeyPatch
+):
+    words = ("compare", SPEC, "--set", "train.0.epochs=2", "--no-cost")
+    assert msnn(*words).code == 0
+    before = Path("runs", LOG).read_text()
+    monkeypatch.setattr("msnn.comparison.compare.read", lambda log: [])
+    said = msnn(*words)
+    assert said.code == 0, said.err
+    assert Path("runs", LOG).read_text() == before

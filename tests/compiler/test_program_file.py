@@ -130,7 +130,7 @@ def test_every_declaration_comes_back_with_all_it_can_say() -> None:
         step=b.graph(),
         start=starts.graph(),
         outputs=(Output("out", total, Prediction("y", 2), "doc", span, ("part",)),),
-        losses=(Loss("l.mae", Measure.MAE, total, total, 2.0, 0.25, span=span),),
+        losses=(Loss("l.huber", Measure.HUBER, total, total, 2.0, 0.25, span=span, delta=0.5),),
         expected=(Expected("e", total, (0.0, math.inf), span),),
         fits=(
             Fit(

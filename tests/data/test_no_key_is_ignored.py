@@ -72,13 +72,13 @@ def write_bag(path: Path, time: Values, x: Values, force: Values) -> None:
     types = get_typestore(Stores.LATEST)
     known = types.types
     with BagWriter(path, version=9) as bag:
-        kind = known["geometry_msgs/msg/PointStamped"]
+        kind = known["geometry_msgs/msg/Vector3Stamped"]
         connection = bag.add_connection("/motion", kind.__msgtype__, typestore=types)
         for t, a, b in zip(time, x, force, strict=True):
             now = int(5e9 + round(t * 1e9))
             stamp = known["builtin_interfaces/msg/Time"](now // 10**9, now % 10**9)
             header = known["std_msgs/msg/Header"](stamp, "")
-            message = kind(header, known["geometry_msgs/msg/Point"](x=a, y=b, z=float(t)))
+            message = kind(header, known["geometry_msgs/msg/Vector3"](x=a, y=b, z=float(t)))
             # recorded late, and never equally late
             late = int(1e7 * (1 + 0.01 * np.sin(now)))
             bag.write(connection, now + late, types.serialize_cdr(message, kind.__msgtype__))
@@ -225,12 +225,12 @@ def written(folder: Path, kind: str, case: Case) -> str:
 def for_kind(section: str, kind: str) -> str:
     """The section with the names that the columns of a format have."""
     if kind == "db3":
-        section = section.replace("{x: F, F: F}", "{x: /motion.point.y, F: /motion.point.y}")
-        section = section.replace("column: x", "column: /motion.point.x")
-        section = section.replace("F: F}", "F: /motion.point.y}")
-        section = section.replace("column: time", "column: /motion.point.z")
+        section = section.replace("{x: F, F: F}", "{x: /motion.vector.y, F: /motion.vector.y}")
+        section = section.replace("column: x", "column: /motion.vector.x")
+        section = section.replace("F: F}", "F: /motion.vector.y}")
+        section = section.replace("column: time", "column: /motion.vector.z")
         if "columns:" not in section:
-            section += "columns: {x: /motion.point.x, F: /motion.point.y}\n"
+            section += "columns: {x: /motion.vector.x, F: /motion.vector.y}\n"
     if "time:" not in section and kind not in ("db3", "mf4"):
         section += "time: time\n"
     return section

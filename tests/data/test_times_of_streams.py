@@ -44,7 +44,7 @@ def times(data: Dataset) -> np.ndarray:
 
 def test_a_channel_of_the_group_is_the_time_in_its_unit(tmp_path: Path) -> None:
     write_mdf(tmp_path / "a.mf4")
-    columns = "columns: {F: gps}\n"
+    columns = "columns: {F: {column: gps, unit: N}}\n"
     by_file = load(tmp_path, f"source: {{train: a.mf4}}\ntime: gps\n{columns}")
     np.testing.assert_allclose(times(by_file), 0.2 * STEPS, atol=1e-12)
     # the unit of the spec before that of the file: steps of 200 min
@@ -69,7 +69,7 @@ def write_bag(
     """`/imu` and `/arm` with stamps 0.2 s apart, recorded late; `/cmd` without a stamp."""
     types = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.LATEST)
     known = types.types
-    pose = known["geometry_msgs/msg/PointStamped"]
+    pose = known["geometry_msgs/msg/Vector3Stamped"]
     number = known["std_msgs/msg/Float64"]
 
     def stamped(i: int, value: float, late: int) -> tuple[int, Any]:
@@ -77,8 +77,8 @@ def write_bag(
         stamp = int((begin if stamps is None else stamps) + i * 2e8)
         time = known["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
         header = known["std_msgs/msg/Header"](*((i,) if ros1 else ()), time, "")
-        point = known["geometry_msgs/msg/Point"](x=value, y=0.2 * i, z=0.0)
-        return now + late, pose(header, point)
+        vector = known["geometry_msgs/msg/Vector3"](x=value, y=0.2 * i, z=0.0)
+        return now + late, pose(header, vector)
 
     serialize = types.serialize_ros1 if ros1 else types.serialize_cdr
     with Ros1Writer(path) if ros1 else Ros2Writer(path, version=9) as bag:
@@ -94,7 +94,7 @@ def write_bag(
                 bag.write(topic, at, serialize(message, pose.__msgtype__))
 
 
-X, F = "x: /imu.point.x", "F: /cmd.data"
+X, F = "x: /imu.vector.x", "F: /cmd.data"
 
 
 @pytest.mark.parametrize("ros1", [False, True])
@@ -113,7 +113,7 @@ def test_a_stamp_is_the_time_of_its_message(tmp_path: Path, time: str, ros1: boo
 
 def test_every_topic_with_a_stamp_has_its_own(tmp_path: Path) -> None:
     write_bag(tmp_path / "a")
-    section = "source: {train: a/a.db3}\ncolumns: {x: /imu.point.x, F: /arm.point.x}\n"
+    section = "source: {train: a/a.db3}\ncolumns: {x: /imu.vector.x, F: /arm.vector.x}\n"
     # without resampling: all times are the same
     both = load(tmp_path, f"{section}time: header.stamp\n")
     np.testing.assert_array_equal(both.series["x"], both.series["F"])
@@ -122,19 +122,19 @@ def test_every_topic_with_a_stamp_has_its_own(tmp_path: Path) -> None:
 
 def test_a_simulated_clock_begins_at_its_first_stamp(tmp_path: Path) -> None:
     write_bag(tmp_path / "a", begin=1.7e18, stamps=7e9)
-    section = "source: {train: a/a.db3}\ncolumns: {x: /imu.point.x, F: /arm.point.x}\n"
+    section = "source: {train: a/a.db3}\ncolumns: {x: /imu.vector.x, F: /arm.vector.x}\n"
     data = load(tmp_path, f"{section}time: header.stamp\nfrom: 0.4 s\n")
     np.testing.assert_allclose(times(data), 0.2 * STEPS[2:], atol=1e-12)
 
 
 def test_numbers_are_the_time_of_one_topic(tmp_path: Path) -> None:
     write_bag(tmp_path / "a")
-    one = "source: {train: a/a.db3}\ncolumns: {x: /imu.point.x, F: /imu.point.x}\n"
-    data = load(tmp_path, f"{one}time: /imu.point.y\n")
+    one = "source: {train: a/a.db3}\ncolumns: {x: /imu.vector.x, F: /imu.vector.x}\n"
+    data = load(tmp_path, f"{one}time: /imu.vector.y\n")
     np.testing.assert_allclose(times(data), 0.2 * STEPS, atol=1e-12)
-    assert fault(tmp_path, f"{one}time: {{column: /imu.point.y, unit: ms}}\n").code == "E0812"
+    assert fault(tmp_path, f"{one}time: {{column: /imu.vector.y, unit: ms}}\n").code == "E0812"
     two = f"source: {{train: a/a.db3}}\ncolumns: {{{X}, {F}}}\n"
-    assert fault(tmp_path, f"{two}time: /imu.point.y\n").code == "E0875"
+    assert fault(tmp_path, f"{two}time: /imu.vector.y\n").code == "E0875"
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def test_a_time_that_the_bag_does_not_have_is_refused(tmp_path: Path, time: str,
 def test_bags_that_follow_each_other_are_joined_by_their_dates(tmp_path: Path) -> None:
     write_bag(tmp_path / "a")
     write_bag(tmp_path / "b", begin=5e9 + 12 * 2e8)
-    columns = "columns: {x: /arm.point.x, F: /arm.point.x}\ntime: header.stamp\n"
+    columns = "columns: {x: /arm.vector.x, F: /arm.vector.x}\ntime: header.stamp\n"
     section = f"source: {{train: [a/a.db3, b/b.db3]}}\n{columns}"
     assert len(load(tmp_path, section).records) == 2
     assert load(tmp_path, f"{section}join: true\n").episodes("train").tolist() == [[0, 24]]

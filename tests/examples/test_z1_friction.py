@@ -20,7 +20,7 @@ from compiler.interpreter.interpreter import Interpreter
 from msnn.cli.application import run
 from msnn.data.starts import Runs
 from msnn.model.load import load_model
-from msnn.training.engines.native.kernel_check import check_sensitivities
+from msnn.simulation.engines.kernel_check import check_sensitivities
 from msnn.training.plans.stage_plan import plan_stages
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_tool

@@ -25,7 +25,7 @@ _KINDS = {
 _BLOCKS: dict[str, tuple[str, dict[str, str]]] = {
     "PROJECT": ("ident string", {}),
     "MODULE": ("ident string", {}),
-    "MOD_PAR": ("string", {"VERSION": "string"}),
+    "MOD_PAR": ("string", {"VERSION": "string", "EPK": "string", "ADDR_EPK": "hex"}),
     "MEMORY_SEGMENT": (
         "ident string =DATA =RAM =INTERN hex hex int int int int int",
         {},

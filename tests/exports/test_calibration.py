@@ -104,6 +104,13 @@ def test_a_tuned_parameter_on_a_board_changes_output_and_checksum(
     folder = exported(tmp_path, "params=calibration").folder
     flags = "-g -Os -ffp-contract=off -mcpu=cortex-m4 -mthumb --specs=nosys.specs"
     program = compiled("arm-none-eabi-gcc", flags, folder, msnn.folder / "plant.elf", MAIN)
+    own = program.with_suffix(".a2l")
+    own.write_text("of the user\n")
+    said = msnn("a2l", program, "--export", folder)
+    assert (said.code, "error[E1054]" in said.err) == (1, True), said.err
+    assert own.read_text() == "of the user\n"
+    own.unlink()
+    assert msnn("a2l", program, "--export", folder).code == 0
     said = msnn("a2l", program, "--export", folder)
     assert (said.code, said.err) == (0, "")
     module = read_a2l((msnn.folder / "plant.a2l").read_text(encoding="utf-8"))

@@ -8,7 +8,7 @@ from compiler.ir.program import Measure
 from compiler.ir.types import Prediction
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import loss_sums
-from tests.language.compiled import Array, codes, compiled
+from tests.language.compiled import Array, codes, compiled, warnings_of
 
 HEAD = """
 inputs: {x: m, u: N}
@@ -115,6 +115,47 @@ def test_a_measure_of_one_value_compares_it_with_zero() -> None:
     huber = np.where(size <= 1, x * x / 2, size - 0.5)
     expected = [np.mean(x**2), np.mean(np.abs(x + 1)), np.sqrt(np.mean(x**2)), np.mean(huber)]
     np.testing.assert_allclose(list(found.values()), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("delta", "value"), [("0.3", 0.3), ("d / 2", 0.35), ("2 * pi", 2 * np.pi), ("w", 0.02)]
+)
+def test_huber_bends_at_delta_in_the_unit_of_the_difference(delta: str, value: float) -> None:
+    """`0.3` is 0.3 m here; a constant with another unit than the difference is refused."""
+    head = (
+        "inputs: {x: m}\ntargets: {y: m}\nconstants: {d: 0.7, w: {value: 0.02, unit: m}}\n"
+        "outputs: {f: {expr: 2 * x, predicts: y}}\n"
+    )
+    log = {"x": LOG["x"], "y": 3 * LOG["x"][::-1]}
+    found = values(f'losses: {{a: "huber(f, y, delta={delta})"}}', log, head)
+    error = np.abs(2 * log["x"] - log["y"])[3:6]
+    expected = np.where(error <= value, error**2 / 2, value * (error - value / 2))
+    assert found["a"] == pytest.approx(np.mean(expected), rel=1e-14)
+
+
+@pytest.mark.parametrize("measure", ["mse", "rmse", "mae", "huber"])
+def test_a_loss_of_two_units_is_a_warning(measure: str) -> None:
+    """A distance in m less one in mm is no error of either."""
+    text = (
+        "inputs: {x: m}\ntargets: {z: mm}\nparameters: {a: {init: 1, unit: m/m}}\n"
+        f"outputs: {{f: a * x}}\nlosses: {{fit: '{measure}(f, z)'}}\n"
+    )
+    assert warnings_of(text) == ["W0504"]
+    assert warnings_of(text.replace("z: mm", "z: m")) == []
+
+
+def test_what_delta_of_huber_cannot_be() -> None:
+    text = HEAD + 'losses: {a: "huber(x_next, x[t+1], delta=VALUE)"}\n'
+    assert codes(text.replace("VALUE", "0")) == ["E0312"]
+    assert codes(text.replace("VALUE", "-0.5")) == ["E0312"]
+    assert codes(text.replace("VALUE", "x")) == ["E0309"]
+    text = (
+        "inputs: {x: m}\ntargets: {y: m}\nconstants: {s: {value: 2, unit: s}}\n"
+        "outputs: {f: 2 * x}\nlosses: {a: 'huber(f, y, delta=VALUE)'}\n"
+    )
+    assert warnings_of(text.replace("VALUE", "s")) == ["W0504"]
+    assert warnings_of(text.replace("VALUE", "0.5")) == []
+    assert codes(HEAD + 'losses: {a: "huber(x_next, x[t+1], 0.5)"}\n') == ["E0305"]
 
 
 def test_cross_entropy() -> None:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import packages_distributions, requires
 from pathlib import Path
@@ -22,6 +23,9 @@ import msnn
 from msnn import packages
 from tests.conditions import require_tool
 from tests.light.session import OURS
+from tests.old_runs.keep import EXPECTED
+from tests.old_runs.same import differences, kept
+from tests.old_runs.test_old_runs import VERSIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 SESSION = Path(__file__).with_name("session.py")
@@ -88,17 +92,22 @@ def _session(folder: Path, *places: Path) -> Session:
     commands = {**WORKS, **NEEDS}
     project = folder / "project"
     project.mkdir()
+    answer = _answer(project, list(commands.values()), *places)
+    return Session(dict(zip(commands, answer["said"], strict=True)), set(answer["loaded"]), project)
+
+
+def _answer(project: Path, commands: Sequence[Sequence[str]], *places: Path) -> dict[str, Any]:
+    """What commands say one after the other in this folder, with what is in `places` alone."""
     found = subprocess.run(
         [sys.executable, "-I", "-S", SESSION, *map(str, places), SITE],
-        input="\n".join(map(json.dumps, (_heavy(), *commands.values()))),
+        input="\n".join(map(json.dumps, (_heavy(), *commands))),
         cwd=project,
         capture_output=True,
         text=True,
         check=False,
     )
     assert found.returncode == 0, found.stderr
-    answer = json.loads(found.stdout)
-    return Session(dict(zip(commands, answer["said"], strict=True)), set(answer["loaded"]), project)
+    return json.loads(found.stdout)
 
 
 def _heavy() -> list[str]:
@@ -166,6 +175,19 @@ def test_targets_that_nobody_named_are_left_out_in_words(checkout: Session) -> N
     for target in ("torch", "onnx", "casadi"):
         assert f"{target} is left out: {target} is not installed; pip install " in said
     assert {path.name for path in (checkout.folder / "all").iterdir()} >= {"c"}
+
+
+@pytest.mark.parametrize("version", VERSIONS, ids=lambda folder: folder.name)
+def test_the_wheel_reads_what_older_versions_kept(
+    version: Path, wheel: zipfile.ZipFile, tmp_path: Path
+) -> None:
+    wheel.extractall(tmp_path / "site")
+    expected = json.loads((version / EXPECTED).read_text())
+    asked = [one["arguments"] for one in expected]
+    answer = _answer(kept(version, tmp_path / "kept"), asked, tmp_path / "site")
+    for one, said in zip(expected, answer["said"], strict=True):
+        assert said["code"] == 0, said["err"]
+        assert not differences(one["numbers"], json.loads(said["out"])), one["arguments"]
 
 
 def test_the_wheel_computes_the_bits_of_the_checkout(checkout: Session, installed: Session) -> None:

@@ -52,7 +52,7 @@ int main(void)
     msnn_groups(starts, members, {rollouts}, {batch}, {steps}, groups);
     for (int64_t b = 0; b < BATCHES; b++) {{
         const int64_t own = b + 1 < BATCHES ? {batch} : {rollouts} - b * {batch};
-        bounds[b + 1] = bounds[b] + (own + LANES - 1) / LANES;
+        bounds[b + 1] = bounds[b] + (own + GROUP - 1) / GROUP;
     }}
     const struct problem p = {{series, ROWS, NULL, 2}};
     struct work w = {{NULL, {steps}, bounds[BATCHES], 1, 1, 0, 1, NULL}};

@@ -161,7 +161,9 @@ def reference(
                 Measure.MSE: lambda e: e * e,
                 Measure.RMSE: lambda e: e * e,
                 Measure.MAE: np.abs,
-                Measure.HUBER: lambda e: np.where(np.abs(e) <= 1, e * e / 2, np.abs(e) - 0.5),
+                Measure.HUBER: lambda e, d=loss.delta: np.where(
+                    np.abs(e) <= d, e * e / 2, d * (np.abs(e) - d / 2)
+                ),
                 Measure.MEAN: lambda e: e,
             }[loss.measure](error)
             cost = np.broadcast_to(cost, (len(t0), *cost.shape[1:]))
@@ -239,13 +241,16 @@ def differences(
     return np.array(slopes)
 
 
-@pytest.mark.parametrize("measure", list(Measure))
-def test_every_measure_and_missing_targets(measure: Measure) -> None:
+@pytest.mark.parametrize(
+    ("measure", "delta"),
+    [*((measure, 1.0) for measure in Measure), (Measure.HUBER, 0.3), (Measure.HUBER, 3.0)],
+)
+def test_every_measure_and_missing_targets(measure: Measure, delta: float) -> None:
     program = compiled(
         "inputs: {u: N}\ntargets: {z: m}\nparameters: {a: 0.7}\n"
         'outputs: {y: {expr: "a * u + a * a", predicts: "z"}}'
     )
-    loss = replace(program.losses[0], measure=measure)
+    loss = replace(program.losses[0], measure=measure, delta=delta)
     if measure is Measure.MEAN:
         loss = replace(loss, target=None)
     program = replace(program, losses=(loss,))

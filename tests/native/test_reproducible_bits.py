@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -10,7 +11,6 @@ import numpy as np
 import pytest
 
 from backends.c_language.literals import Dtype
-from backends.gauss_newton_products import Products
 from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
 from compiler.differentiation.sensitivities import sensitivities
 from compiler.passes.close_loop import close_loop
@@ -149,20 +149,29 @@ def test_gcc_and_clang_train_a_network_in_three_stages_to_the_same_weights(
     assert [name for name in started if by_gcc[name] == started[name].tobytes()] == []
 
 
-def test_gcc_and_clang_sum_the_same_products_of_sensitivities(
+WIDTHS = ("", "-mno-avx512f", "-mno-avx512f -mno-avx2")
+"""Flags with which gcc takes vectors of 64, 32 and 16 bytes; a group has 1, 2 or 4 of them."""
+
+
+def test_compilers_and_vector_widths_sum_the_same_products_of_sensitivities(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("MSNN_CACHE", str(tmp_path))
     program = compiled_model(MODEL)
     names = [parameter.name for parameter in program.parameters]
-    found: list[dict[str, Products]] = []
-    for compiler in ("gcc", "clang"):
-        monkeypatch.setenv("CC", require_tool(compiler, install=f"apt install {compiler}"))
+    physical = np.concatenate([initial(program)[name].ravel() for name in names])
+    starts, steps = np.arange(10, 40), np.full(30, 12)
+    tools = [require_tool(name, install=f"apt install {name}") for name in ("gcc", "clang")]
+    widths = WIDTHS if platform.machine() == "x86_64" else ("",)
+    found: list[list[bytes]] = []
+    for command in (*(f"{tools[0]} {width}" for width in widths), tools[1]):
+        monkeypatch.setenv("CC", command)
         kernel = SensitivityKernel(sensitivities(program, names))
         data = kernel.data(log_of(program), 0, None)
-        physical = np.concatenate([initial(program)[name].ravel() for name in names])
-        found.append(kernel.products(data, np.arange(10, 40), np.full(30, 12), physical))
-    by_gcc, by_clang = found
-    for loss, one in by_gcc.items():
-        np.testing.assert_array_equal(one.curvature, by_clang[loss].curvature)
-        np.testing.assert_array_equal(one.slope, by_clang[loss].slope)
+        summed = kernel.products(data, starts, steps, physical)
+        apart = kernel.products_of_runs(data, starts, steps, physical, own=2)
+        arrays = [x for one in summed.values() for x in (one.curvature, one.slope)]
+        arrays += [x for one in apart.values() for x in (one.all.curvature, one.squares)]
+        found.append([np.ascontiguousarray(x).tobytes() for x in arrays])
+    assert any(map(any, found[0]))
+    assert [other == found[0] for other in found] == [True] * len(found)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from backends.gauss_newton_products import Products
+from backends.gauss_newton_products import Products, joined_runs
 from backends.native.kernel import Kernel
 from backends.native.rollouts.sensitivity_kernel import STACK, SensitivityKernel, with_stack
 from compiler.differentiation.sensitivities import Sensitivities, sensitivities
@@ -17,6 +17,8 @@ from compiler.differentiation.sums_of_squares import with_compared_squares
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Measure, Output, Program
 from compiler.passes.close_loop import close_loop
+from msnn.data.starts import Runs
+from msnn.simulation.rollout import loss_sums
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 from tests.native.test_kernel import MODELS, flat, initial, log_of
@@ -140,13 +142,15 @@ def test_some_parameters_and_missing_targets() -> None:
         "inputs: {u: N}\ntargets: {z: m}\nparameters: {a: 0.7, b: 0.1, c: 2}\n"
         'outputs: {y: {expr: "a * u + b * a * a + c", predicts: "z"}}'
     )
-    for measure in (Measure.MSE, Measure.HUBER):
-        one = replace(program, losses=(replace(program.losses[0], measure=measure),))
+    for measure, delta in ((Measure.MSE, 1.0), (Measure.HUBER, 1.0), (Measure.HUBER, 0.25)):
+        loss = replace(program.losses[0], measure=measure, delta=delta)
+        one = replace(program, losses=(loss,))
         found = sensitivities(one, ["c", "a"])
         log = log_of(one)
         log["z"][::3] = np.nan
         log["z"] *= 4  # errors on both sides of huber's corner
         t0 = np.arange(0, 37)
+        runs = Runs(t0, np.full(37, 2), 0, 0)
         (products,) = native(found, log, t0, 2, 0).values()
         slopes, values = interpreted(found, log, t0, 2, 0)
         jacobian, residual = slopes["y"], values["y"]
@@ -154,6 +158,16 @@ def test_some_parameters_and_missing_targets() -> None:
         np.testing.assert_allclose(products.slope, jacobian.T @ residual, rtol=1e-12)
         there = ~np.isnan(np.stack([log["z"][t0], log["z"][t0 + 1]]))
         assert products.count == there.sum()
+        # twice the slope of the squares is the slope of the loss itself
+        sums = [
+            loss_sums(Interpreter(one, {**initial(one), name: np.array(value)}), log, runs)
+            for name, start in (("c", 2.0), ("a", 0.7))
+            for value in (start + 1e-6, start - 1e-6)
+        ]
+        above, below = ([each["y"].total for each in sums[side::2]] for side in (0, 1))
+        central = (np.array(above) - np.array(below)) / 2e-6
+        # an error of h² f‴/6, larger where a corner lies between the two, and of rounding, ε/h
+        np.testing.assert_allclose(2 * products.slope, central, rtol=1e-5)
         if measure is Measure.MSE:
             assert products.squares == pytest.approx(products.cost, rel=1e-13)
 
@@ -167,3 +181,28 @@ def test_what_runs_on_a_stack_of_its_own_raises_here(needed: int) -> None:
 
     with pytest.raises(MemoryError):
         with_stack(needed, fail)
+
+
+@pytest.mark.parametrize("name", SQUARED)
+def test_products_of_runs_are_those_of_each_run_alone(name: str) -> None:
+    """20 rollouts of three lengths in any order: full groups of lanes and ones that are not."""
+    program = squared(name)
+    found = sensitivities(program, [p.name for p in program.parameters if p.learn])
+    kernel, log = SensitivityKernel(found), log_of(program, 60)
+    random = np.random.default_rng(5)
+    t0 = random.permutation(np.arange(10, 30))
+    steps = random.choice([3, 7, 8], 20)
+    data, physical = kernel.data(log, 2), flat(program, initial(program))
+    together = kernel.products_of_runs(data, t0, steps, physical, 2)
+    alone = [kernel.products(data, t0[[i]], steps[[i]], physical) for i in range(20)]
+    for loss, one in together.items():
+        right = joined_runs([run[loss] for run in alone], 2)
+        assert right.count.sum() > 0
+        np.testing.assert_array_equal(one.count, right.count)
+        pairs = [(one.squares, right.squares), (one.cost, right.cost)]
+        pairs += [(getattr(one.blocks, n), getattr(right.blocks, n)) for n in ("cross", "slope")]
+        pairs += [(one.blocks.curvature, right.blocks.curvature)]
+        pairs += [(getattr(one.all, n), getattr(right.all, n)) for n in ("curvature", "slope")]
+        for value, expected in pairs:
+            # sums in another order
+            np.testing.assert_allclose(value, expected, rtol=1e-12, atol=1e-13)

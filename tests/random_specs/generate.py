@@ -199,7 +199,10 @@ class _Writer:
         if not predicted or chance.random() < 0.5:
             self.sections["targets"] = {"z": {}}
             measure = chance.choice(("mse", "mae", "rmse", "huber"))
-            losses: dict[str, Any] = {"fit": leaf(f"{measure}(y1, z)")}
+            delta = ""
+            if measure == "huber" and chance.random() < 0.5:
+                delta = f", delta={chance.choice(('0.25', '1.5', '2 / 3'))}"
+            losses: dict[str, Any] = {"fit": leaf(f"{measure}(y1, z{delta})")}
             if chance.random() < 0.3:
                 losses["small"] = {"expr": leaf("l2(y1)"), "weight": 0.1}
             if chance.random() < 0.3:

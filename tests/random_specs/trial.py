@@ -10,7 +10,7 @@ from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 from unittest.mock import patch
 
 import numpy as np
@@ -20,6 +20,7 @@ from backends.c.selftest import golden_singles
 from backends.c.selftest.text import selftest_text
 from backends.fmu import binary
 from backends.native import compile_kernel
+from compiler.ir.program import Program
 from compiler.program_file.file import program_from_json, program_to_json
 from msnn.agreement.deviation import worst_deviation
 from msnn.agreement.judging.judge import judge
@@ -35,6 +36,9 @@ from msnn.model.weights.weights_file import initial_weights
 from msnn.reports.diagram.mermaid import mermaid_text
 from msnn.reports.latex import latex_text
 from msnn.reports.show import interface_text, windows_text
+from msnn.verification.builds.golden_run import differences
+from msnn.verification.exported_c import read_exported_c
+from msnn.verification.host import host_checks
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.editors.format_spec import format_spec
 from spec_schema.editors.spec_data import spec_data
@@ -60,6 +64,9 @@ class Fault:
     detail: str
 
 
+WeightsOf: TypeAlias = Callable[[Program], Mapping[str, FloatArray]]
+
+
 class Texts(Protocol):
     """A spec as the texts of its files."""
 
@@ -72,9 +79,12 @@ def fault_of(
     targets: Sequence[str] = NAMES,
     kernel: bool = True,
     searches: bool = True,
+    weights_of: WeightsOf = initial_weights,
     compared: Counter[str] | None = None,
 ) -> Fault | None:
     """The first thing that is wrong with the treatment of a spec; None where all is well.
+
+    `weights_of` gives the weights that are exported; the training kernel begins at initial ones.
 
     `searches`: whether steps are searched for the test program that an export of C brings along.
     `compared` counts what was compared: targets, and `kernel` for a training.
@@ -104,7 +114,7 @@ def fault_of(
             _shown(model)
             if targets:
                 stage = "export"
-                fault = _exported(model, targets, folder, compared)
+                fault = _exported(model, targets, folder, weights_of(model.program), compared)
                 if fault is not None:
                     return fault
             stage = "train"
@@ -165,12 +175,15 @@ def _shown(model: Model) -> None:
 
 
 def _exported(
-    model: Model, targets: Sequence[str], folder: Path, compared: Counter[str]
+    model: Model,
+    targets: Sequence[str],
+    folder: Path,
+    weights: Mapping[str, FloatArray],
+    compared: Counter[str],
 ) -> Fault | None:
     findings = Findings()
-    plans = plan_exports(model, targets, findings)
+    plans = plan_exports(model, targets, findings, (), weights)
     findings.raise_errors()
-    weights = initial_weights(model.program)
     for plan in plans:
         target = plan.target.name
         with np.errstate(all="ignore"):
@@ -178,6 +191,10 @@ def _exported(
             record = _record(plan)
             found = check_export(plan, weights, written, record)
             compared[target] += 1
+            if plan.target.is_verified:
+                different = _golden_differences(folder / target)
+                if different:
+                    return Fault(target, "golden steps", "\n".join(different))
             if found.bits:
                 said = f"{found.bits} values differ in bits from the judge"
                 return Fault(target, "bits", said)
@@ -186,10 +203,17 @@ def _exported(
                 return Fault(target, "slopes", str(slopes))
             if plan.dtype == "float32" or found.agrees:
                 continue  # in float32 the bits say more than any limit
-            allowed = ROUNDINGS * _rounding(plan, weights, record)
+            allowed = ROUNDINGS * _rounding(plan, plan.of(weights), record)
             if found.one_step is None or not found.one_step <= allowed:
                 return Fault(target, "differs", f"{found} (allowed {allowed:.1e})")
     return None
+
+
+def _golden_differences(folder: Path) -> list[str]:
+    """What the test program that an export brings along answers wrongly, built by gcc."""
+    exported = read_exported_c(folder)
+    with TemporaryDirectory(prefix="msnn-golden-") as place:
+        return differences(exported, host_checks._replay("gcc", ["-O0"], exported, Path(place)))
 
 
 def _record(plan: AnyPlan) -> AgreementRecord:

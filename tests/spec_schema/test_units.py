@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from msnn.data.formats.written_units import written_unit
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.table import PREFIXES, UNIT_ROWS
+from spec_schema.units.turns import turn_readings
 from spec_schema.units.unit import ONE, UnitError, unit_symbol
 
 # What pint calls the symbols that it spells otherwise.
@@ -249,6 +250,62 @@ def test_a_doubtful_symbol_is_no_unit_of_a_file(
     assert (caught.value.meant, caught.value.replacement) == (meant, guess)
     found = written_unit(written)
     assert (None if found is None else found.text) == meant
+
+
+@pytest.mark.parametrize(
+    ("written", "unit"),
+    [
+        # revolutions in English, German and French
+        *((text, "rpm") for text in ("U/min", "Upm", "UPM", "r/min", "RPM", "revs/min", "tr/min")),
+        *((text, "rev/s") for text in ("U/s", "r / s", "rev/s", "turns/s")),
+        ("min-1", "1/min"),
+        ("min⁻¹", "1/min"),
+        ("m·s⁻²", "m/s^2"),
+        ("kg·m²·s⁻²", "J"),
+        ("microseconds", "us"),
+        ("knots", "kn"),
+    ],
+)
+def test_spellings_of_files(written: str, unit: str) -> None:
+    found = written_unit(written)
+    assert found is not None
+    assert found.same_as(parse_unit(unit))
+    assert found.angle == parse_unit(unit).angle
+
+
+@pytest.mark.parametrize("written", ["U", "r", "tr", "U/m", "r/h", "U*min", "1-2", "m-"])
+def test_a_letter_of_revolutions_is_none_alone(written: str) -> None:
+    assert written_unit(written) is None
+
+
+@pytest.mark.parametrize(
+    ("unit", "other", "readings"),
+    [
+        ("1/min", "rpm", ("1/min", "rev/min", "rad/min")),
+        ("rpm", "1/min", ("1/min", "rev/min", "rad/min")),
+        ("Hz", "deg/s", ("Hz", "rev/s", "rad/s")),
+        ("kHz", "rpm", ("kHz", "rev*kHz", "rad*kHz")),
+        ("1/s^2", "rad/s^2", ("1/s^2", "rev/s^2", "rad/s^2")),
+        ("1", "rev", ("1", "rev", "rad")),
+        ("cm^3", "L/rev", ("cm^3", "cm^3/rev", "cm^3/rad")),
+        ("V/Hz", "V*s/rad", ("V/Hz", "V*s/rev", "V*s/rad")),
+        # the radian counts as 1 in all of these
+        ("N*m", "N*m/rad", None),
+        ("V*s", "V*s/rad", None),
+        ("1", "rad", None),
+        ("1", "deg", None),
+        ("lm", "cd", None),
+        # turns on both sides, or on none
+        ("rpm", "rad/s", None),
+        ("1/min", "Hz", None),
+    ],
+)
+def test_readings_of_turns(unit: str, other: str, readings: tuple[str, str, str] | None) -> None:
+    found = turn_readings(parse_unit(unit), parse_unit(other))
+    assert (None if found is None else found.texts) == readings
+    for reading in () if readings is None else readings:
+        angled = max((parse_unit(unit), parse_unit(other)), key=lambda one: abs(one.angle))
+        assert parse_unit(reading).same_dimension(angled)
 
 
 _UNITS = st.lists(

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from msnn.data.dataset import FloatArray
 from msnn.model.weights.weights_file import read_weights
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.train import train
 from msnn.training.training_result import TrainingDivergedError
+from tests.conditions import require_tool
 from tests.training.cases import compiled, dataset
 
 TEXT = """msnn: 1
@@ -113,3 +115,105 @@ def test_a_loss_too_large_for_a_number_diverges_without_a_word_of_numpy() -> Non
     data = dataset({"x": np.full(50, 2.0)}, train=[50])
     with pytest.raises(TrainingDivergedError):  # warnings are errors in the tests
         train(program, data, spec.train, TrainingOptions(runs=None))
+
+
+def advice(text: str, series: dict[str, FloatArray]) -> str:
+    """The help of E0913, which must not be that of another weight or rate before any update."""
+    program, spec = compiled(text)
+    rows = len(next(iter(series.values())))
+    with pytest.raises(TrainingDivergedError) as caught:
+        train(program, dataset(series, train=[rows]), spec.train, TrainingOptions(runs=None))
+    assert caught.value.diagnostic.code == "E0913"
+    return caught.value.diagnostic.help or ""
+
+
+def trains(text: str, series: dict[str, FloatArray]) -> float:
+    """The best loss of a training that reaches its end."""
+    program, spec = compiled(text)
+    data = dataset(series, train=[len(next(iter(series.values())))])
+    return train(program, data, spec.train, TrainingOptions(runs=None)).stages[-1].best_value
+
+
+TANK = """msnn: 1
+name: tank
+sample_time: 0.5 s
+inputs: {q: {}, h: {}}
+parameters: {c: {init: 0.2, min: 0}}
+states: {s: {der: "q - c * ROOT", init: h.meas}}
+outputs: {hn: {expr: next(s), predicts: "h[t+1]"}}
+train: [{engine: ENGINE, epochs: 3, optimizer: OPTIMIZER, rollout: {horizon: 50, stride: 25}}]
+"""
+
+
+@pytest.mark.parametrize("engine", ["native", "torch"])
+@pytest.mark.parametrize("optimizer", ["{adam: {lr: 0.01}}", "levenberg_marquardt"])
+@pytest.mark.parametrize(
+    ("root", "repaired"), [("sqrt(s)", "sqrt(max(s, 0))"), ("s ** 0.7", "max(s, 0) ** 0.7")]
+)
+def test_a_root_of_what_runs_empty_is_told_to_stay_above_zero(
+    engine: str, optimizer: str, root: str, repaired: str
+) -> None:
+    if engine == "native":
+        require_tool("gcc", install="apt install gcc")
+    h = np.maximum(1 - 0.02 * np.arange(150.0), 0)
+    series = {"q": np.zeros(150), "h": h}
+    text = TANK.replace("ENGINE", engine).replace("OPTIMIZER", optimizer)
+    said = advice(text.replace("ROOT", root), series)
+    written = repaired.replace("s,", "x,").replace("0.7", "p")
+    assert said.startswith(f"write `{written}` for ")
+    assert "rate" not in said
+    assert np.isfinite(trains(text.replace("ROOT", repaired), series))
+
+
+@pytest.mark.parametrize(
+    ("grown", "repaired", "written"),
+    [
+        ("log(x - 2)", "log(max(x - 2, 1e-9))", "`log(max(x, 1e-9))`"),
+        ("asin(x)", "asin(clip(x, -1, 1))", "`asin(clip(x, -1, 1))`"),
+        ("acos(x)", "acos(clip(x, -1, 1))", "`acos(clip(x, -1, 1))`"),
+        ("1 / (x - 2)", "1 / max(x - 2, 1e-9)", "`max(d, 1e-9)`"),
+    ],
+)
+def test_a_value_outside_of_a_function_is_told_the_formula_that_stays_inside(
+    grown: str, repaired: str, written: str
+) -> None:
+    text = TEXT + "  - {epochs: 2}\n"
+    series = {"x": np.full(50, 2.0)}
+    said = advice(text.replace("exp(a * x)", f"a * {grown}"), series)
+    assert written in said
+    assert np.isfinite(trains(text.replace("exp(a * x)", f"a * {repaired}"), series))
+
+
+STIFF = """msnn: 1
+name: vdp
+sample_time: 0.05 s
+inputs: {x: {}}
+parameters: {mu: {init: 20, min: 0}}
+states: {p: {der: v, init: x.meas}, v: {der: "mu * (1 - p ** 2) * v - p", init: 0}}
+integrator: INTEGRATOR
+outputs: {xh: {expr: next(p), predicts: "x[t+1]"}}
+train: [{engine: torch, epochs: 4, optimizer: OPTIMIZER, rollout: {horizon: record}}]
+"""
+
+
+@pytest.mark.parametrize("optimizer", ["levenberg_marquardt", "{adam: {lr: 1e-6}}"])
+def test_a_state_that_the_integrator_cannot_follow_is_told_of_substeps(optimizer: str) -> None:
+    """Van der Pol, mu 20 (https://doi.org/10.1080/14786442608564127): relaxation oscillations."""
+    text = STIFF.replace("OPTIMIZER", optimizer)
+    x = 2.0 - 0.01 * np.arange(60.0)
+    x[40:] = -2.0
+    said = advice(text.replace("INTEGRATOR", "rk4"), {"x": x})
+    assert said.startswith("try `integrator: {rk4: {substeps: 10}}` or `linear_implicit`")
+    assert "rate" not in said
+    for integrator in ("{rk4: {substeps: 10}}", "linear_implicit"):
+        assert np.isfinite(trains(text.replace("INTEGRATOR", integrator), {"x": x}))
+
+
+def test_before_any_update_no_rate_is_to_blame() -> None:
+    series = {"x": np.full(100, 2.0)}
+    said = advice(TEXT + "  - {rollout: 30, epochs: 2}\n", series)
+    assert said.startswith("try initial values with which the rollout stays finite")
+    assert "learning rate" not in said
+    later = TEXT.replace("init: 0.9", "init: 0.1").replace("exp(a * x)", "exp(a * x) * x")
+    said = advice(later + "  - {rollout: 5, epochs: 9, optimizer: {sgd: {lr: 1e3}}}\n", series)
+    assert "a smaller learning rate" in said

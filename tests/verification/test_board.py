@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import re
 import select
 import socket
 import subprocess
@@ -20,12 +21,16 @@ from textwrap import dedent
 import pytest
 
 from msnn.cli.application import run
+from msnn.model.load import load_model
+from msnn.model.weights.weights_file import initial_weights, write_weights
 from msnn.verification.exported_c import read_exported_c
 from msnn.verification.on_board import serial_line
 from msnn.verification.on_board.cores import core_of
-from msnn.verification.on_board.link import Gdb, Serial, link_of
+from msnn.verification.on_board.gdb_servers import gdb_server
+from msnn.verification.on_board.link import Gdb, PyOcd, Serial, link_of
 from msnn.verification.on_board.packets import Packets, StubFailedError
 from msnn.verification.tools import ARM_GCC, ARM_QEMU, GCC
+from spec_schema.diagnostics.diagnostic import SpecError
 from tests.verification.test_verify import exported, require, verified
 
 PLANT = """
@@ -127,7 +132,7 @@ def asked(
     capsys: pytest.CaptureFixture[str], folder: Path, link: str, *options: str
 ) -> tuple[int, dict[str, object]]:
     code, said = verified(capsys, folder, "--targets", "", "--board", link, *options)
-    (result,) = said["results"]
+    (result,) = [each for each in said["results"] if each["check"] != "files"]
     return code, result
 
 
@@ -291,6 +296,28 @@ def test_openocd_is_started_and_ended(
     assert "Error: no such file other.cfg" in said
 
 
+@pytest.mark.parametrize("named", [None, "project"])
+def test_pyocd_runs_no_script_of_the_working_folder(
+    named: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would run a `pyocd_user.py` of its project folder, which the user alone may name."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("PYOCD_PROJECT_DIR", raising=False)
+    if named is not None:
+        monkeypatch.setenv("PYOCD_PROJECT_DIR", named)
+    script = tmp_path / "pyocd"
+    seen = "import os; place = os.environ['PYOCD_PROJECT_DIR']; print(place, os.listdir(place))"
+    script.write_text(f"#!{sys.executable}\n{seen}\n", encoding="utf-8")
+    script.chmod(0o755)
+    (tmp_path / "project").mkdir()
+    with pytest.raises(SpecError) as caught, gdb_server(PyOcd("0123")):
+        pass
+    (said,) = caught.value.diagnostics[0].notes
+    assert str(tmp_path) not in said
+    assert re.search(r"project \[\]" if named else r"msnn-pyocd-\w+ \[\]", said), said
+
+
 @pytest.mark.parametrize("link", ["openocd:board.cfg", "pyocd:0123"])
 def test_a_missing_server_is_named(
     link: str,
@@ -390,13 +417,20 @@ def test_a_damaged_answer_is_no_difference_of_the_model(
     )
 
 
-def test_firmware_of_another_spec_is_told(
+def test_firmware_with_other_weights_is_told(
     firmware: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """The spec is the same, to the byte: only the weights are others."""
     spec = tmp_path / "plant.msnn.yaml"
-    spec.write_text(PLANT.replace("0.9 * x", "0.8 * x"), encoding="utf-8")
+    spec.write_text(PLANT, encoding="utf-8")
+    program = load_model(spec).program
+    weights = {name: 0.5 * value for name, value in initial_weights(program).items()}
+    write_weights(tmp_path / "w.safetensors", weights, program)
+    given = ["--weights", str(tmp_path / "w.safetensors")]
+    assert run(["export", str(spec), *given, "--to", "c", "--out", str(tmp_path)]) == 0
+    capsys.readouterr()
     with on_a_line(firmware) as link:
-        code, result = asked(capsys, exported(spec, tmp_path), link)
+        code, result = asked(capsys, tmp_path / "c", link)
     assert code == 1
     assert ": other firmware" in str(result["findings"])
 

@@ -8,7 +8,7 @@ from backends.asap2.text import a2l_text
 from backends.c.folder.calibrated_model import calibrated_model
 from backends.c.folder.ffi_texts import ffi_texts
 from backends.c.folder.header_text import about_text, header_text
-from backends.c.folder.package_texts import package_texts
+from backends.c.folder.package_texts import NUMBER, package_texts
 from backends.c.folder.parameter_texts import calibration_text, parameters_text
 from backends.c.folder.ros2_texts import ros2_texts
 from backends.c.functions.function_writer import ControllerCode, Weights
@@ -27,6 +27,7 @@ from backends.c_language.literals import Dtype, real_literal
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import render
 from backends.c_language.tree import Function
+from backends.files.export_identity import with_identity, with_manifest
 from backends.ports.metadata import metadata_text
 from compiler.ir.program import Program
 
@@ -43,7 +44,7 @@ def file_texts(program: Program, interface: Interface, weights: Weights) -> dict
     # packages list every source
     files |= package_texts(interface, files)
     files["README.md"] = _readme(interface, files)
-    return dict(sorted(files.items()))
+    return with_manifest(with_identity(dict(sorted(files.items()))))
 
 
 def library_texts(program: Program, interface: Interface, weights: Weights) -> dict[str, str]:
@@ -140,6 +141,7 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
         "",
         dtype=dtype,
         exact=interface.options.is_exact,
+        version=NUMBER,
         sources=sorted(name for name in files if name.startswith("src/") and name.endswith(".c")),
         headers=[f"{interface.prefix}.h"],
         in_reals=True,

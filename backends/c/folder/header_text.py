@@ -15,6 +15,7 @@ from backends.c_language.literals import real_literal
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import Generated, render
 from backends.c_language.tree import Function
+from backends.files.export_identity import OPEN
 from compiler.ir.program import Program
 from spec_schema.version import __version__
 
@@ -76,8 +77,12 @@ def about_text(interface: Generated, spec_hash: str, sample_time: str | None) ->
 
 
 def origin(spec_hash: str) -> dict[str, Any]:
-    """The tool and the spec, as headers and `about_text` show them."""
-    return {"made_by": _text(f"msnn {__version__}"), "spec_sha256": _text(spec_hash)}
+    """The tool, the spec and the identity of the export, as headers and `about_text` show them."""
+    return {
+        "made_by": _text(f"msnn {__version__}"),
+        "spec_sha256": _text(spec_hash),
+        "export_sha256": _text(OPEN),
+    }
 
 
 def _text(text: str) -> dict[str, object]:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
 from backends.c_language.rendering import Generated, render
 from spec_schema.version import __version__
+
+NUMBER = ".".join(re.findall(r"\d+", __version__)[:3])
+"""The version of msnn, with which build systems compare."""
 
 
 def package_texts(
@@ -21,7 +25,8 @@ def package_texts(
         "sources": [path for path in named if path.startswith("src/") and path.endswith(".c")],
         "headers": [path for path in named if path.startswith("include/")],
         "in_reals": in_reals,
-        "version": __version__,
+        # of a development version the number alone: CMake and Arduino take no more
+        "version": NUMBER,
     }
     files = {
         "CMakeLists.txt": "CMakeLists.txt.j2",

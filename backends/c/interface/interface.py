@@ -121,6 +121,11 @@ class Interface:
         return bool(self.parameters) and self.options.params != "inline"
 
     @property
+    def hashes_slopes(self) -> bool:
+        """Whether golden steps compare a hash of the Jacobian, whose bits are then promised."""
+        return self.jacobian is not None and bool(self.jacobian.fields) and self.options.is_exact
+
+    @property
     def filled_by_first(self) -> frozenset[str]:
         """Buffers of `from_record` that the first step can fill with its first sample."""
         return frozenset(

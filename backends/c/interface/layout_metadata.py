@@ -18,6 +18,7 @@ from backends.c_lowering.state_memory import (
     ShiftBuffer,
     StateMemory,
 )
+from backends.files.export_identity import OPEN
 from backends.ports.metadata import interface_metadata, json_range
 from backends.ports.step_interface import PortNames, step_interface
 from compiler.ir.program import Declared, History, LayerMemory, Program, Tape
@@ -43,6 +44,7 @@ def layout_metadata(
     # a window that only a supplied state would need is no part of this interface
     data["start_windows"] = [port for port in data["start_windows"] if port["port"]]
     ranges = _ranges(program, interface)
+    data["export_sha256"] = OPEN
     data["c"] = {
         "prefix": interface.prefix,
         "dtype": interface.options.dtype,

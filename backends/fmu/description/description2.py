@@ -33,6 +33,7 @@ def description_text(facts: UnitFacts, sources: Sequence[str], guid: str) -> str
             "modelName": facts.model,
             "guid": guid,
             "description": facts.doc or None,
+            "version": facts.identity,
             "generationTool": f"msnn {__version__}",
             "variableNamingConvention": naming(facts),
         },

@@ -29,6 +29,7 @@ def description_text(facts: UnitFacts, token: str) -> str:
             "modelName": facts.model,
             "instantiationToken": token,
             "description": facts.doc or None,
+            "version": facts.identity,
             "generationTool": f"msnn {__version__}",
             "variableNamingConvention": naming(facts),
         },

@@ -21,6 +21,8 @@ class UnitFacts:
     """One model as both versions of FMI describe it."""
 
     model: str
+    identity: str
+    """The version of the model: a hash of its C, weights and options among it."""
     prefix: str
     """The identifier of the model: names of functions and files."""
     doc: str

@@ -62,14 +62,18 @@ def write_online_unit(
     sources: Mapping[str, str],
     folder: Path,
     platforms: Collection[str] = (),
+    *,
+    identity: str,
 ) -> tuple[Path, ...]:
     """Writes the archives of both versions of FMI, with bytes and errors of `write_units`.
 
-    `program` is that of the problem, `sources` are the generated C by names of files.
+    `program` is that of the problem, `sources` are the generated C by names of files, with this
+    `identity`.
     """
     meanings = "; ".join(f"{code}: {meaning}" for code, meaning in unit.meanings.items())
     facts = UnitFacts(
         model=program.name,
+        identity=identity,
         prefix=unit.prefix,
         doc=" ".join(program.doc.split()),
         dtype=unit.dtype,

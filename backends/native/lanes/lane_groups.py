@@ -13,7 +13,7 @@ Groups = NDArray[Any]
 """An array of `struct group`."""
 
 LANES = {"float32": 16, "float64": 8}
-"""Rollouts side by side, as the kernels' prelude has them."""
+"""Rollouts of a group: GROUP in the prelude of the kernels."""
 
 
 def group_type(lanes: int, dtype: np.dtype[Any]) -> np.dtype[Any]:

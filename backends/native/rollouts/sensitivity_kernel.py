@@ -7,14 +7,20 @@ import re
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.gauss_newton_products import Products
+from backends.gauss_newton_products import (
+    Products,
+    ProductsOfRuns,
+    StartBlocks,
+    one_after_the_other,
+)
 from backends.native.kernel_data import KernelData
 from backends.native.kernel_structs import pointer
-from backends.native.lanes.lane_groups import Rows, group_type, lane_groups
+from backends.native.lanes.lane_groups import Groups, Rows, group_type, lane_groups
 from backends.native.rollouts.lane_library import DTYPE, WIDTH, LaneLibrary
 from backends.native.rollouts.sensitivity_source import sensitivity_source
 from compiler.differentiation.sensitivities import Sensitivities
@@ -23,6 +29,9 @@ FloatArray = NDArray[np.float64]
 
 STACK = 4 * 2**20
 """Bytes that slopes may take on any stack: half of what threads usually have: compilers spill."""
+
+_APART = 64 * 2**20
+"""Bytes that the products of rollouts take which are summed apart in one call."""
 
 LARGEST_STACK = 64 * 2**20
 """Bytes that they may take on one of their own."""
@@ -55,10 +64,51 @@ class SensitivityKernel(LaneLibrary):
     ) -> dict[str, Products]:
         """The products of each loss, summed over rollouts from rows `starts`."""
         groups, _ = lane_groups(self._groups, starts, steps, [len(starts)])
-        losses, width, numbers = len(self.source.losses), self._width, self.numbers
-        sums, counts = np.zeros(losses), np.zeros(losses)
-        found = np.zeros((losses, width, width))
-        work = self._work(int(steps.max()))
+        summed = self._summed(data, groups, physical, apart=False)
+        numbers, whole = self.numbers, _whole(summed.products, self.numbers)
+        return {
+            name: Products(
+                curvature=whole[i, :numbers, :numbers],
+                slope=whole[i, numbers, :numbers],
+                squares=float(whole[i, numbers, numbers]),
+                cost=float(summed.sums[i]),
+                count=float(summed.counts[i]),
+                left_out=float(summed.products[i, numbers + 1, numbers + 1]) if self._marked else 0,
+            )
+            for i, name in enumerate(self.source.losses)
+        }
+
+    def products_of_runs(
+        self, data: KernelData, starts: Rows, steps: Rows, physical: FloatArray, own: int
+    ) -> dict[str, ProductsOfRuns]:
+        """The products of each loss, the last `own` numbers of every rollout apart.
+
+        Rollouts stay in the order in which they are given.
+        """
+        # the groups first name the rollouts, so that each finds its place again
+        groups, _ = lane_groups(self._groups, np.arange(len(starts)), steps, [len(starts)])
+        parts: dict[str, list[ProductsOfRuns]] = {name: [] for name in self.source.losses}
+        members: list[Rows] = []
+        some = max(1, _APART // (len(parts) * self._width**2 * WIDTH * DTYPE.itemsize))
+        for begin in range(0, len(groups), some):
+            part = groups[begin : begin + some].copy()
+            used = part["used"].ravel() != 0
+            members.append(part["start"].ravel()[used])
+            part["start"] = starts[part["start"]]
+            summed = self._summed(data, part, physical, apart=True).of_runs(used)
+            for i, name in enumerate(parts):
+                parts[name].append(self._of_runs(summed, i, own))
+        order = np.argsort(np.concatenate(members))
+        return {n: one_after_the_other(found).in_order(order) for n, found in parts.items()}
+
+    def _summed(
+        self, data: KernelData, groups: Groups, physical: FloatArray, *, apart: bool
+    ) -> _Summed:
+        losses, width = len(self.source.losses), self._width
+        before, lanes = ((len(groups),), (WIDTH,)) if apart else ((), ())
+        sums, counts = np.zeros((2, *before, losses, *lanes))
+        found = np.zeros((*before, losses, width, width, *lanes))
+        work = self._work(int(groups["steps"].max()))
         theta = np.ascontiguousarray(physical, DTYPE)
 
         def add() -> None:
@@ -66,6 +116,7 @@ class SensitivityKernel(LaneLibrary):
                 ctypes.byref(data.problem),
                 pointer(groups),
                 ctypes.c_int64(len(groups)),
+                ctypes.c_int64(apart),
                 pointer(theta),
                 pointer(work),
                 pointer(sums),
@@ -74,22 +125,52 @@ class SensitivityKernel(LaneLibrary):
             )
 
         with_stack(self._stack, add)
-        # a mark is 0 or √ of the factor of its row, so that the sum of its squares counts
-        marks = found[:, numbers + 1, numbers + 1] if self._marked else np.zeros(losses)
-        # the kernel sums blocks up to the diagonal: what is above comes by symmetry
-        lower = np.tril(found[:, : numbers + 1, : numbers + 1])
-        whole = lower + np.tril(lower, -1).transpose(0, 2, 1)
-        return {
-            name: Products(
-                curvature=whole[i, :numbers, :numbers],
-                slope=whole[i, numbers, :numbers],
-                squares=float(whole[i, numbers, numbers]),
-                cost=float(sums[i]),
-                count=float(counts[i]),
-                left_out=float(marks[i]),
-            )
-            for i, name in enumerate(self.source.losses)
-        }
+        return _Summed(found, sums, counts)
+
+    def _of_runs(self, summed: _Summed, loss: int, own: int) -> ProductsOfRuns:
+        """The products of one loss, of runs whose sums are apart."""
+        n, end = self.numbers - own, self.numbers
+        found = _whole(summed.products[:, loss], end)
+        marks = summed.products[:, loss, end + 1, end + 1] if self._marked else np.zeros(1)
+        squares, cost, count = found[:, end, end], summed.sums[:, loss], summed.counts[:, loss]
+        blocks = StartBlocks(found[:, :n, n:end], found[:, n:end, n:end], found[:, end, n:end])
+        shared = Products(
+            curvature=found[:, :n, :n].sum(axis=0),
+            slope=found[:, end, :n].sum(axis=0),
+            squares=float(squares.sum()),
+            cost=float(cost.sum()),
+            count=float(count.sum()),
+            left_out=float(marks.sum()),
+            starts=blocks,
+        )
+        return ProductsOfRuns(shared, squares, cost, count)
+
+
+@dataclass(frozen=True, slots=True)
+class _Summed:
+    """The products of all losses, (losses, width, width), their sums and their counts.
+
+    Apart they are (groups, losses, width, width, lanes), or (runs, losses, width, width).
+    """
+
+    products: FloatArray
+    sums: FloatArray
+    counts: FloatArray
+
+    def of_runs(self, used: NDArray[np.bool_]) -> _Summed:
+        """The sums of each run, those of lanes in use, one after the other."""
+
+        def runs(values: FloatArray) -> FloatArray:
+            last = np.moveaxis(values, -1, 1)
+            return last.reshape(-1, *last.shape[2:])[used]
+
+        return _Summed(runs(self.products), runs(self.sums), runs(self.counts))
+
+
+def _whole(products: FloatArray, numbers: int) -> FloatArray:
+    """[J r]ᵀ[J r]: the kernel sums blocks up to the diagonal, what is above comes by symmetry."""
+    lower = np.tril(products[..., : numbers + 1, : numbers + 1])
+    return lower + np.swapaxes(np.tril(lower, -1), -1, -2)
 
 
 def with_stack(needed: int, run: Callable[[], None]) -> None:

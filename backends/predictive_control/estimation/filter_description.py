@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from backends.c_language.literals import Dtype
+from backends.files.export_identity import OPEN
 from backends.ports.metadata import metadata_text
 from backends.predictive_control.about import quantities
 from backends.predictive_control.estimation.filter_fields import FilterField
@@ -40,6 +41,7 @@ def filter_description(
     return metadata_text(
         {
             "prefix": name,
+            "export_sha256": OPEN,
             "dtype": dtype,
             "states": states,
             "estimated": quantities(estimated),

@@ -15,6 +15,7 @@ from backends.c_language.functions import FunctionNames, FunctionTable
 from backends.c_language.literals import Dtype
 from backends.c_language.printer import Printer
 from backends.c_language.rendering import GeneratedNames, render
+from backends.files.export_identity import with_identity
 from backends.predictive_control.estimation.filter_description import filter_description
 from backends.predictive_control.estimation.filter_fields import (
     FilterField,
@@ -42,7 +43,7 @@ def filter_texts(
     golden = golden_steps(problem, weights, dtype)
     bits = recorded_bits(golden, made.texts, made.name)
     test = made.text("selftest.c.j2", "Self-test of the Kalman filter", golden=golden, bits=bits)
-    return dict(sorted({**made.texts, f"src/{made.name}_selftest.c": test}.items()))
+    return with_identity(dict(sorted({**made.texts, f"src/{made.name}_selftest.c": test}.items())))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

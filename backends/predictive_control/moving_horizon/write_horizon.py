@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from backends.c_language.literals import Dtype
+from backends.files.export_identity import with_identity
 from backends.ports.metadata import metadata_text
 from backends.predictive_control.constants import reachable
 from backends.predictive_control.estimation.golden_filter import golden_steps
@@ -79,7 +80,7 @@ def horizon_texts(
         golden=golden,
         recorded=recorded,
     )
-    return dict(sorted({**texts, f"src/{name}_selftest.c": test}.items()))
+    return with_identity(dict(sorted({**texts, f"src/{name}_selftest.c": test}.items())))
 
 
 def _facts(
@@ -172,6 +173,7 @@ def _description(
             "prefix": name,
             "horizon": control.horizon - 1,
             "iterations": control.iterations,
+            "starts_again": control.mode == "converged",
             "tolerance": reachable(control.tolerance, dtype),
             "out": [
                 *filter["out"],

@@ -110,6 +110,7 @@ def _tables(
         "lags": [sample.lag for sample in read],
         "source_numbers": [sample.number for sample in read],
         "is_control": [int(sample.is_control) for sample in read],
+        "read_numbers": list(classes.order),
         "curved_before": before,
         "run_begins": begins,
         "run_ends": ends,

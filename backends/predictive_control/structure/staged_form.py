@@ -53,7 +53,7 @@ def staged_form(problem: ControlProblem, rows: Rows) -> Form:
             measured="c->measured[{}]",
             has_blocks=problem.has_blocks,
         ),
-        facts={"plain": 0},
+        facts={"plain": 0, "read_numbers": list(range(width))},
     )
 
 

@@ -14,6 +14,7 @@ from compiler.ir.ops import Constant, ReadSignal, ReadState, Window
 from compiler.ir.program import Output, Program, Signal
 from compiler.ir.types import Type, describe_axes
 from compiler.optimal_control.problem import ControlLimits, Limits, PathLimits
+from compiler.optimal_control.window_form import signals_held
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import control as errors
 from spec_schema.errors import shapes, units
@@ -28,7 +29,10 @@ _SECOND = parse_unit("s")
 
 
 def scales_of(section: OptimalControl, program: Program) -> dict[str, float]:
-    """Half of what the bounds, or else the ranges, of states and signals leave them, by name."""
+    """Half of what the bounds, or else the ranges, of states and signals leave them, by name.
+
+    A buffer of past samples of a signal moves as far as the signal.
+    """
     found: dict[str, float] = {}
     for entry in (*program.signals, *program.states):
         if entry.range is not None:
@@ -43,6 +47,9 @@ def scales_of(section: OptimalControl, program: Program) -> dict[str, float]:
         ends = [converted(end, entry.unit, Findings()) for end in (bound.min, bound.max)]
         if ends[0] is not None and ends[1] is not None and ends[0] < ends[1]:
             found[entry.name] = (ends[1] - ends[0]) / 2
+    for state, signal in signals_held(program).items():
+        if state not in found and signal in found:
+            found[state] = found[signal]
     return found
 
 

@@ -250,4 +250,5 @@ def _converted(
 ) -> float | None:
     if unit is None and written.unit is not None:
         findings.report(units.unit_of_none(name, written.text, written.span))
+        return written.value
     return converted(written, unit, findings, is_distance=is_distance)

@@ -9,6 +9,7 @@ from typing import assert_never
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Add
 from compiler.ir.program import NodeId
+from compiler.ir.rules.unit_rules import addition_unit, product_unit
 from compiler.ir.types import Type
 from compiler.lowering.context import Context
 from compiler.lowering.environment import STEP, Environment, EnvironmentPart, IntegratorStage
@@ -18,7 +19,7 @@ from compiler.lowering.places.fitted import fitted
 from compiler.lowering.scope import owner_of
 from compiler.lowering.unit_conflicts import report_unit_conflicts
 from spec_schema.diagnostics.source import Span
-from spec_schema.errors import calculus, time
+from spec_schema.errors import calculus, time, units
 from spec_schema.expressions.tree import Expression
 from spec_schema.fields.located import Located
 from spec_schema.late_dataclass import dataclass
@@ -32,6 +33,8 @@ from spec_schema.sections.integrators import (
     SemiImplicit,
 )
 from spec_schema.units.parser import parse_unit
+from spec_schema.units.per_time import counted_time
+from spec_schema.units.unit import Unit
 
 _SECOND = parse_unit("s")
 
@@ -171,7 +174,7 @@ class _Steps:
         moved: Values = {}
         for name, increment in increments(builder, values, slopes, self.step_length).items():
             moved[name] = self._sum(builder, name, values[name], increment)
-            report_unit_conflicts(self.context, builder, self.vector_field[name].expression)
+            self._check_rate(builder, name, slopes[name])
         return moved
 
     def _implicit_in(self, of: Located[str], values: Values) -> Values:
@@ -196,6 +199,7 @@ class _Steps:
             increment = part.increment(self.step_length, self.context.dynamics)
             moved = dict(values) | {name: self._sum(builder, name, values[name], increment)}
         builder.conflicts.clear()  # of derivatives, whose units nobody has written
+        self._check_rate(builder, name, slope)
         for other in values:
             if other != name:
                 slope = self._slope(other, self._stage(dict(moved), self.end))
@@ -251,9 +255,27 @@ class _Steps:
     def _slope(self, name: str, stage: Environment) -> NodeId:
         law = self.vector_field[name]
         node = lower(self.context, law.expression, stage)
+        self._check_time(name, self.context.builder(stage).type(node).unit)
         # its unit counts where it is multiplied by seconds and added to the state, in `_moved`
         type = law.type.with_unit(None)
         return fitted(self.context, f"`der` of `{name}`", node, type, law.expression, stage)
+
+    def _check_rate(self, builder: GraphBuilder, name: str, slope: NodeId) -> None:
+        """Reports a rate that does not fit its state, where the increment has no unit."""
+        change = product_unit(builder.type(slope).unit, _SECOND)
+        _, conflict = addition_unit(self.vector_field[name].type.unit, change)
+        if conflict is not None:
+            builder.conflicts.append(conflict)
+        report_unit_conflicts(self.context, builder, self.vector_field[name].expression)
+
+    def _check_time(self, name: str, rate: Unit | None) -> None:
+        """A state with a unit is checked by its sum; one without takes any rate per second."""
+        law = self.vector_field[name]
+        if law.type.unit is not None or rate is None or (counted := counted_time(rate)) is None:
+            return
+        place = self.context.spec.states[name].place.key
+        found = units.rate_of_another_time(name, rate.text, *counted, law.expression.span, place)
+        self.context.findings.report(found)
 
     def _moved(self, values: Values, slopes: Values, length: float) -> Values:
         """values + length · slopes."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
+from compiler.builtins.call_options import option
 from compiler.elaboration.losses.cross_entropy import lower_cross_entropy
 from compiler.elaboration.losses.loss_terms import terms_of
 from compiler.elaboration.losses.penalties import PENALTIES, lower_penalty
@@ -14,14 +15,17 @@ from compiler.ir.ops import Read, ReadParameter, Window
 from compiler.ir.program import Loss, Measure, NodeId, Output
 from compiler.ir.types import Type, describe_axes
 from compiler.lowering.aligning import aligning, warn_of_twin_axes
+from compiler.lowering.constants import evaluate, number
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart
 from compiler.lowering.expressions import lower, lower_all
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.unit_conflicts import report_unit_conflicts
 from spec_schema.errors import names, shapes, states
 from spec_schema.expressions.language import LOSS_FUNCTIONS
 from spec_schema.expressions.tree import Call, Expression
 from spec_schema.sections.signals import Loss as LossEntry
+from spec_schema.units.unit import ONE
 
 _LOSS = Environment(EnvironmentPart.LOSS)
 _COMPARING = {
@@ -42,7 +46,7 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
     losses: list[Loss] = []
     taken = Counter[str]()
     for term in terms:
-        penalty = None
+        penalty, delta = None, 1.0
         if term.function is None:
             cost = lower(context, term.expression, _LOSS)
             measure, prediction, target = Measure.MEAN, cost, None
@@ -54,6 +58,7 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
                 measure, target = Measure.MEAN, None
             else:
                 measure, prediction, target = _measured(context, term.function, term.expression)
+                delta = _delta(context, term.function, term.expression, prediction)
         label = term.function or "cost"
         taken[label] += 1
         # two terms of one function are `NAME.mse` and `NAME.mse2`
@@ -68,6 +73,7 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
                 target=target,
                 weight=entry.weight,
                 share=term.share,
+                delta=delta,
                 penalty=penalty,
                 span=span,
                 # a penalty is of an array, which has no rows
@@ -105,7 +111,7 @@ def default_loss(context: Context, output: Output) -> Loss:
     ahead = output.predicts.ahead
     # the log at t+k, which the output at t predicts (R4); targets never come from the tape
     target = builder.log(output.predicts.signal, ahead, ahead, Type(found.axes, found.unit))
-    return Loss(output.name, Measure.MSE, output.node, target, span=output.span)
+    return Loss(output.name, Measure.MSE, output.node, target, span=output.span, is_default=True)
 
 
 def _check_arguments(context: Context, function: str, call: Call) -> None:
@@ -119,7 +125,9 @@ def _check_arguments(context: Context, function: str, call: Call) -> None:
     found = len(call.arguments)
     if not signature.takes(found):
         context.findings.report(
-            names.wrong_argument_count(function, signature.wanted, found, call.function.span)
+            names.wrong_argument_count(
+                function, signature.wanted, found, call.function.span, signature.keywords
+            )
         )
         raise LoweringFailed
 
@@ -141,7 +149,29 @@ def _measured(context: Context, function: str, call: Call) -> tuple[Measure, Nod
     with aligning(context, function, call, call.arguments[0], call.arguments[1]):
         builder.subtract(prediction, target)  # compares the units of the two
         prediction, target, _ = builder.aligned(prediction, target)
+    report_unit_conflicts(context, builder, call, function)
     return _COMPARING[function], *_scored(builder, prediction, target)
+
+
+def _delta(context: Context, function: str, call: Call, prediction: NodeId) -> float:
+    """δ of `huber`: a constant above 0 in the unit of the difference, 1 where none is given."""
+    given = option(call, "delta")
+    if given is None:
+        return 1.0
+    what = f"`delta` of `{function}`"
+    delta = number(context, given, what)
+    if delta <= 0:
+        context.findings.report(names.unfit_constant(what, "is not above 0", given.span))
+        raise LoweringFailed
+    unit = evaluate(context, given).unit
+    if unit in (None, ONE):  # a plain number counts in the unit of the difference
+        return delta
+    builder = context.builder(_LOSS)
+    limit = builder.constant(delta, unit=unit)
+    with aligning(context, function, call, call.arguments[0], given):
+        builder.maximum(prediction, limit)  # compares the units of the two; nothing reads it
+    report_unit_conflicts(context, builder, given, f"{function}, delta")
+    return delta
 
 
 def _factor_of_rows(context: Context, name: str, expression: Expression) -> NodeId:

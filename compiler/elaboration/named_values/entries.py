@@ -21,8 +21,9 @@ from compiler.lowering.environment import (
 )
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
+from compiler.lowering.unit_conflicts import report_declared_unit
 from spec_schema.diagnostics.source import Span
-from spec_schema.errors import states, units
+from spec_schema.errors import states
 from spec_schema.sections.signals import Equation, Output
 
 
@@ -159,9 +160,7 @@ def _agree_on_unit(
     if found is None:
         builder.set_unit(node, entry.unit.value)
     elif not same_unit(found, entry.unit.value):
-        context.findings.report(
-            units.declared_unit_differs(name, found.text, entry.unit.value.text, entry.expr.span)
-        )
+        report_declared_unit(context, name, found, entry.unit.value, entry.expr.span)
     # what is read as it is keeps the unit that its own entry declares
     elif found.text != entry.unit.value.text and builder.node(node).args:
         builder.rename_unit(node, entry.unit.value)

@@ -41,12 +41,56 @@ def sum_unit(operation: str, left: Unit | None, right: Unit | None) -> Ruled:
     return None, UnitConflict(operation, right, left)
 
 
+def addition_unit(left: Unit | None, right: Unit | None) -> Ruled:
+    """Unit of a sum: K added to degC is degC; a sum in degC is one, as half of it is a mean."""
+    if left is not None and right is not None:
+        for point, other in ((left, right), (right, left)):
+            if point.offset != 0.0 and same_unit(other, point.difference):
+                return point, None
+    return sum_unit("+", left, right)
+
+
+def subtraction_unit(left: Unit | None, right: Unit | None) -> Ruled:
+    """Unit of a difference: degC - degC is K, degC - K is degC.
+
+    A value of unknown unit may be either, so that degC less it has none.
+    """
+    if right is not None and right.offset != 0.0 and (left is None or same_unit(left, right)):
+        return right.difference, None
+    if left is not None and left.offset != 0.0:
+        if right is None:
+            return None, None
+        if same_unit(right, left.difference):
+            return left, None
+    return sum_unit("-", left, right)
+
+
+def distance_unit(unit: Unit | None) -> Unit | None:
+    """Unit of the distance between two values: K of degC."""
+    return None if unit is None else unit.difference
+
+
 def product_unit(left: Unit | None, right: Unit | None) -> Unit | None:
-    return None if left is None or right is None else left * right
+    """Unit of a product; a temperature in degC stays one if it is multiplied by a number."""
+    if left is None or right is None:
+        return None
+    for point, other in ((left, right), (right, left)):
+        if point.offset != 0.0 and _is_number(other):
+            return point
+    return left.difference * right.difference
 
 
 def quotient_unit(left: Unit | None, right: Unit | None) -> Unit | None:
-    return None if left is None or right is None else left / right
+    """Unit of a quotient; a temperature in degC stays one if it is divided by a number."""
+    if left is None or right is None:
+        return None
+    if left.offset != 0.0 and _is_number(right):
+        return left
+    return left.difference / right.difference
+
+
+def _is_number(unit: Unit) -> bool:
+    return unit.same_as(ONE) and unit.angle == 0
 
 
 def power_unit(base: Unit | None, exponent: int | Fraction) -> Unit | None:

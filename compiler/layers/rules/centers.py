@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from compiler.ir.program import NodeId
+from compiler.ir.rules.unit_rules import distance_unit
 from compiler.ir.scalars.table import Array
 from compiler.ir.types import Axis
 from compiler.layers.rules.layer_context import LayerContext
@@ -30,7 +31,12 @@ def learned_centers(context: LayerContext, axis: Axis, values: Array, unit: Unit
         return builder.broadcast(first, (axis,))
     between = context.own_axis("gap", len(values) - 1)
     gaps = context.learned(
-        "gaps", (between,), np.diff(values), "from one centre to the next", unit=unit, low=0.0
+        "gaps",
+        (between,),
+        np.diff(values),
+        "from one centre to the next",
+        unit=distance_unit(unit),
+        low=0.0,
     )
     below = np.tri(len(values), len(values) - 1, -1)
     sums = builder.contract_over(builder.constant(below, (axis, between)), gaps, between.name)

@@ -84,15 +84,13 @@ class Arrays:
             )
             raise LoweringFailed
         outside = bool(
-            # on a bound the raw variable, by sigmoid or softplus, would be at ∞ and never move
-            # again
-            (low is not None and np.any(initial <= low))
-            or (high is not None and np.any(initial >= high))
+            (low is not None and np.any(initial < low))
+            or (high is not None and np.any(initial > high))
         )
         if outside:
             least = "-inf" if low is None else f"{low:g}"
             most = "inf" if high is None else f"{high:g}"
-            problem = f"must lie inside its bounds {least} … {most}, not on or beyond them"
+            problem = f"must lie within its bounds {least} … {most}"
             self._context.findings.report(names.unfit_constant(f"`{name}`", problem, span))
             raise LoweringFailed
         return Parameter(

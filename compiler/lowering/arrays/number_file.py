@@ -11,10 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from compiler.ir.scalars.table import Array
+from spec_schema.reading.endless_files import is_near, refuse_endless
 
 LARGEST_FILE = 20_000_000
 """Bytes; as many numbers as an array of a program can have are a few times fewer."""
 
+_QUOTED = 40
+"""Characters of a cell that a message quotes."""
 # blanks beside a comma belong to it: `1, 2` has no empty number between
 _SEPARATOR = re.compile(r"\s*[,;]\s*|\s+")
 
@@ -32,11 +35,12 @@ def read_numbers(path: str, beside: str, texts: Mapping[str, str]) -> Array:
     rows: list[list[float]] = []
     file = number_path(path, beside)
     text = texts[file] if file in texts else number_text(file)
+    quotes = is_near(file, beside)
     for number, line in enumerate(text.splitlines(), 1):
         content = line.split("#", 1)[0].strip()
         if not content:
             continue
-        row = [_number(cell, number) for cell in _SEPARATOR.split(content)]
+        row = [_number(cell, number, quotes=quotes) for cell in _SEPARATOR.split(content)]
         if rows and len(row) != len(rows[0]):
             reason = f"line {number} has {len(row)} numbers, the first row {len(rows[0])}"
             raise UnusableFileError(reason)
@@ -59,6 +63,7 @@ def number_text(path: str) -> str:
     try:
         if not file.is_file():  # a pipe or a device would never end
             raise UnusableFileError("it is a folder" if file.is_dir() else "there is no such file")
+        refuse_endless(file)
         size = file.stat().st_size
         if size > LARGEST_FILE:
             raise UnusableFileError(f"it has {size:,} bytes, at most {LARGEST_FILE:,} are read")
@@ -70,11 +75,12 @@ def number_text(path: str) -> str:
         raise UnusableFileError((error.strerror or str(error)).lower()) from None
 
 
-def _number(cell: str, line: int) -> float:
+def _number(cell: str, line: int, *, quotes: bool) -> float:
+    shown = repr(cell[:_QUOTED]) if quotes else "a cell"
     try:
         value = float(cell)
     except ValueError:
-        raise UnusableFileError(f"{cell[:40]!r} in line {line} is no number") from None
+        raise UnusableFileError(f"{shown} in line {line} is no number") from None
     if not math.isfinite(value):
-        raise UnusableFileError(f"{cell} in line {line} is not finite")
+        raise UnusableFileError(f"{cell[:_QUOTED]} in line {line} is not finite")
     return value

@@ -9,7 +9,8 @@ from compiler.lowering.environment import STEP
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.places.surplus_axes import report_surplus
 from compiler.lowering.scope import Kind
-from spec_schema.errors import names, states, units
+from compiler.lowering.unit_conflicts import report_declared_unit
+from spec_schema.errors import names, states
 from spec_schema.fields.formulas import Prediction as PredictionEntry
 from spec_schema.sections.signals import Output as OutputEntry
 from spec_schema.sections.signals import Signal as SignalEntry
@@ -54,7 +55,5 @@ def as_predicted(
     if own is None:
         builder.set_unit(node, unit)
     elif unit is not None and not same_unit(own, unit):
-        context.findings.report(
-            units.declared_unit_differs(name, own.text, unit.text, entry.expr.span)
-        )
+        report_declared_unit(context, name, own, unit, entry.expr.span)
     return builder.broadcast(node, wanted)

@@ -51,6 +51,7 @@ def a2l(
     from backends.files.atomic_write import write_text
     from msnn.calibration.fill_addresses import fill_addresses
     from msnn.cli.console import json_result, report, result
+    from msnn.exports.foreign_files import spare_foreign_files
 
     named = {
         "params": params,
@@ -62,6 +63,8 @@ def a2l(
     chosen = {struct: name for struct, name in named.items() if name is not None}
     found = fill_addresses(elf, export, chosen)
     report(found.warnings, ())
+    if out is None:
+        spare_foreign_files([elf.with_suffix(".a2l")])
     written = write_text(out or elf.with_suffix(".a2l"), found.text)
     if format is ResultFormat.JSON:
         taken = {

@@ -49,7 +49,7 @@ def check(
     Names, shapes, units and time of the model; then whether data, train, validate and export fit
     it. Reads no data without `--data`.
     """
-    from msnn.cli.console import json_result, report, result
+    from msnn.cli.console import json_result, report, result, spare_files_of
     from msnn.cli.spec_files import spec_files, text_of
     from msnn.project.workflow_checks import checked_model
     from msnn.reports.summary import summary_line
@@ -65,6 +65,7 @@ def check(
             # folder
             name = file if text is None else Path("<stdin>")
             model = checked_model(name, settings or (), strict_units=strict_units, text=text)
+            spare_files_of(model)
             diagnostics, sources = model.warnings, model.sources
             if with_data:
                 from msnn.data_check.check import check_data

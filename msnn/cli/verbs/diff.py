@@ -57,7 +57,7 @@ def diff(
     from msnn.api.changes import changes
     from msnn.changes.model_changes import FailOn
     from msnn.changes.report import changes_markdown, changes_record, changes_text, failures
-    from msnn.cli.console import json_result, progress_stream, report, result
+    from msnn.cli.console import json_result, progress_stream, report, result, spare_files_of
     from msnn.cli.step_progress import StepProgress
     from msnn.model.load import load_model
 
@@ -71,6 +71,8 @@ def diff(
         load_model(old, (*of_both, *(old_settings or ()))),
         load_model(new, (*of_both, *(new_settings or ()))),
     )
+    for model in models:
+        spare_files_of(model)
     if "worse" in wanted and any(model.run is None for model in models):
         # before anything is measured, which may take minutes
         message = "`worse` compares what two runs have learned: give their folders"

@@ -24,6 +24,9 @@ from msnn.cli.arguments import (
 )
 from msnn.cli.manners import refuse_to_overwrite
 
+_DEFAULT, _BEGIN = Path("simulation.csv"), b"file,set,row"
+"""The file that is written where none is named, and how it begins."""
+
 
 def simulate(
     spec: SpecFile,
@@ -60,7 +63,7 @@ def simulate(
     ] = None,
     out: Annotated[
         Path, typer.Option("-o", "--out", metavar="FILE", help="The CSV file to write.")
-    ] = Path("simulation.csv"),
+    ] = _DEFAULT,
     plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
@@ -73,6 +76,7 @@ def simulate(
     from msnn.api import measurements
     from msnn.cli.console import json_result, note, progress_stream, report, report_model, result
     from msnn.cli.step_progress import StepProgress
+    from msnn.exports.foreign_files import spare_foreign_files
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
     from msnn.simulation.simulate import simulation_program
@@ -83,6 +87,8 @@ def simulate(
     if horizon != "record" and not (horizon.isdecimal() and int(horizon) > 0):
         raise typer.BadParameter("`record` or a number of steps", param_hint="--horizon")
     refuse_undrawable(plot)
+    if out == _DEFAULT:
+        spare_foreign_files([out], sign=_BEGIN)
     model = load_model(spec, settings or ())
     report_model(model)
     chosen = choose_weights(model, weights, runs, initial=initial)

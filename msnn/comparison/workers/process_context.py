@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from multiprocessing import forkserver
 from multiprocessing.context import BaseContext
 
@@ -20,18 +21,27 @@ def process_context(modules: Sequence[str]) -> BaseContext:
     """
     # Windows
     if "forkserver" not in multiprocessing.get_all_start_methods():
+        os.environ[_SAFE_PATH] = "1"  # each process starts afresh, whenever it is needed
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(modules))
+    with children_off_working_folder():
+        forkserver.ensure_running()
+    return context
+
+
+@contextmanager
+def children_off_working_folder() -> Generator[None]:
+    """Processes of Python that begin meanwhile import nothing from the working folder.
+
+    They would look there first, as `python -c` does: a user's `statistics.py` is not Python's.
+    """
     before = os.environ.get(_SAFE_PATH)
-    # it would look for modules in the working folder first, as `python -c` does: a user's
-    # statistics.py is not Python's
     os.environ[_SAFE_PATH] = "1"
     try:
-        forkserver.ensure_running()
+        yield
     finally:
         if before is None:
             del os.environ[_SAFE_PATH]
         else:
             os.environ[_SAFE_PATH] = before
-    return context

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import chdir, suppress
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any
@@ -27,6 +27,7 @@ from msnn.errors.sweeps import unusable_cluster
 from msnn.model.model import Model
 from msnn.model.saved_run import PARTS, WEIGHTS, spec_places
 from msnn.packages import RAY
+from msnn.project.package_names import HOME
 from msnn.training.records.run_log import RunLine
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.version import __version__
@@ -111,8 +112,11 @@ class _Cluster:
         self._is_ours = not ray.is_initialized()
         if self._is_ours:
             try:
-                # its own lines would tear ours apart
-                ray.init(self.address, log_to_driver=False, logging_level=logging.ERROR)
+                # Ray lets all workers import from the folder in which it is started first: from
+                # that of msnn they do anyway
+                with chdir(HOME):
+                    # its own lines would tear ours apart
+                    ray.init(self.address, log_to_driver=False, logging_level=logging.ERROR)
             except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
                 why = str(error).strip().splitlines() or [type(error).__name__]
                 raise SpecError((unusable_cluster(self.address, why[0]),)) from error

@@ -204,7 +204,7 @@ class MovingHorizon:
         cost = np.nan
         if found is not None and self.given is not None:
             limits = self._functions.limits(self.given)
-            cost = found.values.cost + self._functions.penalties(limits, found.values)[0]
+            cost = self._functions.cost(limits, found.values)[0]
         return WindowEstimate(
             status=status,
             states={name: value for name, value in values.items() if name not in own},

@@ -15,6 +15,7 @@ from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.ops import Constant
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import by_name
+from compiler.optimal_control.cost_scale import with_scaled_cost
 from compiler.optimal_control.horizon import (
     Array,
     Given,
@@ -40,6 +41,9 @@ class HorizonFunctions:
     """The functions of one problem, made once and evaluated for any plan."""
 
     def __init__(self, problem: ControlProblem) -> None:
+        self.cost_scale = problem.cost_scale
+        # of σJ from here on, but for what is told in the units of the spec
+        problem = with_scaled_cost(problem)
         self.problem = problem
         self.horizon = problem.horizon
         self.structure = chosen_structure(problem)
@@ -152,8 +156,9 @@ class HorizonFunctions:
     def multipliers(self, scaled: Array) -> Multipliers:
         """The multipliers of the rows, (N+1, 2m), low ends first, in the units of the spec."""
         n, nu, size = self.horizon, self.controls, len(self._row_scale)
-        # a multiplier is cost by unit of the limit: scaled limits have scaled ones
-        low, high = scaled[:, :size] / self._row_scale, scaled[:, size:] / self._row_scale
+        # a multiplier is cost by unit of the limit: scaled limits and costs have scaled ones
+        unit = self._row_scale * self.cost_scale
+        low, high = scaled[:, :size] / unit, scaled[:, size:] / unit
         paths = list(zip(self.problem.path_limits, self._rows(), strict=True))
         return Multipliers(
             control_min=low[:n, :nu],
@@ -164,14 +169,15 @@ class HorizonFunctions:
             path_max=tuple(high[stages_of(self.problem, path), rows] for path, rows in paths),
         )
 
-    def penalties(self, limits: RowLimits, values: Values) -> tuple[float, float]:
-        """The cost of violated soft limits, and the largest violation, scaled."""
+    def cost(self, limits: RowLimits, values: Values) -> tuple[float, float]:
+        """J with penalties, in the unit of the spec, and the largest violation, scaled."""
         rows = values.rows
         excess = np.maximum(np.maximum(limits.low - rows, rows - limits.high), 0.0)
         soft = np.isfinite(limits.linear)
         excess = excess[:, soft]
         cost = limits.linear[soft] * excess + limits.quadratic[soft] * excess**2
-        return float(np.sum(cost)), float(np.max(excess, initial=0.0))
+        whole = values.cost + float(np.sum(cost))
+        return whole / self.cost_scale, float(np.max(excess, initial=0.0))
 
     # ---- values
 

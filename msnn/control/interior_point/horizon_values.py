@@ -17,7 +17,7 @@ class Values:
     """The values of one plan."""
 
     cost: float
-    """J without penalties."""
+    """σJ without penalties."""
     following: Array
     """F(x_k, u_k), (N, nx)."""
     rows: Array
@@ -29,7 +29,7 @@ class Slopes:
     """First derivatives at one plan."""
 
     cost: Array
-    """∂J/∂(x_k, u_k), (N+1, nx+nu)."""
+    """∂σJ/∂(x_k, u_k), (N+1, nx+nu)."""
     following: Array
     """∂F/∂(x_k, u_k), (N, nx, nx+nu)."""
     rows: Array

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.written_units import StatedUnit
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.data import TimeColumn
-from spec_schema.units.unit import Unit
 
 ColumnKey = str | int
 """A column's name, or its index counted from 0."""
@@ -46,7 +46,7 @@ class ColumnTable:
     """The moment of their time 0, where the format keeps it."""
     place: Callable[[int], Span | None] = _no_place
     """Where a row stands in the file."""
-    units: Mapping[ColumnKey, Unit] = field(default_factory=dict[ColumnKey, Unit])
+    units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
     """What the file itself says of columns."""
     begins: Mapping[ColumnKey, Moment] = field(default_factory=dict[ColumnKey, Moment])
     """Of columns of dates, which are seconds from their first row: the moment of that row."""
@@ -61,7 +61,9 @@ class Streams:
     """Columns that were each recorded at moments of their own: (seconds, values)."""
 
     columns: Mapping[ColumnKey, tuple[FloatArray, FloatArray]]
-    time_units: Mapping[ColumnKey, Unit] = field(default_factory=dict[ColumnKey, Unit])
+    units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
+    """What the file itself says of columns."""
+    time_units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
     """Units of times that are values of the file, as far as it states them; others are seconds."""
     begins: Moment | None = None
     """The moment of time 0, where the file keeps it."""

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
 
+from spec_schema.diagnostics.source import Span
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import ONE, Unit, UnitError
 
@@ -16,6 +19,20 @@ _MOST_REPAIRS = 3
 # lazy up to the last brackets; what stands in these has none of their kind itself
 _BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*", re.DOTALL)
 _COLUMN_AND_UNIT = re.compile(r"(.*\S)(?:\s*\[([^\[\]]*)\]|\s+\(([^()]*)\))\s*", re.DOTALL)
+_SUPERSCRIPT = re.compile("(?<!⁻)[²³]")
+_DIGITS = {"²": "2", "³": "3"}
+_BETWEEN_FACTORS = re.compile(r"(?<=[\w%°])[ .](?=[^\W\d])")
+_WHOLE_TEXTS = {
+    "-": "1",
+    "dimensionless": "1",
+    "unitless": "1",
+    "degree_C": "degC",
+    "degrees_C": "degC",
+    "deg_C": "degC",
+    "degrees_north": "deg",
+    "degrees_east": "deg",
+}
+"""Words of CF and of loggers that are no symbols."""
 _NOT_AN_INDEX = re.compile(r"[^\W\d_]|[%°-]")
 
 
@@ -40,8 +57,8 @@ def column_and_unit(label: str) -> tuple[str, Unit | None]:
 
 def written_unit(text: str) -> Unit | None:
     """The unit that a text means, spellings of loggers included; None where it means none."""
-    # the only powers that loggers write as letters
-    text = text.strip().replace("²", "^2").replace("³", "^3")
+    # the only powers that loggers write as letters; behind `⁻` the parser knows them
+    text = _SUPERSCRIPT.sub(lambda found: f"^{_DIGITS[found.group()]}", text.strip())
     if text == "-":
         return ONE
     for _ in range(_MOST_REPAIRS):
@@ -52,6 +69,69 @@ def written_unit(text: str) -> Unit | None:
                 return None
             # parse_unit knows what was meant, for its messages: the same knowledge reads files
             text = text[: error.start] + error.meant + text[error.end :]
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class UnknownUnit:
+    """A text where a file states a unit that is none; `meant` is one that is like it."""
+
+    text: str
+    meant: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class TwoUnits:
+    """Different units that a file states of one column: in its name, and apart from it."""
+
+    named: Unit
+    stated: Unit
+    place: Span | None = None
+
+
+StatedUnit: TypeAlias = Unit | UnknownUnit | TwoUnits
+
+
+def joint_unit(label: str, stated: Unit | UnknownUnit | None) -> StatedUnit | None:
+    """The unit of a column with this header, of which the file states another unit apart."""
+    named = column_and_unit(label)[1]
+    if named is None:
+        return stated or unknown_unit(label)
+    if isinstance(stated, Unit) and not stated.same_as(named):
+        return TwoUnits(named, stated)
+    return named
+
+
+def stated_unit(text: str) -> Unit | UnknownUnit | None:
+    """The unit in a file's own field for it, such as `km/h`, `m s-1` or `seconds since 1970-01-01`.
+
+    None where the field says nothing: empty, or a word for a missing value.
+    """
+    text = text.strip()
+    # of times that CF counts from a date; products stand side by side there and in UDUNITS
+    plain = text.split(" since ")[0]
+    plain = _WHOLE_TEXTS.get(plain, plain)
+    if plain.lower() in MISSING | {"none"}:
+        return None
+    found = written_unit(plain) or written_unit(_BETWEEN_FACTORS.sub("*", plain))
+    return found or UnknownUnit(text, _likely(plain))
+
+
+def unknown_unit(label: str) -> UnknownUnit | None:
+    """The text in the brackets of a header where a unit would stand, and none does."""
+    found = _COLUMN_AND_UNIT.fullmatch(label)
+    text = "" if found is None else (found[2] or found[3] or "").strip()
+    if not _NOT_AN_INDEX.search(text) or text.lower() in MISSING or written_unit(text) is not None:
+        return None
+    return UnknownUnit(text, _likely(text))
+
+
+def _likely(text: str) -> str | None:
+    for _ in range(_MOST_REPAIRS):
+        try:
+            return parse_unit(text).text
+        except UnitError as error:
+            text = text[: error.start] + (error.replacement or "") + text[error.end :]
     return None
 
 

@@ -11,11 +11,14 @@ import numpy as np
 from compiler.ir.program import Signal
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.table import ColumnKey
+from msnn.data.formats.written_units import StatedUnit, TwoUnits, UnknownUnit
 from msnn.data.reading.converted_cells import converted_cells
 from msnn.errors.data import files as errors
 from msnn.errors.data import units as data_units
-from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
+from spec_schema.diagnostics.source import Span
 from spec_schema.sections.data.columns import Column
+from spec_schema.units.turns import turn_readings
 from spec_schema.units.unit import UNCHANGED, Line, Unit
 
 LOG_SUFFIX = ".meas"
@@ -70,40 +73,104 @@ def feeds(
 
 
 def in_units_of_file(
-    found: Iterable[Feed], units: Mapping[ColumnKey, Unit], findings: Findings
+    found: Iterable[Feed], units: Mapping[ColumnKey, StatedUnit], file: str, findings: Findings
 ) -> list[Feed]:
     """Feeds that convert from what the file says of its columns, where the spec says no unit."""
-    return [_in_units(feed, units, findings) for feed in found]
+    return [_in_units(feed, units, file, findings) for feed in found]
 
 
-def _in_units(feed: Feed, units: Mapping[ColumnKey, Unit], findings: Findings) -> Feed:
+def _in_units(
+    feed: Feed, units: Mapping[ColumnKey, StatedUnit], file: str, findings: Findings
+) -> Feed:
     declared, column = feed.signal.unit, feed.column
-    stated = {key: units[key] for key in feed.keys if key in units}
     # what the spec says goes before what a file says
-    if declared is None or not stated or (column is not None and column.unit is not None):
-        return feed
-    if all(unit.same_as(declared) for unit in stated.values()):
+    if declared is None or (column is not None and column.unit is not None):
         return feed
     span = feed.signal.span if column is None else column.place.value
     scaled = column is not None and (column.scale != 1.0 or column.offset != 0.0)
-    for key, unit in stated.items():
+    name = feed.signal.name.removesuffix(LOG_SUFFIX)
+    lines: list[Line] = []
+    for key, line in zip(feed.keys, feed.lines, strict=True):
+        unit = file_unit(units.get(key), file, name, str(key), declared, span, findings)
+        fault = None if unit is None else _unfit_unit(name, str(key), unit, declared, span)
+        if unit is None or (fault is None and unit.same_as(declared)):
+            lines.append(line)
+            continue
         # `scale:` may convert already: with a unit of the file beside it, cells would convert twice
-        fits = unit.same_dimension(declared)
-        if not fits or (scaled and not unit.same_as(declared)):
-            make = data_units.unit_beside_scale if fits else data_units.misfitting_file_unit
-            name = feed.signal.name.removesuffix(LOG_SUFFIX)
+        if fault is None and scaled:
+            fault = data_units.unit_beside_scale(
+                signal=name, column=str(key), found=unit.text, declared=declared.text, span=span
+            )
+        if fault is not None:
+            findings.report(fault)
+            return feed
+        lines.append(unit.line_to(declared))
+    return replace(feed, lines=tuple(lines))
+
+
+def file_unit(
+    stated: StatedUnit | None,
+    file: str,
+    signal: str,
+    column: str,
+    declared: Unit,
+    span: Span | None,
+    findings: Findings,
+) -> Unit | None:
+    """The unit that a file states of a column; None, reported where it states one, if not clear."""
+    match stated:
+        case UnknownUnit(text=text, meant=meant):
             findings.report(
-                make(
-                    signal=name,
-                    column=str(key),
-                    found=unit.text,
+                data_units.unread_unit(
+                    signal=signal,
+                    column=column,
+                    text=text,
                     declared=declared.text,
+                    meant=meant,
                     span=span,
                 )
             )
-            return feed
-    return replace(
-        feed, lines=tuple(stated.get(key, declared).line_to(declared) for key in feed.keys)
+            return None
+        case TwoUnits(named=named, stated=other, place=place):
+            findings.report(
+                data_units.units_differ(
+                    file=file,
+                    signal=signal,
+                    column=column,
+                    named=named.text,
+                    stated=other.text,
+                    place=place or span,
+                )
+            )
+            return None
+        case _:
+            return stated
+
+
+def _unfit_unit(
+    signal: str, column: str, unit: Unit, declared: Unit, span: Span | None
+) -> Diagnostic | None:
+    """What is wrong with a unit that a file states of a column, None if it converts."""
+    if not unit.same_dimension(declared):
+        return data_units.misfitting_file_unit(
+            signal=signal, column=column, found=unit.text, declared=declared.text, span=span
+        )
+    return _turns_fault(signal, column, unit, declared, span)
+
+
+def _turns_fault(
+    signal: str, column: str, unit: Unit, declared: Unit, span: Span | None
+) -> Diagnostic | None:
+    readings = turn_readings(unit, declared)
+    if readings is None:
+        return None
+    return data_units.turns_of_column(
+        signal=signal,
+        column=column,
+        found=unit.text,
+        declared=declared.text,
+        readings=readings.texts,
+        span=span,
     )
 
 
@@ -132,7 +199,10 @@ def _conversion(signal: Signal, column: Column, findings: Findings) -> Line:
         findings.report(data_units.unit_without_effect(signal.name, text, column.unit.span))
     if column.unit is not None and declared is not None:
         unit = column.unit.value
-        if unit.same_dimension(declared):
+        key = str(column.column[0].column)
+        if (fault := _turns_fault(signal.name, key, unit, declared, column.unit.span)) is not None:
+            findings.report(fault)
+        elif unit.same_dimension(declared):
             line = unit.line_to(declared)
         else:
             findings.report(

@@ -22,6 +22,7 @@ from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.diagnostics.suggest import nearest
 from spec_schema.editors.spec_data import entry_data
 from spec_schema.fields.located import Located
+from spec_schema.reading.endless_files import refuse_endless
 from spec_schema.sections.data.data import Data, Source
 from spec_schema.sections.data.splits import SETS
 
@@ -73,6 +74,9 @@ def find_files(data: Data, folder: Path, findings: Findings) -> list[DataFile]:
                 # patterns may overlap; twice in one set a record would count double
                 if path not in seen:
                     seen.add(path)
+                    if (reason := _why_refused(path)) is not None:
+                        findings.report(errors.unreadable_file(_shown(path, folder), reason))
+                        continue
                     whole = DataFile(
                         path=path, shown=_shown(path, folder), source=name, layout=source
                     )
@@ -176,6 +180,16 @@ def nearest_path(folder: Path, pattern: str) -> str | None:
             return None
         meant = Path(*parts[:place], near, *parts[place + 1 :]) if near else None
         return str(meant) if meant is not None and matching(folder, str(meant)) else None
+    return None
+
+
+def _why_refused(path: Path) -> str | None:
+    """Why a file that is there is not to be read."""
+    try:
+        if path.exists():
+            refuse_endless(path)
+    except OSError as error:
+        return (error.strerror or str(error)).lower()
     return None
 
 

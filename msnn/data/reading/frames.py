@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import Dataset
 from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.arrays.array_units import unit_beside, unit_of_array, unit_of_column
 from msnn.data.reading.files import GIVEN, DataFile
 from msnn.data.reading.load import joined_files
 from msnn.data.reading.row_filter import RowFilter
@@ -137,7 +138,12 @@ def _records(value: object) -> list[Frame]:
 def _arrays(shown: str, frame: Frame) -> NamedArrays:
     if isinstance(frame, Mapping):
         names = tuple(frame)
-        return NamedArrays(shown, names, lambda name: _unmasked(frame[name]))
+        return NamedArrays(
+            shown,
+            names,
+            lambda name: _unmasked(frame[name]),
+            unit_texts=lambda name: unit_of_array(frame[name]) or _unit_beside(frame, name),
+        )
     names = tuple(str(name) for name in frame.columns)
 
     def get(name: str) -> NDArray[Any]:
@@ -146,13 +152,22 @@ def _arrays(shown: str, frame: Frame) -> NamedArrays:
 
     # dates of polars with a zone come as those of UTC without one
     zoned = {name for name in names if getattr(frame[name].dtype, "time_zone", None) is not None}
-    return NamedArrays(shown, names, get, frozenset(zoned))
+    attributes: Mapping[Any, Any] = getattr(frame, "attrs", {})  # of pandas
+
+    def units(name: str) -> Sequence[str]:
+        return unit_of_array(frame[name]) or unit_of_column(attributes, name)
+
+    return NamedArrays(shown, names, get, frozenset(zoned), units)
+
+
+def _unit_beside(frame: Mapping[str, ArrayLike], name: str) -> Sequence[str]:
+    return unit_beside(tuple(map(str, frame)), name, frame.__getitem__)
 
 
 def _unmasked(values: ArrayLike) -> NDArray[Any]:
     """An array in which what a mask leaves out is missing: NaN, or NaT of dates."""
     if not isinstance(values, np.ma.MaskedArray):
-        return np.asarray(values)
+        return np.asarray(getattr(values, "magnitude", values))  # numbers of pint
     masked = cast("np.ma.MaskedArray[Any, Any]", values)
     # of what is no number the kind alone is looked at, and refused
     found = np.array(masked.data, np.float64 if masked.dtype.kind in "biu" else None)

@@ -101,7 +101,9 @@ def joined_files(
     signals = (*program.signals, *beside)
     _report_ranges(signals, parts, findings)
     findings.raise_errors()
-    return _joined(signals, parts, sets, rows, findings.in_order, whole)
+    # what is said of a column is said once, not of each file
+    warnings = tuple(dict.fromkeys(findings.in_order))
+    return _joined(signals, parts, sets, rows, warnings, whole)
 
 
 def _is_outside(file: DataFile, own: Findings) -> bool:

@@ -117,12 +117,11 @@ def read_part(
     more = feeds(beside, columns, mine)
     read = _read(file, data, found, more, mine)
     rows = None
-    if isinstance(read, ColumnTable):
-        # streams bring physical values with them
-        found = in_units_of_file(found, read.units, mine)
-        more = in_units_of_file(more, read.units, mine)
-        if not read.columns and not mine.failed:
-            mine.report(no_column_read(file.shown, program.name))
+    if read is not None:
+        found = in_units_of_file(found, read.units, file.shown, mine)
+        more = in_units_of_file(more, read.units, file.shown, mine)
+    if isinstance(read, ColumnTable) and not read.columns and not mine.failed:
+        mine.report(no_column_read(file.shown, program.name))
     if read is not None and not mine.failed:
         # a column that a signal of the program needs as well may not be missing
         spare = wanted_columns(more).keys() - wanted_columns(found).keys()

@@ -9,6 +9,8 @@ import numpy as np
 
 from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
+from msnn.data.formats.written_units import StatedUnit
+from msnn.data.reading.columns import file_unit
 from msnn.data.reading.converted_cells import converted_cells
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.resample import Method, Samples, lost_values, resample
@@ -24,7 +26,7 @@ from spec_schema.expressions.moments import Date, Moment
 from spec_schema.expressions.tree import Duration
 from spec_schema.expressions.tree import Samples as SampleCount
 from spec_schema.sections.data.data import SECOND, Data, Layout, TimeColumn
-from spec_schema.units.unit import UNCHANGED, Line, Unit
+from spec_schema.units.unit import UNCHANGED, Line
 from spec_schema.yaml_tree.writer import scalar_text
 
 _HOUR = 3600.0
@@ -79,7 +81,7 @@ def record_rows(
     fitting = uses.beside if method is None else ()
     column = file.layout.time or data.time
     if isinstance(read, Streams) and column is not None:
-        found = _in_seconds(read, column, findings)
+        found = _in_seconds(read, column, file.shown, findings)
         if found is None:
             return None
         read = found
@@ -133,7 +135,7 @@ def _picked(
     time = table.time
     column = file.layout.time or data.time
     if column is not None and not file.keeps_time:
-        line = _to_seconds(column, table, findings)
+        line = _to_seconds(column, table, file.shown, findings)
         if line is None:
             return None
         time = converted_cells(table.columns[column.column.column], line)
@@ -142,7 +144,9 @@ def _picked(
     return None if picked is None else (picked, time)
 
 
-def _to_seconds(column: TimeColumn, table: ColumnTable, findings: Findings) -> Line | None:
+def _to_seconds(
+    column: TimeColumn, table: ColumnTable, file: str, findings: Findings
+) -> Line | None:
     """From the unit of the time column, of the spec or the file, else the second, to seconds."""
     key = column.column.column
     if key in table.begins:
@@ -152,15 +156,20 @@ def _to_seconds(column: TimeColumn, table: ColumnTable, findings: Findings) -> L
             data_units.unit_of_moments(str(key), column.unit.value.text, column.unit.span)
         )
         return None
-    return _seconds_line(column, table.units.get(key, SECOND), findings)
+    return _seconds_line(column, table.units.get(key), file, findings)
 
 
-def _seconds_line(column: TimeColumn, stated: Unit, findings: Findings) -> Line | None:
+def _seconds_line(
+    column: TimeColumn, stated: StatedUnit | None, file: str, findings: Findings
+) -> Line | None:
     """From the unit of the spec, else from that which the file states, to seconds."""
-    unit = stated if column.unit is None else column.unit.value
+    place, key = column.place.value, str(column.column.column)
+    if column.unit is not None:
+        unit = column.unit.value
+    else:
+        unit = file_unit(stated, file, "time", key, SECOND, place, findings) or SECOND
     if unit.same_dimension(SECOND):
         return unit.line_to(SECOND)
-    place, key = column.place.value, str(column.column.column)
     findings.report(
         data_units.misfitting_file_unit(
             signal="time", column=key, found=unit.text, declared="s", span=place
@@ -169,11 +178,13 @@ def _seconds_line(column: TimeColumn, stated: Unit, findings: Findings) -> Line 
     return None
 
 
-def _in_seconds(streams: Streams, column: TimeColumn, findings: Findings) -> Streams | None:
+def _in_seconds(
+    streams: Streams, column: TimeColumn, file: str, findings: Findings
+) -> Streams | None:
     """Streams whose times are values of the file, in seconds; None after a report."""
     columns: dict[ColumnKey, Samples] = {}
     for key, (time, values) in streams.columns.items():
-        line = _seconds_line(column, streams.time_units.get(key, SECOND), findings)
+        line = _seconds_line(column, streams.time_units.get(key), file, findings)
         if line is None:
             return None
         columns[key] = (converted_cells(time, line), values)

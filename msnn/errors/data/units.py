@@ -1,4 +1,4 @@
-"""E0979, E0989-E0991, E0997-E0999, E1319, W0831: moments and units that a logger's file states."""
+"""Units and moments that files state: E0508, E0979, E0989-91, E0997-99, E1319, W0511, W0831."""
 
 from msnn.errors.data.lists import and_more
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
@@ -42,11 +42,15 @@ def mixed_zones(
     return error("E0990", place, message, "is it the same clock?", notes=notes, help=repair)
 
 
-def units_differ(file: str, column: str, header: str, line: str, place: Span | None) -> Diagnostic:
-    """E0991: a header that names another unit than the line of units below it."""
-    message = f"{file} says of column `{column}` that it is in {header}, and below in {line}"
-    repair = f"say which is right: `columns: {{NAME: {{column: {column!r}, unit: {line}}}}}`"
-    return error("E0991", place, message, "which one is right?", help=repair)
+def units_differ(
+    *, file: str, signal: str, column: str, named: str, stated: str, place: Span | None
+) -> Diagnostic:
+    """E0991: a header that names another unit than the file states below it or apart."""
+    message = f"{file} states two units of column `{column}`: {named} and {stated}"
+    key = _key_with_unit(signal, column, stated)
+    return error(
+        "E0991", place, message, "which one is right?", help=f"write the true one: `{key}`"
+    )
 
 
 def unit_beside_scale(
@@ -72,10 +76,51 @@ def misfitting_file_unit(
 ) -> Diagnostic:
     """E0999: a column whose unit, by the file's own words, does not convert to the signal's."""
     message = f"the file has `{column}` in {found}, which does not convert to {declared}"
-    said = f"{{column: {column!r}, unit: {declared}}}"
-    key = f"time: {said}" if signal == "time" else f"columns: {{{signal}: {said}}}"
+    key = _key_with_unit(signal, column, declared)
     repair = f"if that is no unit, say the true one: `{key}`"
     return error("E0999", span, message, f"`{signal}` is in {declared}", help=repair)
+
+
+def turns_of_column(
+    *,
+    signal: str,
+    column: str,
+    found: str,
+    declared: str,
+    readings: tuple[str, str, str],
+    span: Span | None,
+) -> Diagnostic:
+    """E0508: a column that counts per time, of a signal of angle per time, or the reverse."""
+    count, turns, radians = readings
+    message = (
+        f"column `{column}` is in {found} and signal `{signal}` in {declared}: {count} may count "
+        "revolutions or radians"
+    )
+    if count == found:
+        key = _key_with_unit(signal, column, turns)
+        repair = f"write `{key}` for revolutions, or `unit: {radians}` for radians"
+    else:
+        repair = f"declare `{signal}` in `{turns}` for revolutions, or in `{radians}` for radians"
+    label = f"`{signal}` is in {declared}"
+    return error("E0508", span, message, label, help=repair)
+
+
+def unread_unit(
+    *,
+    signal: str,
+    column: str,
+    text: str,
+    declared: str,
+    meant: str | None,
+    span: Span | None,
+) -> Diagnostic:
+    """W0511: a unit that a file states and msnn does not know."""
+    message = (
+        f"the file has `{column}` in `{text}`, which is no known unit: its numbers are taken as "
+        f"{declared}"
+    )
+    repair = f"write the unit of the column: `{_key_with_unit(signal, column, meant or declared)}`"
+    return warning("W0511", span, message, f"`{signal}` is in {declared}", help=repair)
 
 
 def too_far_a_moment(file: str, row: int, column: str, text: str, more: int) -> Diagnostic:
@@ -84,6 +129,12 @@ def too_far_a_moment(file: str, row: int, column: str, text: str, more: int) -> 
     notes = (f"row {row} of {file}", *and_more(more, "cell"))
     repair = "leave rows out whose clock was not set, or whose date stands for none"
     return error("E1319", None, message, notes=notes, help=repair)
+
+
+def _key_with_unit(signal: str, column: str, unit: str) -> str:
+    """The key of `data:` that says in which unit a signal's column is."""
+    said = f"{{column: {column!r}, unit: {unit}}}"
+    return f"time: {said}" if signal == "time" else f"columns: {{{signal}: {said}}}"
 
 
 def unit_without_effect(signal: str, unit: str, span: Span | None) -> Diagnostic:

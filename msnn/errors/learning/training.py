@@ -109,18 +109,12 @@ def unknown_statistics(parameters: Iterable[str], span: Span | None) -> Diagnost
 
 
 def diverged(
-    stage: str, epoch: int, what: str, place: str, span: Span | None, *, second_order: bool
+    stage: str, epoch: int, what: str, place: str, span: Span | None, repair: str
 ) -> Diagnostic:
     """E0913: training that produced a value that is not finite."""
-    first = (
-        "weights to begin with that are nearer"
-        if second_order
-        else "a smaller learning rate, `clip:`"
-    )
     message = f"stage `{stage}` diverged in epoch {epoch}: {what} is not finite {place}"
     label = "the first value that is not finite"
     notes = ("the best weights so far are kept",)
-    repair = f"try {first}, a shorter horizon, or bounds"
     return error("E0913", span, message, label, notes=notes, help=repair)
 
 
@@ -139,7 +133,8 @@ def no_checkpoint(folder: str) -> Diagnostic:
 
 def other_checkpoint(folder: str, reason: str) -> Diagnostic:
     """E0916: a checkpoint that cannot be read."""
-    return error("E0916", None, f"cannot resume the run in {folder}: {reason}")
+    repair = "train without `--resume` to begin another run"
+    return error("E0916", None, f"cannot resume the run in {folder}: {reason}", help=repair)
 
 
 def unscorable_target(span: Span) -> Diagnostic:
@@ -193,10 +188,21 @@ def starts_elsewhere(stage: str, state: str, span: Span | None, *, of_call: bool
     return warning("W0901", span, message, "reads no log", help=f"`rollout: record`, {start}")
 
 
-def at_bound(name: str, span: Span | None) -> Diagnostic:
-    """W0904: a parameter that ended at a bound."""
+def at_bound(name: str, span: Span | None, *, is_pushed: bool) -> Diagnostic:
+    """W0904: a parameter that ended at a bound.
+
+    `is_pushed` where the derivative of the loss is known and points outward.
+    """
     message = f"`{name}` ended at its bound"
-    return warning("W0904", span, message, "at the bound", help="the true value may lie beyond it")
+    repair = "the true value may lie beyond it" if is_pushed else None
+    return warning("W0904", span, message, "at the bound", help=repair)
+
+
+def stuck_at_bound(name: str, span: Span | None) -> Diagnostic:
+    """W0914: a parameter that stopped near a bound from which the loss falls."""
+    message = f"`{name}` stopped near its bound, and the loss falls away from the bound"
+    repair = "train on with `levenberg_marquardt`, or begin with an `init` farther inside"
+    return warning("W0914", span, message, "no minimum", help=repair)
 
 
 def attempt_left_out(number: int, attempts: int, why: Diagnostic) -> Diagnostic:

@@ -1,4 +1,4 @@
-"""E1302-E1307, W1302: addresses of exported C in an ELF file."""
+"""E1302-E1307, E1327, W1302: addresses of exported C in an ELF file."""
 
 from __future__ import annotations
 
@@ -46,6 +46,13 @@ def no_instances(path: str, types: Sequence[str]) -> Diagnostic:
     message = f"{path} has no variable with a fixed address of {listed}"
     repair = "variables on a stack have none: make them static or global"
     return error("E1307", None, message, help=repair)
+
+
+def other_image(path: str, there: str, wanted: str) -> Diagnostic:
+    """E1327: an ELF file with the C of another export."""
+    message = f"{path} holds the export {there[:12]}, the folder is {wanted[:12]}"
+    repair = "build it from this folder again, or name the folder that it was built from"
+    return error("E1327", None, message, help=repair)
 
 
 def without_address(type: str, count: int) -> Diagnostic:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn, get_args
+from typing import Any, NoReturn, get_args
 
 from compiler.ir.program import Program
 from compiler.optimal_control.problem import ControlProblem
@@ -77,6 +77,7 @@ def _extras(request: Request, entry: MpcExport | None) -> tuple[OnlineExtra, ...
 
 def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Path, ...]:
     from backends.files.atomic_write import write_text
+    from backends.files.export_identity import MANIFEST, manifest_text
     from backends.predictive_control import write_controller
     from backends.predictive_control.write_estimator import write_estimator
 
@@ -91,7 +92,9 @@ def _write(plan: ExportPlan[Online], weights: Weights, folder: Path) -> tuple[Pa
         files += write_estimator(estimation, own, folder, prefix=prefix, dtype=dtype)
     if "fmu" in plan.options.extras:
         files += _write_units(plan, weights, folder, files)
-    return (*files, write_text(folder / "README.md", _readme(plan)))
+    files = (*files, write_text(folder / "README.md", _readme(plan)))
+    contents = {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+    return (*files, write_text(folder / MANIFEST, manifest_text(contents)))
 
 
 def _write_units(
@@ -111,6 +114,13 @@ def _write_units(
         code = [path for path in own if path.suffix in (".c", ".h") and "selftest" not in path.name]
         return {path.name: path.read_text(encoding="utf-8") for path in code}
 
+    def about(prefix: str) -> dict[str, Any]:
+        described: dict[str, Any] = json.loads((folder / f"{prefix}.json").read_text("utf-8"))
+        return described
+
+    def identity(prefix: str) -> str:
+        return str(about(prefix)["export_sha256"])
+
     place, platforms = folder / "fmu", plan.platforms
     if platforms:
         ZIGLANG.require(f"compiles units for {', '.join(platforms)}")
@@ -121,13 +131,16 @@ def _write_units(
             name = f"{plan.prefix}_mpc"
             known = trained(control, _own(control.program, weights))
             unit = controller_unit(known, name, plan.float_type)
-            written += write_online_unit(control.program, unit, sources(name), place, platforms)
+            written += write_online_unit(
+                control.program, unit, sources(name), place, platforms, identity=identity(name)
+            )
         if estimation is not None:
             name = f"{plan.prefix}_{'ekf' if estimation.window is None else 'mhe'}"
             own = _own(estimation.program, weights)
-            about = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
-            unit = filter_unit(estimation, own, about)
-            written += write_online_unit(estimation.program, unit, sources(name), place, platforms)
+            unit = filter_unit(estimation, own, about(name))
+            written += write_online_unit(
+                estimation.program, unit, sources(name), place, platforms, identity=identity(name)
+            )
     except CompilerFailedError as error:
         raise UnfitCompilerError(error.compiler, error.said, error.remedy) from None
     return (*written, *write_headers(place))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from backends.c.host.build import CompilerFailedError
+from backends.files.c_compiler import zig_program
 from backends.files.run_compiler import CompilerTooSlowError, run_compiler
 from msnn.packages import ZIGLANG
 from msnn.verification.builds.harness import TEMPLATES, write_harness
@@ -34,6 +34,8 @@ def web_assembly(model: ExportedC, folder: Path) -> bytes:
     without zig, CompilerFailedError where it rejects the C, which then calls a C library.
     """
     ZIGLANG.require("compiles the model of a report to WebAssembly")
+    zig = zig_program()
+    assert zig is not None, "it is installed"
     write_harness("replay.h", model, folder)
     room = sum(len(line) + 8 for line in model.expected) + _ROOM
     main = write_harness("browser_main.c", model, folder, room=room)
@@ -41,7 +43,7 @@ def web_assembly(model: ExportedC, folder: Path) -> bytes:
     sources = [*model.sources, main, freestanding / "library.c"]
     module = folder / "model.wasm"
     command = [
-        *(sys.executable, "-m", "ziglang", "cc", *_FLAGS),
+        *(str(zig), "cc", *_FLAGS),
         *(f"-I{freestanding}", f"-I{folder}", *includes(model)),
         *(str(path) for path in sources),
         *("-o", str(module)),

@@ -62,6 +62,8 @@ class StagePlan:
     phases: tuple[Phase, ...]
     """Shorter horizons that are trained first."""
     loss_weights: Mapping[str, float]
+    has_written_weights: bool
+    """Whether the stage has `losses:` of its own."""
     trained: tuple[str, ...]
     """Parameters that move."""
     lr_factors: Mapping[str, float]
@@ -81,6 +83,8 @@ class StagePlan:
     attempts: int
     """How often the stage is run, from other initial values each time."""
     span: Span | None
+    weighs_by_variance: bool = False
+    """Whether the weights are those of `default_weights`."""
     ranks: TrainingRanks | None = None
     """The processes that share its batches; None for one."""
 
@@ -91,12 +95,8 @@ class StagePlan:
 
     @property
     def estimates_starts(self) -> bool:
-        """Whether fitted starts are unknowns of training, together with the parameters.
-
-        Whole episodes have one start each, and least squares a place for it in their equations.
-        """
-        whole = isinstance(self.rollout.horizon, str)
-        return self.rollout.starts is not None and whole and self.optimizer.needs_squares
+        """Whether fitted starts are unknowns of training, together with the parameters."""
+        return self.rollout.starts is not None and self.optimizer.needs_squares
 
     @property
     def train_skip(self) -> int:
@@ -230,6 +230,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
         masks=drawn.masks,
         phases=phases,
         loss_weights=weights,
+        has_written_weights=bool(stage.losses),
         trained=trained,
         lr_factors=factors,
         schedule=None if stage.schedule is None else stage.schedule.choice,

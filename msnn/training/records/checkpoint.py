@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,7 +23,7 @@ from msnn.training.plans.stage_result import StageResult
 from spec_schema.diagnostics.diagnostic import SpecError
 
 # goes up when what is kept changes: an older checkpoint is refused, never guessed at
-_FORMAT = 4
+_FORMAT = 5
 _RESULT = ("best_value", "best_epoch", "epochs", "reason", "seconds", "attempt")
 
 
@@ -104,11 +105,13 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
             "reductions": [place.reductions.count, place.reductions.epoch],
             "seconds": place.seconds,
         }
-    write_bytes(path, safetensors_bytes(arrays, {"msnn": json.dumps(record)}), durable=True)
+    text = json.dumps(record)
+    metadata = {"msnn": text, "sha256": _digest(text, arrays)}
+    write_bytes(path, safetensors_bytes(arrays, metadata), durable=True)
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
-    """Reads a checkpoint; SpecError for a file that is not one of this version."""
+    """Reads a checkpoint; SpecError for a file that is not one of this version, or is damaged."""
     try:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
@@ -116,6 +119,10 @@ def read_checkpoint(path: Path) -> Checkpoint:
         record = json.loads(metadata["msnn"])
         if record["format"] != _FORMAT:
             raise ValueError(record["format"])
+        # one bit that a disk has lost would train on to other weights, and nobody would see it
+        if metadata["sha256"] != _digest(metadata["msnn"], arrays):
+            reason = f"{path.name} is damaged: its content is not what was written"
+            raise SpecError((errors.other_checkpoint(str(path.parent), reason),))
         results = {
             name: _result(values, _below(name, arrays))
             for name, values in record["results"].items()
@@ -128,9 +135,18 @@ def read_checkpoint(path: Path) -> Checkpoint:
             place=None if record["place"] is None else _place(record["place"], arrays),
             metrics=int(record["metrics"]),
         )
-    except (OSError, SafetensorError, KeyError, ValueError, TypeError) as error:
+    except (OSError, SafetensorError, KeyError, ValueError, TypeError, OverflowError) as error:
         reason = f"{path.name} is not a checkpoint of this version"
         raise SpecError((errors.other_checkpoint(str(path.parent), reason),)) from error
+
+
+def _digest(record: str, arrays: Mapping[str, Any]) -> str:
+    """The sha256 of the record and of each array with its name, type and shape."""
+    digest = hashlib.sha256(record.encode())
+    for name, values in sorted(arrays.items()):
+        digest.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
 
 
 def _place(record: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> TrainingPosition:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Protocol, TextIO
 
@@ -23,6 +23,10 @@ class StageStart:
     horizon: str
     monitored_on: str
     attempts: int
+    weights: Mapping[str, float] | None = None
+    """Of losses, where they are 1/variance of what the outputs predict."""
+    fed_back: tuple[str, ...] = ()
+    """Inputs that read what outputs predict for them."""
     epoch: int = 0
     """Epochs that a resumed run has behind it."""
 
@@ -149,8 +153,22 @@ def stage_text(event: StageStart) -> str:
         f"stage {event.number}/{event.stages} {event.name}: {event.epochs} epochs, "
         f"{event.starts} starts, horizon {event.horizon}, best on {event.monitored_on}"
         + (f", best of {event.attempts} runs" if event.attempts > 1 else "")
+        + _feedback(event)
+        + _weights(event)
         + (f", goes on after epoch {event.epoch}" if event.epoch else "")
     )
+
+
+def _feedback(event: StageStart) -> str:
+    return f", predictions fed back into {', '.join(event.fed_back)}" if event.fed_back else ""
+
+
+def _weights(event: StageStart) -> str:
+    """The weights that the data gave to losses that nobody wrote."""
+    if event.weights is None:
+        return ""
+    listed = ", ".join(f"{name} {weight:.3g}" for name, weight in event.weights.items())
+    return f", losses weighed by 1/variance: {listed}"
 
 
 def epoch_text(event: EpochEnd) -> str:

@@ -1,11 +1,11 @@
-"""Keeps two processes from training one run at the same time."""
+"""Keeps two processes from training one run at the same time: one is refused, or waits."""
 
 from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from msnn.errors.learning.run_ends import still_runs
@@ -36,3 +36,47 @@ def held(run: Path | None) -> Generator[None]:
         yield
     finally:
         os.close(number)
+
+
+@contextmanager
+def alone(run: Path) -> Generator[None]:
+    """Waits until no other process trains the run of this folder, which need not be there yet.
+
+    It holds for commands that wait so too. As above, Windows has no lock.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    lock = run.with_name(f".{run.name}.lock")
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    number = _locked(lock)
+    try:
+        yield
+    finally:
+        # while it is held: who waits for it sees that the file is gone, and makes another
+        lock.unlink(missing_ok=True)
+        os.close(number)
+
+
+def _locked(lock: Path) -> int:
+    import fcntl
+
+    while True:
+        number = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(number, fcntl.LOCK_EX)
+            if _is_there(lock, number):
+                return number
+        except BaseException:  # an interrupt while it waits
+            os.close(number)
+            raise
+        os.close(number)
+
+
+def _is_there(lock: Path, number: int) -> bool:
+    """Whether the open file is the one of that name, which another process may have removed."""
+    try:
+        return os.path.samestat(os.fstat(number), lock.stat())
+    except FileNotFoundError:
+        return False

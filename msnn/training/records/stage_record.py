@@ -30,6 +30,7 @@ def stage_record(plan: StagePlan) -> dict[str, object]:
         },
         "skip_rows": plan.rollout.skip_rows,
         "losses": dict(plan.loss_weights),
+        **({"losses_by_variance": True} if plan.weighs_by_variance else {}),
         "trained": list(plan.trained),
         "priors": _priors(plan),
         "scales": _scales(plan),

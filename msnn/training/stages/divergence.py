@@ -19,6 +19,7 @@ from msnn.errors.learning.second_order import no_finite_slope
 from msnn.simulation.rollout import RolloutRow, loss_sums, moments
 from msnn.training.engines.engine import NonFiniteLossError
 from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.stages.divergence_repair import divergence_repair
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _LOOKED_AT = 100
@@ -31,10 +32,14 @@ def explain_divergence(
     weights: Mapping[str, FloatArray],
     fault: NonFiniteLossError,
     epoch: int,
+    *,
+    before_updates: bool = False,
 ) -> Diagnostic:
-    """Names the value that stopped being finite first, as the judge finds it in the same dtype."""
+    """Names the value that stopped being finite first, as the judge finds it in the same dtype.
+
+    `before_updates`: the weights are those with which the stage began.
+    """
     runs = fault.runs
-    second_order = plan.optimizer.needs_squares
     program = plan.rollout.program
     # a step that overshot: with such a parameter every value is bad, and none of them is the cause
     for parameter in program.parameters:
@@ -51,19 +56,22 @@ def explain_divergence(
                 begin = dataset.place(start)
                 place = f"at step {moment.number} of a rollout from {begin}"
                 what = _described(origin) + ("" if inside is None else f" in `{inside}`")
-                return errors.diverged(
-                    plan.name, epoch, what, place, origin.span, second_order=second_order
+                repair = divergence_repair(
+                    program,
+                    origin,
+                    overflows=_overflows(moment, origin, member),
+                    second_order=plan.optimizer.needs_squares,
+                    before_updates=before_updates,
                 )
+                return errors.diverged(plan.name, epoch, what, place, origin.span, repair)
     # every value of every step is finite: a sum of them is not, or a slope
     sums = loss_sums(judge, dataset.series, runs)
     if fault.slopes or all(np.isfinite(one.total) for one in sums.values()):
         names = fault.slopes or _without_slope(plan, dataset, weights, runs)
         spans = [program.parameter(name).span for name in names]
         return no_finite_slope(plan.name, epoch, names, next(iter(spans), plan.span))
-    place = "summed over a batch"
-    return errors.diverged(
-        plan.name, epoch, "the loss", place, plan.span, second_order=second_order
-    )
+    repair = "give the losses smaller weights or units in which values are smaller"
+    return errors.diverged(plan.name, epoch, "the loss", "summed over a batch", plan.span, repair)
 
 
 def _without_slope(
@@ -110,6 +118,21 @@ def _origin(
 def _is_bad(moment: RolloutRow, node: NodeId, member: int) -> bool:
     value = moment.values.nodes[node]
     return value is not None and not np.isfinite(value[min(member, len(value) - 1)]).all()
+
+
+def _overflows(moment: RolloutRow, node: Node, member: int) -> bool:
+    """Whether a value is too large: outside of their range functions have none, whatever x is."""
+    values = [moment.values.nodes[argument] for argument in node.args]
+    known = [v[min(member, len(v) - 1)] for v in values if v is not None]
+    match node.op:
+        case ops.Divide():
+            return len(known) < 2 or bool(np.all(known[1] != 0))
+        case ops.Apply("pow"):
+            return bool(np.all(known[0] >= 0)) if known else True
+        case ops.Apply("sqrt" | "log" | "asin" | "acos"):
+            return False
+        case _:
+            return True
 
 
 def _described(node: Node) -> str:

@@ -54,8 +54,8 @@ class StageStarts:
         return {} if self.found is None else self.found.values
 
     def report(self) -> None:
-        """Says what is uncertain of the starts that were found last."""
-        if self.found is not None:
+        """Says what is uncertain of the starts that were found last, where training holds them."""
+        if self.found is not None and not self._plan.estimates_starts:
             name = f"stage `{self._plan.name}`"
             for warning in uncertain_starts(self.found, self._data, name):
                 self._warned(warning)
@@ -77,5 +77,7 @@ def stage_starts(
     plan: StagePlan, data: Dataset, warned: Callable[[Diagnostic], None]
 ) -> StageStarts | None:
     """None where every state says itself where it starts."""
-    fit = fit_of(plan.rollout)
+    # kernels fuse operations where a processor can: their bits are not those of other machines
+    native = plan.engine != "torch" and not plan.reproducible
+    fit = fit_of(plan.rollout, searches=plan.epochs, native=native)
     return None if fit is None else StageStarts(plan, fit, data, warned)

@@ -17,12 +17,12 @@ import numpy as np
 from compiler.differentiation.interpreted_products import interpreted_products
 from compiler.differentiation.sensitivities import sensitivities
 from compiler.interpreter.bounded_rollouts import Rollouts
-from compiler.ir import ops
 from compiler.ir.program import Loss, Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.learning import knowledge
 from msnn.simulation.rollout_plan import set_rollouts
 from msnn.simulation.start_fit import fit_of
+from msnn.training.plans.compared_signal import compared_signal
 from msnn.training.plans.squared_losses import squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
@@ -108,13 +108,10 @@ def _ends(names: Sequence[str], weights: Mapping[str, FloatArray]) -> list[int]:
 
 def _deviation(program: Program, loss: Loss, data: Dataset) -> float | None:
     """The deviation of the signal that a loss compares with; None where that is no signal."""
-    node = None if loss.target is None else program.step[loss.target]
-    # these show samples of the signal in another shape
-    while node is not None and isinstance(node.op, ops.Broadcast | ops.Reshape | ops.Slice):
-        node = program.step[node.args[0]]
-    if node is None or not isinstance(node.op, ops.ReadSamples):
+    signal = compared_signal(program, loss)
+    if signal is None:
         return None
-    rows = data.series[node.op.signal][data.in_set(TRAIN)]
+    rows = data.series[signal][data.in_set(TRAIN)]
     known = rows[np.isfinite(rows)]
     # a signal that never changes has a deviation of 0, by which nothing can be divided
     return float(np.std(known)) or None

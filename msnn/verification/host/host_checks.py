@@ -28,7 +28,7 @@ def host_checks(model: ExportedC) -> Iterator[ProofStep]:
     promise = f"{len(model.expected)} golden steps at {' '.join(LEVELS)}: {bits}"
     for tool in (GCC, CLANG):
         yield levels_check("golden vectors", tool, faults, promise)
-    yield sanitizers_check("the golden steps", faults)
+    yield sanitizers_check("golden vectors", faults)
 
 
 def source_checks(model: Sources, accepted: Sequence[str] = ()) -> Iterator[ProofStep]:

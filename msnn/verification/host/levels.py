@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from msnn.verification.proof_step import ProofStep, Result, ToolFailedError
@@ -40,14 +41,22 @@ def levels_check(what: str, tool: Tool, faults: Faults, promise: str) -> ProofSt
 
 
 def sanitizers_check(what: str, faults: Faults) -> ProofStep:
-    """The same program by gcc, stopped where it does what C does not define."""
+    """The same program by gcc, stopped where it does what C does not define.
+
+    A program that ends and answers other values is no finding of a sanitizer: its check is `what`.
+    """
 
     def run(folder: Path) -> Result:
         try:
             found = faults(GCC, SANITIZERS, folder)
         except ToolFailedError as error:
             return check.of(error.lines, f"a sanitizer stopped {what}")
-        return check.of(found, "address, undefined behaviour, float-cast-overflow")
+        if found:
+            return replace(
+                check.of(found, f"{what} differ in a build with sanitizers, which found nothing"),
+                check=what,
+            )
+        return check.of([], "address, undefined behaviour, float-cast-overflow")
 
     check = ProofStep("sanitizers", GCC.command, (GCC,), run)
     return check

@@ -36,10 +36,11 @@ def read_answer(model: ExportedC, text: str) -> Answer:
     parts = _PARTS.fullmatch(frame[1])
     if parts is None:
         return Answer(("the answer is that of another version of msnn",), None)
-    prefix, spec, lines, cycles = parts.groups()
-    # the hash of the spec: equal names of models say nothing about their versions
-    if (prefix, spec) != (model.prefix, model.spec_hash):
-        return Answer((f"the board runs `{prefix}` of the spec {spec[:12]}: other firmware",), None)
+    prefix, identity, lines, cycles = parts.groups()
+    # equal names of models say nothing about their weights
+    if (prefix, identity) != (model.prefix, model.identity):
+        other = f"the board runs `{prefix}` of the export {identity[:12]}: other firmware"
+        return Answer((other,), None)
     return Answer(tuple(differences(model, lines)), _cycles(cycles))
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import IO
 
@@ -14,6 +15,7 @@ from msnn.errors.targets.boards import unreachable
 from msnn.verification.on_board.link import Gdb, OpenOcd, PyOcd, words
 from spec_schema.diagnostics.diagnostic import SpecError
 
+_PYOCD_PROJECT = "PYOCD_PROJECT_DIR"
 _START_SECONDS = 20.0
 """A probe takes a few seconds to find its board."""
 
@@ -38,8 +40,12 @@ def gdb_server(link: Gdb | OpenOcd | PyOcd) -> Generator[socket.socket]:
         case PyOcd(probe):
             port = _free_port()
             command = ["pyocd", "gdbserver", "--uid", probe, "--port", str(port)]
-            with _started(words(link), command, port) as connection:
-                yield connection
+            # pyOCD runs a `pyocd_user.py` of the folder in which it is started, unless the user
+            # has named another one for it
+            with tempfile.TemporaryDirectory(prefix="msnn-pyocd-") as empty:
+                project = os.environ.get(_PYOCD_PROJECT) or empty
+                with _started(words(link), command, port, {_PYOCD_PROJECT: project}) as connection:
+                    yield connection
 
 
 def _connection(host: str, port: int) -> socket.socket:
@@ -57,12 +63,18 @@ def _free_port() -> int:
 
 
 @contextmanager
-def _started(link: str, command: Sequence[str], port: int) -> Generator[socket.socket]:
+def _started(
+    link: str, command: Sequence[str], port: int, environment: Mapping[str, str] | None = None
+) -> Generator[socket.socket]:
     with (
         # a file, no pipe: a server that talks much would stop when nobody reads
         tempfile.TemporaryFile() as output,
         subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, **(environment or {})},
         ) as process,
     ):
         try:

@@ -33,6 +33,7 @@ class ControllerPart:
     """Numbers in the struct of its input."""
     states: int
     iterations: int
+    """Most of a solve."""
     tolerance: float
     limits: tuple[KnownLimits, ...]
 
@@ -59,6 +60,8 @@ class FilterPart:
 class ExportedController(CFolder):
     """An export of the target `mpc`: a controller, an estimator, or both."""
 
+    identities: tuple[str, ...]
+    """The hashes of its parts, as their descriptions have them."""
     dtype: str
     controller: ControllerPart | None
     filter: FilterPart | None
@@ -96,6 +99,7 @@ def read_exported_controller(folder: Path) -> ExportedController | None:
             return None
         return ExportedController(
             folder=folder.resolve(),
+            identities=tuple(about["export_sha256"] for about in found),
             dtype=found[0]["dtype"],
             controller=None if parts["mpc"] is None else _controller(parts["mpc"]),
             filter=None if estimator is None else _filter(estimator),
@@ -115,12 +119,18 @@ def _about(folder: Path, kind: str) -> dict[str, Any] | None:
     return None
 
 
+def _most_iterations(about: dict[str, Any]) -> int:
+    """Of a solve: those from the plan of the sample before, and as many of a second start."""
+    # exports before decision 0425 do not say it, and have none
+    return int(about.get("iterations", 0)) * (2 if about.get("starts_again") else 1)
+
+
 def _controller(about: dict[str, Any]) -> ControllerPart:
     return ControllerPart(
         prefix=plain_name(about["prefix"]),
         inputs=_numbers(about["in"]),
         states=sum(int(state["size"]) for state in about["states"]),
-        iterations=int(about["iterations"]),
+        iterations=_most_iterations(about),
         tolerance=float(about["tolerance"]),
         limits=tuple(
             KnownLimits(
@@ -140,7 +150,7 @@ def _filter(about: dict[str, Any]) -> FilterPart:
     return FilterPart(
         prefix=plain_name(about["prefix"]),
         is_window="horizon" in about,
-        iterations=int(about.get("iterations", 0)),
+        iterations=_most_iterations(about),
         tolerance=float(about.get("tolerance", 0)),
         inputs=_numbers(about["in"]),
         measured=_numbers(about["measured"]),

@@ -49,7 +49,7 @@ def online_host_checks(model: ExportedController) -> Iterator[ProofStep]:
     said = f"self-tests at {' '.join(LEVELS)}: {promise(model)}"
     for tool in (GCC, CLANG):
         yield levels_check("golden solves", tool, faults, said)
-    yield sanitizers_check("the self-test", faults)
+    yield sanitizers_check("golden solves", faults)
     yield _drawn(model, shared)
 
 

@@ -15,6 +15,7 @@ from backends.predictive_control.structure.rows import rows_of
 from compiler.optimal_control.horizon import Given, Multipliers
 from compiler.optimal_control.kkt import Judge
 from compiler.optimal_control.problem import ControlProblem, Structure
+from compiler.optimal_control.trained import trained
 from tests.backends.predictive_control.built_controller import built_controller
 from tests.conditions import require_tool
 from tests.control.specs import load
@@ -70,7 +71,7 @@ def _built(folder: Path, structure: Structure, limit: str) -> Built:
     require_tool("gcc", install="apt install gcc")
     problem = load(folder, TEXT.replace("LIMIT", limit)).control
     assert problem is not None
-    problem = replace(problem, structure=structure)
+    problem = trained(replace(problem, structure=structure), {})
     write_controller(problem, {}, folder / "c", prefix="plant", dtype="float64")
     return Built(problem, built_controller(folder / "c"))
 
@@ -201,7 +202,7 @@ mpc:
 """
     problem = load(tmp_path, text).control
     assert problem is not None
-    problem = replace(problem, structure="condensed")
+    problem = trained(replace(problem, structure="condensed"), {})
     write_controller(problem, {}, tmp_path / "c", prefix="plant", dtype="float64")
     library = built_controller(tmp_path / "c")
     state = np.zeros(problem.states.size)
@@ -214,7 +215,7 @@ mpc:
         assert found.control == pytest.approx(0, abs=1e-6)
         statuses.append(found.status)
     # of x and of w: a costate of 2 r times as many samples as were decided
-    terms = 2 * sum(2 * sizes * factor * (k + 1) for k in range(samples))
+    terms = 2 * sum(2 * sizes * factor * (k + 1) for k in range(samples)) * problem.cost_scale
     is_known = terms * np.finfo(float).eps / 2 <= problem.tolerance
     assert 0 < np.sum(is_known) < len(sizes)
     assert np.array_equal(np.array(statuses) == SOLVED, is_known)

@@ -16,6 +16,7 @@ from backends.predictive_control.solution import multipliers_of, plan_of
 from backends.predictive_control.structure.rows import rows_of
 from compiler.optimal_control.horizon import Given
 from compiler.optimal_control.kkt import Judge
+from compiler.optimal_control.trained import trained
 from msnn.exports.judged_controller import compare_controller
 from msnn.model.load import load_model
 from tests.backends.predictive_control.built_controller import built_controller
@@ -280,6 +281,7 @@ mpc:
 """
     problem = load(tmp_path, text).control
     assert problem is not None
+    problem = trained(problem, {})
     out = tmp_path / "c"
     write_controller(problem, {}, out, prefix="plant", dtype="float64")
     library = built_controller(out)

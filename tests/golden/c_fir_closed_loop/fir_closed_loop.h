@@ -10,14 +10,17 @@ extern "C" {
 
 typedef float fir_closed_loop_real;
 
-/* The tool and its version, and the spec: what this header belongs to. */
+/* The tool and its version, the spec, and a hash of this export: program, weights and options. */
 #define FIR_CLOSED_LOOP_MADE_BY "msnn 0.1.0"
 #define FIR_CLOSED_LOOP_SPEC_SHA256 \
     ""
+#define FIR_CLOSED_LOOP_EXPORT_SHA256 \
+    "…"
 
 /* The same, as it was compiled; a linker that drops unused data leaves them out. */
 extern const char fir_closed_loop_made_by[11];
 extern const char fir_closed_loop_spec_sha256[1];
+extern const char fir_closed_loop_export_sha256[65];
 
 /* Seconds between two steps: 0.2. */
 extern const fir_closed_loop_real fir_closed_loop_sample_time;

@@ -13,14 +13,17 @@ extern "C" {
 
 typedef float reference_real;
 
-/* The tool and its version, and the spec: what this header belongs to. */
+/* The tool and its version, the spec, and a hash of this export: program, weights and options. */
 #define REFERENCE_MADE_BY "msnn …"
 #define REFERENCE_SPEC_SHA256 \
+    "…"
+#define REFERENCE_EXPORT_SHA256 \
     "…"
 
 /* The same, as it was compiled; a linker that drops unused data leaves them out. */
 extern const char reference_made_by[11];
 extern const char reference_spec_sha256[65];
+extern const char reference_export_sha256[65];
 
 /* Seconds between two steps: 0.05. */
 extern const reference_real reference_sample_time;

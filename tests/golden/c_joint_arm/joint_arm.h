@@ -10,14 +10,17 @@ extern "C" {
 
 typedef float joint_arm_real;
 
-/* The tool and its version, and the spec: what this header belongs to. */
+/* The tool and its version, the spec, and a hash of this export: program, weights and options. */
 #define JOINT_ARM_MADE_BY "msnn 0.1.0"
 #define JOINT_ARM_SPEC_SHA256 \
     ""
+#define JOINT_ARM_EXPORT_SHA256 \
+    "…"
 
 /* The same, as it was compiled; a linker that drops unused data leaves them out. */
 extern const char joint_arm_made_by[11];
 extern const char joint_arm_spec_sha256[1];
+extern const char joint_arm_export_sha256[65];
 
 /* Seconds between two steps: 0.001. */
 extern const joint_arm_real joint_arm_sample_time;

@@ -10,14 +10,17 @@ extern "C" {
 
 typedef float spring_damper_rk4_real;
 
-/* The tool and its version, and the spec: what this header belongs to. */
+/* The tool and its version, the spec, and a hash of this export: program, weights and options. */
 #define SPRING_DAMPER_RK4_MADE_BY "msnn 0.1.0"
 #define SPRING_DAMPER_RK4_SPEC_SHA256 \
     ""
+#define SPRING_DAMPER_RK4_EXPORT_SHA256 \
+    "…"
 
 /* The same, as it was compiled; a linker that drops unused data leaves them out. */
 extern const char spring_damper_rk4_made_by[11];
 extern const char spring_damper_rk4_spec_sha256[1];
+extern const char spring_damper_rk4_export_sha256[65];
 
 /* Seconds between two steps: 0.05. */
 extern const spring_damper_rk4_real spring_damper_rk4_sample_time;

@@ -124,8 +124,8 @@ def blurred(
             if rows is not None:
                 scored &= rows[name][moment.t].reshape(-1, *(1,) * (target.ndim - 1))
             p, y = prediction[scored], target[scored]
-            measure, error = losses[name].measure, np.abs(p - y)
-            rounded = cost(measure, error + u * (np.abs(p) + np.abs(y)), None)
-            moved[name] += float(np.sum(rounded - cost(measure, error, None)))
-            whole[name] += float(np.sum(cost(measure, error, None)))
+            loss, error = losses[name], np.abs(p - y)
+            rounded = cost(loss, error + u * (np.abs(p) + np.abs(y)), None)
+            moved[name] += float(np.sum(rounded - cost(loss, error, None)))
+            whole[name] += float(np.sum(cost(loss, error, None)))
     return {name: moved[name] / whole[name] for name in losses}

@@ -25,9 +25,9 @@ from compiler.ir.program import Program
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_check import check_kernel, check_sensitivities
 from msnn.simulation.engines.kernel_trials import WrongKernelError, cases, compare
 from msnn.simulation.engines.native_rollouts import check_rollouts
-from msnn.training.engines.native.kernel_check import check_kernel, check_sensitivities
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 from tests.native.test_kernel import MODELS, initial, log_of
@@ -147,9 +147,9 @@ class Fault:
 
 
 GRADIENT = "all->slopes[i] += slopes[i];"
-SUM = "sums[l] += (double)sum_lanes(summed[l]);"
-COUNT = "counts[l] += (double)sum_lanes(counted[l]);"
-USED = "memcpy(&found.used, g->used, sizeof found.used);"
+SUM = "sums[l] += (double)sum_group("
+COUNT = "counts[l] += (double)sum_group("
+USED = "memcpy(&found.used, g->used + number * LANES, sizeof found.used);"
 PRODUCT = "found[a][b] = fused(row[i + a], row[j + b], found[a][b]);"
 
 # each shows in one of the numbers that are compared, or in one of the cases alone
@@ -162,9 +162,13 @@ FAULTS = {
     ),
     "one element of a gradient": Fault(GRADIENT, f"if (i != 1) {GRADIENT}", "the slope in `A`"),
     "losses that all weigh alike": Fault("? weights[l]", "? weights[0]", "the slope in `A`"),
-    "a sum that leaves a lane out": Fault("half[0] += half[1];", "", "the loss `fit`"),
+    "a sum that leaves lanes out": Fault(
+        "quarter[0] + quarter[1];", "quarter[0];", "the loss `fit`"
+    ),
     "lanes that count without a rollout": Fault(
-        USED, USED.replace("memcpy", "memset").replace("g->used", "-1"), "the loss `fit`"
+        USED,
+        USED.replace("memcpy", "memset").replace("g->used + number * LANES", "-1"),
+        "the loss `fit`",
     ),
     "the sum of the second loss": Fault(SUM, f"if (l != 1) {SUM}", "the loss `size`"),
     "the elements of the first loss": Fault(COUNT, f"if (l) {COUNT}", "the elements of `fit`"),
@@ -234,6 +238,9 @@ def test_a_wrong_kernel_of_losses_alone_is_found(fault: Fault, spoil: Spoil) -> 
         check_kernel(kernel, log_of(program), runs_of(90, 12), initial(program))
 
 
+SUM_OF_SLOPES = "add_group(sums + l * each, &summed[0][l], LOSSES + 1, apart);"
+COUNT_OF_SLOPES = "add_group(counts + l * each, &counted[0][l], LOSSES + 1, apart);"
+
 FAULTS_OF_SLOPES = {
     "products of slopes": Fault(
         PRODUCT,
@@ -241,13 +248,20 @@ FAULTS_OF_SLOPES = {
         "the slopes and residuals of `fit`",
     ),
     "products of the second loss": Fault(
-        "add_row(&products[l], rows + r * WIDTH, scored);",
-        "add_row(&products[l], rows + (l ? 3 : r) * WIDTH, scored);",
+        "add_row(&products[l], rows + r * WIDTH, scored[l]);",
+        "add_row(&products[l], rows + (l ? 3 : r) * WIDTH, scored[l]);",
         "the slopes and residuals of `size`",
     ),
-    "the sum of the second loss": FAULTS["the sum of the second loss"],
-    "the elements of the first loss": FAULTS["the elements of the first loss"],
+    "the sum of the second loss": Fault(
+        SUM_OF_SLOPES, f"if (l != 1) {SUM_OF_SLOPES}", "the loss `size`"
+    ),
+    "the elements of the first loss": Fault(
+        COUNT_OF_SLOPES, f"if (l) {COUNT_OF_SLOPES}", "the elements of `fit`"
+    ),
     "steps that are not skipped": Fault("(size_t)p->skip", "0", "the loss `fit`"),
+    "products of one rollout in those of the next": Fault(
+        "products[l].sum += (size_t)LOSSES", "products[l].sum += (size_t)0 * LOSSES", "the slopes"
+    ),
 }
 
 

@@ -104,13 +104,16 @@ def test_of_a_whole_record_only_rows_of_the_set_count() -> None:
     assert both(program, log, RUNS, scored={"x_next": rows})["x_next"][1] == 2 + 1 + 2
 
 
-@pytest.mark.parametrize("measure", Measure)
-def test_each_measure_by_hand(measure: Measure) -> None:
+@pytest.mark.parametrize(
+    ("measure", "delta"),
+    [*((measure, 1.0) for measure in Measure), (Measure.HUBER, 0.1), (Measure.HUBER, 1.5)],
+)
+def test_each_measure_by_hand(measure: Measure, delta: float) -> None:
     """docs/language.md, Losses (R9)."""
     b = GraphBuilder()
     value, target = b.signal("p", 0, 0, Type()), b.log("q", 0, 0, Type())
     alone = measure is Measure.MEAN
-    loss = Loss("loss", measure, value, None if alone else target)
+    loss = Loss("loss", measure, value, None if alone else target, delta=delta)
     program = Program(
         "losses", None, (Signal("p", Role.INPUT), Signal("q", Role.TARGET)), (), (),
         b.graph(), GraphBuilder().graph(), (Output("p", value),), (loss,),
@@ -120,7 +123,12 @@ def test_each_measure_by_hand(measure: Measure) -> None:
         Measure.MSE: (0.25 + 4) / 3,
         Measure.RMSE: np.sqrt((0.25 + 4) / 3),
         Measure.MAE: 2.5 / 3,
-        Measure.HUBER: (0.125 + 1.5) / 3,
+        # errors of 0.5, 2, 0
+        Measure.HUBER: {
+            1.0: (0.125 + 1.5) / 3,
+            0.1: (0.1 * (0.5 - 0.05) + 0.1 * (2 - 0.05)) / 3,
+            1.5: (0.125 + 1.5 * (2 - 0.75)) / 3,
+        }[delta],
         Measure.MEAN: 8 / 3,
     }[measure]
     runs = rollouts(np.array([[0, 3]]), reach(program), 1, 1)

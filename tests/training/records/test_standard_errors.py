@@ -16,10 +16,11 @@ from msnn.model.weights.weights_file import initial_weights
 from msnn.reports.training_summary import errors_note, parameters_table
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from msnn.training.records.learned import standard_errors as module
+from msnn.training.records.learned.beside_bounds import is_near_bound
 from msnn.training.records.learned.black_boxes import black_boxes
 from msnn.training.records.learned.parameter_warnings import parameter_warnings
 from msnn.training.records.learned.parameters_record import parameters_record
-from msnn.training.records.learned.standard_errors import StandardErrors, at_bound, standard_errors
+from msnn.training.records.learned.standard_errors import StandardErrors, standard_errors
 from msnn.training.train import TrainingOptions, train
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.training.cases import compiled, dataset, gain, gain_series
@@ -110,12 +111,16 @@ def test_the_95_percent_interval_covers_the_truth_95_percent_of_the_time() -> No
     assert abs(inside - 114) <= 7
 
 
-def test_two_losses_with_noise_of_their_own() -> None:
-    """Each loss has its σ; what a badly weighted sum loses shows in the error."""
+@pytest.mark.parametrize(("measure", "share"), [("mse", 1.0), ("rmse", 5.0)])
+def test_two_losses_with_noise_of_their_own(measure: str, share: float) -> None:
+    """Each loss has its σ; what a badly weighted sum loses shows in the error.
+
+    Near its minimum of 0.1 a root has the slope 1 / (2 · 0.1) in the mean square.
+    """
     text = (
         "msnn: 1\nname: two\ninputs: {u: 1}\ntargets: {y: 1, z: 1}\nparameters: {a: 1}\n"
         "outputs: {p: {expr: a * u}}\n"
-        "losses: {fine: 'mse(p, y)', coarse: {expr: 'mse(p, z)', weight: WEIGHT}}\n"
+        "losses: {fine: 'MEASURE(p, y)', coarse: {expr: 'mse(p, z)', weight: WEIGHT}}\n"
         "train: [{engine: torch, epochs: 1}]\n"
     )
     random = np.random.default_rng(4)
@@ -123,20 +128,52 @@ def test_two_losses_with_noise_of_their_own() -> None:
     series = {"u": u, "y": random.normal(1, 0.1, 4000), "z": random.normal(1, 2.0, 4000)}
     for weight in (0.0001, 1.0, 5.0):
         found = standard_errors(
-            planned(text.replace("WEIGHT", str(weight))),
+            planned(text.replace("WEIGHT", str(weight)).replace("MEASURE", measure)),
             dataset(series, train=[4000]),
             {"a": np.array(1.0)},
         )
         # a is the weighted mean of both: the spread of that mean is known
-        expected = np.sqrt(0.1**2 + weight**2 * 2.0**2) / (1 + weight) / np.sqrt(4000)
+        ratio = weight / share
+        expected = np.sqrt(0.1**2 + ratio**2 * 2.0**2) / (1 + ratio) / np.sqrt(4000)
         assert found.errors["a"] == pytest.approx(expected, rel=0.05)
 
 
-def test_a_number_at_its_bound_has_no_error_and_takes_no_freedom() -> None:
+def beside_the_bound(intercept: float, b: float) -> tuple[StandardErrors, list[str]]:
+    """y = 0.7 u + intercept, with b beside its bounds 0 … 9 and a where it belongs."""
     series = line(0.3, seed=1)
-    found = found_at(series, np.array([0.7, 8.9999]))
+    series["y"] += intercept - 2.0
+    a = float(series["u"] @ (series["y"] - b) / (series["u"] @ series["u"]))
+    found = found_at(series, np.array([a, b]))
+    plan = planned(LINE.replace("LOSS", MSE))
+    weights = {"a": np.array(a), "b": np.array(b)}
+    warnings = parameter_warnings(plan.rollout.program, weights, found)
+    return found, [f"{w.code} {w.help}" for w in warnings]
+
+
+@pytest.mark.parametrize("b", [0.0, 1e-9, 4e-4])
+def test_a_number_at_its_bound_has_no_error_and_takes_no_freedom(b: float) -> None:
+    found, warnings = beside_the_bound(-3.0, b)
     assert np.isnan(found.errors["b"])
     assert np.isfinite(found.errors["a"])
+    assert warnings == ["W0904 the true value may lie beyond it"]
+
+
+@pytest.mark.parametrize("b", [0.0, 1e-9, 4e-4, 8.9999, 9.0])
+def test_a_number_that_got_stuck_at_a_bound_is_said_to_be_no_minimum(b: float) -> None:
+    """The loss falls away from the bound: nothing says that the true value is beyond it."""
+    _, warnings = beside_the_bound(4.0, b)
+    (warning,) = warnings
+    assert warning.startswith("W0914 train on with `levenberg_marquardt`")
+
+
+def test_a_minimum_right_beside_a_bound_has_its_error() -> None:
+    series = line(0.3, seed=1)
+    (_, intercept), errors = by_the_book(series)
+    series["y"] -= intercept - 1e-7
+    (a, b), _ = by_the_book(series)
+    assert b == pytest.approx(1e-7, rel=1e-3)
+    found = found_at(series, np.array([a, b]))
+    assert found.errors["b"] == pytest.approx(errors[1], rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -148,7 +185,7 @@ def test_a_small_number_is_at_its_bound_by_the_way_that_it_had(
     """A rate per second that begins at 3e-6 is no thousandth of its scale 1."""
     initial = (side * 3e-6,) * 3
     learned = Parameter("k", (Axis("of", 3),), initial=initial, minimum=low, maximum=high)
-    found = at_bound(learned, side * np.array([5.5e-6, 4e-9, 2e-9]))
+    found = is_near_bound(learned, side * np.array([5.5e-6, 4e-9, 2e-9]))
     assert found.tolist() == [False, False, True]
 
 
@@ -236,7 +273,7 @@ def test_overlapping_rollouts_count_a_row_once() -> None:
 
 def test_too_many_numbers_and_losses_without_squares_say_so() -> None:
     assert found_at(line(0.3, 1), np.array([0.7, 2.0]), "'mse(z, y)'").reason is None
-    text = LINE.replace("LOSS", "'mae(z, y)'").replace("levenberg_marquardt", "adam")
+    text = LINE.replace("LOSS", "'l2(a)'").replace("levenberg_marquardt", "adam")
     data = dataset(line(0.3, 1), train=[60])
     weights = {"a": np.array(0.7), "b": np.array(2.0)}
     none = standard_errors(planned(text), data, weights)
@@ -311,4 +348,4 @@ def test_with_one_bound_the_scale_says_what_is_at_it(scale: float, held: bool) -
         "msnn: 1\nname: line\ninputs: {u: {}}\n"
         f"parameters: {{k: {{init: 1000, min: 0, scale: {scale}}}}}\noutputs: {{y: k * u}}\n"
     )
-    assert bool(at_bound(program.parameter("k"), np.array(0.5))) == held
+    assert bool(is_near_bound(program.parameter("k"), np.array(0.5))) == held

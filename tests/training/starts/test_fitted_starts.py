@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 from pathlib import Path
@@ -12,7 +13,9 @@ from scipy.optimize import least_squares
 
 from compiler.program_file.file import program_from_json, program_to_json
 from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
 from msnn.simulation.simulate import simulate, simulation_program
+from msnn.simulation.start_fit import FoundStarts, StartFit
 from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.learned.standard_errors import standard_errors
 from msnn.training.records.progress import EpochEnd, Silent
@@ -36,6 +39,7 @@ from tests.training.oscillator import (
 )
 
 OVER = 40
+NO_FOLDER = TrainingOptions(runs=None)
 
 
 def run_errors(u: FloatArray, q: FloatArray, k: float = 5.0, d: float = 0.2) -> FloatArray:
@@ -168,7 +172,7 @@ def test_a_program_file_keeps_what_decides_a_start() -> None:
 
 def trained(stage: str, series: dict[str, FloatArray], rows: list[int]) -> TrainingResult:
     program, spec = compiled(f"{FITTED}train:\n  - {{{stage}}}\n")
-    return train(program, dataset(series, train=rows), spec.train, TrainingOptions(runs=None))
+    return train(program, dataset(series, train=rows), spec.train, NO_FOLDER)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -284,6 +288,7 @@ def test_a_run_says_how_its_starts_were_found() -> None:
     program, spec = compiled(
         f"{FITTED}train:\n  - {{rollout: 60}}\n"
         "  - {optimizer: {levenberg_marquardt: {}}, rollout: episode}\n"
+        "  - {optimizer: {levenberg_marquardt: {}}, rollout: 60}\n"
     )
     plans = plan_stages(program, spec.train, Findings())
     told = [stage_record(plan)["rollout"] for plan in plans]
@@ -291,6 +296,7 @@ def test_a_run_says_how_its_starts_were_found() -> None:
     found = {"states": ["x", "v"], "over": OVER}
     assert starts == [
         {**found, "with_parameters": False},
+        {**found, "with_parameters": True},
         {**found, "with_parameters": True},
     ]
 
@@ -317,7 +323,7 @@ def least_squares_of_all(
     return found.x[:2], np.sqrt(np.diagonal(spread))[:2], float(np.sqrt(rest))
 
 
-@pytest.mark.parametrize("horizon", ["episode", "record"])
+@pytest.mark.parametrize("horizon", ["episode", "record", "60"])
 def test_levenberg_marquardt_estimates_starts_with_the_parameters(horizon: str) -> None:
     require_tool("gcc", install="apt install gcc")
     series = records(3, 60, seed=6)
@@ -325,7 +331,7 @@ def test_levenberg_marquardt_estimates_starts_with_the_parameters(horizon: str) 
     stage = f"train:\n  - {{epochs: 30, optimizer: {optimizer}, rollout: {horizon}}}\n"
     program, spec = compiled(FITTED + stage)
     data = dataset(series, train=[60] * 3)
-    found = train(program, data, spec.train, TrainingOptions(runs=None))
+    found = train(program, data, spec.train, NO_FOLDER)
     expected, spread, noise = least_squares_of_all(series, 60)
     assert [found.weights["k"], found.weights["d"]] == pytest.approx(expected, rel=1e-6)
     (plan,) = plan_stages(program, spec.train, Findings())
@@ -336,6 +342,68 @@ def test_levenberg_marquardt_estimates_starts_with_the_parameters(horizon: str) 
     assert errors.residuals == 180
 
 
+class Totals(Silent):
+    """The total of every epoch before its step."""
+
+    def __init__(self) -> None:
+        self.totals: list[float] = []
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        self.totals.append(event.total)
+
+
+DRIFTING = """
+msnn: 1
+name: drifting
+sample_time: 1 s
+inputs: {u: 1}
+targets: {y: 1}
+parameters: {a: 0.9, b: 0.05, c: 1.5, p: 0}
+states:
+  x: {next: "a*x + b*u", init: {fit: {over: 3}}}
+  v: {next: "0.98*v + p*x", init: {fit: {over: 3}}}
+outputs: {y_hat: {expr: "c*x + v", predicts: "y[t]"}}
+"""
+
+
+def drifting(rows: int) -> dict[str, FloatArray]:
+    """Two slow states of which the sum is measured: three rows tell little of either."""
+    random = np.random.default_rng(1)
+    u = np.sign(np.sin(0.05 * np.arange(rows))) + 0.3 * random.normal(size=rows)
+    y, x, v = np.zeros(rows), 1.0, 0.5
+    for t in range(rows):
+        y[t] = x + v
+        x, v = 0.95 * x + 0.1 * u[t], 0.98 * v + 0.03 * x
+    return {"u": u, "y": y + 0.05 * random.normal(size=rows)}
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("rollout", ["{horizon: 30, stride: 5}", "{horizon: 60, stride: 60}"])
+def test_levenberg_marquardt_descends_in_short_rollouts(engine: str, rollout: str) -> None:
+    """Starts that are found anew in each epoch and held in its step made the total rise."""
+    require_tool("gcc", install="apt install gcc")
+    optimizer = "optimizer: {levenberg_marquardt: {}}"
+    stage = f"epochs: 8, engine: {engine}, {optimizer}, rollout: {rollout}"
+    program, spec = compiled(f"{DRIFTING}train:\n  - {{{stage}}}\n")
+    told = Totals()
+    train(program, dataset(drifting(300), train=[300]), spec.train, NO_FOLDER, told)
+    assert all(after <= before for before, after in itertools.pairwise(told.totals))
+    # the variance of the noise
+    assert told.totals[-1] < 1.05 * 0.05**2
+
+
+def test_starts_stay_variables_on_the_way_to_whole_rollouts() -> None:
+    require_tool("gcc", install="apt install gcc")
+    curriculum = ", curriculum: {2: 50, 5: 60}"
+    rollout = f"{{horizon: 90, stride: 90{curriculum}}}"
+    stage = f"epochs: 30, optimizer: {{levenberg_marquardt: {{}}}}, rollout: {rollout}"
+    series = records(2, 90, seed=6)
+    found = trained(stage, series, [90, 90])
+    right = trained(stage.replace(curriculum, ""), series, [90, 90])
+    for name, value in found.weights.items():
+        assert value == pytest.approx(right.weights[name], rel=1e-6)
+
+
 def test_a_stage_without_any_target_ends() -> None:
     """The validation rows have targets, so that something judges it."""
     series = records(2, 90, seed=2)
@@ -344,7 +412,7 @@ def test_a_stage_without_any_target_ends() -> None:
     model = FITTED.replace(", from: q.meas", "")
     program, spec = compiled(f"{model}train:\n  - {{{stage}}}\n")
     data = dataset(series, train=[90], val=[90])
-    found = train(program, data, spec.train, TrainingOptions(runs=None))
+    found = train(program, data, spec.train, NO_FOLDER)
     assert found.stages[0].reason == "nothing is scored"
 
 
@@ -364,7 +432,7 @@ def test_estimates_are_within_their_errors_of_the_truth(seed: int) -> None:
     stage = "train:\n  - {epochs: 30, optimizer: {levenberg_marquardt: {}}, rollout: episode}\n"
     program, spec = compiled(FITTED + stage)
     data = dataset(series, train=[200] * 3)
-    found = train(program, data, spec.train, TrainingOptions(runs=None))
+    found = train(program, data, spec.train, NO_FOLDER)
     (plan,) = plan_stages(program, spec.train, Findings())
     errors = standard_errors(plan, data, found.weights).errors
     for name, true in TRUE.items():
@@ -397,9 +465,50 @@ def test_resuming_continues_bit_for_bit(stage: str, tmp_path: Path) -> None:
     require_tool("gcc", install="apt install gcc")
     program, spec = compiled(f"{FITTED}train:\n  - {{epochs: 5, {stage}}}\n")
     data = dataset(records(2, 100, seed=4), train=[100, 100])
-    undisturbed = train(program, data, spec.train, TrainingOptions(runs=None))
+    undisturbed = train(program, data, spec.train, NO_FOLDER)
     with pytest.raises(TrainingInterruptedError):
         train(program, data, spec.train, TrainingOptions(runs=tmp_path), Interrupting(2))
     resumed = train(program, data, spec.train, TrainingOptions(runs=tmp_path, resume=True))
     for name, value in undisturbed.weights.items():
         np.testing.assert_array_equal(resumed.weights[name], value)
+
+
+# ---- by kernels
+
+
+@pytest.mark.parametrize("rows", [False, True])
+def test_kernels_find_the_starts_that_the_interpreter_finds(
+    rows: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    require_tool("gcc", install="apt install gcc")
+    series = records(3, 400, seed=8)
+    series["q"][[3, 30, 31, 404]] = np.nan
+    program, _ = compiled(FITTED)
+    data = dataset(series, train=[400] * 3)
+    some = {"y": np.arange(1200) % 3 != 1} if rows else None
+    runs = Runs(np.array([800, 0, 400, 410]), np.array([400, 400, 400, 20]), 0, 400)
+
+    def found(native: bool) -> FoundStarts:
+        fit = StartFit(program, None, 5, searches=1000, native=native)
+        return fit.find(data.series, runs, TRUE, {"y": 2.0}, some)
+
+    right = found(native=False)
+    # no step may be interpreted
+    monkeypatch.setattr("msnn.simulation.start_products.moments", None)
+    by_kernel = found(native=True)
+    for name, value in right.values.items():
+        assert by_kernel.values[name] == pytest.approx(value, rel=1e-9)
+
+
+def test_standard_errors_beside_a_long_record_are_computed_by_kernels(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Interpreting a record of 20,000 rows took 30 times as long as the training."""
+    require_tool("gcc", install="apt install gcc")
+    stage = "train:\n  - {epochs: 1, optimizer: levenberg_marquardt, rollout: record}\n"
+    program, spec = compiled(FITTED + stage)
+    data = dataset(records(1, 20_000, seed=3), train=[20_000])
+    (plan,) = plan_stages(program, spec.train, Findings())
+    monkeypatch.setattr("msnn.simulation.start_products.moments", None)
+    errors = standard_errors(plan, data, {n: np.array(v) for n, v in TRUE.items()})
+    assert errors.noise["y"] == pytest.approx(NOISE, rel=0.02)

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from backends.c.interface.interface import Interface
 from backends.c.interface.state_checks import StateCheck
 from backends.c.selftest.singles.trial_steps import TrialValues
-from backends.c_lowering.active_sums import find_active_sums
-from backends.c_lowering.state_memory import joining, seen_values
+from backends.c_lowering.active_sums import sums_of_active_sets
 from compiler.interpreter.operations import repeated_batch
 from compiler.ir import ops
 from compiler.ir.liveness import needed
@@ -60,8 +59,7 @@ class Decisions:
         self._checks = interface.checks
         self._expected = program.expected
         jacobian = interface.jacobian.jacobian if interface.jacobian else None
-        read = seen_values(program) + [joining(memory) for memory in interface.states]
-        self._sparse = [*find_active_sums(program.step, read).sums]
+        self._sparse = sums_of_active_sets(program, interface.states)
         self._doubtful = _doubtful(jacobian) if jacobian else []
         results = [output.node for output in program.outputs]
         results += [state.next for state in program.states]

@@ -55,7 +55,7 @@ def telling_steps(
     rare = np.arange(len(found)) >= len(found) - len(beside.equal)
     found, rare = found.of(np.flatnonzero(settled)), rare[settled]
     changes = steps.changes()
-    left = _rare(found.of(np.arange(PLAIN)), changes, steps)
+    left = _rare(found.of(np.arange(min(PLAIN, len(found)))), changes, steps)
     alone = slopes_alone(steps, decisions, random)
     chosen = [*_at_limits(found, decisions, steps), *_both_sides(beside, outcomes, steps)]
     order = random.permutation(len(found))

@@ -229,6 +229,8 @@ class TrialSteps:
         """
         count = len(trials)
         found = np.zeros((count, len(changes)), np.bool_)
+        if not count:  # no step's bits are promised, as weights may be infinite in single precision
+            return found
         for number, (graph, roots) in enumerate(self._shown):
             own = [k for k, (g, _) in enumerate(changes) if g == number]
             if not own:

@@ -34,12 +34,15 @@ from backends.c.selftest.vectors.state_reference import (
     with_checked,
 )
 from backends.c.selftest.vectors.written_states import WrittenNumber, state_fields
+from backends.c_lowering.active_sums import sums_of_active_sets
 from compiler.interpreter.interpreter import Interpreter
-from compiler.ir.program import Program
+from compiler.ir.program import Output, Program
 from compiler.jacobian.interpret import JacobianInterpreter
 
 Array = NDArray[Any]
 _ANYWHERE = StartPoint()
+_OF_ACTIVE_SETS = "active {}"
+"""Names of sums among outputs; no name of a spec has a space."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,6 +63,9 @@ class GoldenVectors:
     status: NDArray[np.uint32]
     slopes: dict[str, Array]
     """Matrices of the Jacobian before each step, (steps, rows, columns); empty without one."""
+    promised: bool = True
+    """False where C leaves out an infinite or NaN term, so that the interpreter answers NaN and C
+    does not (decision 0066)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +98,11 @@ def golden_runs(
     dtype = interface.options.dtype
     knots = knots_of(program, dtype)
     # in the arithmetic of the C: in float32 its answers are the bits that are promised
-    interpreter = Interpreter(with_checked(program), weights, dtype)
+    skipping = sums_of_active_sets(program, interface.states)
+    shown = [Output(_OF_ACTIVE_SETS.format(number), node) for number, node in enumerate(skipping)]
+    judged = with_checked(program)
+    judged = replace(judged, outputs=(*judged.outputs, *shown))
+    interpreter = Interpreter(judged, weights, dtype)
     linearized = interface.jacobian and JacobianInterpreter(
         interface.jacobian.jacobian, program, weights, dtype
     )
@@ -116,6 +126,7 @@ def golden_runs(
     states = {s.name: np.concatenate([each[s.name] for each in first]) for s in program.states}
     outputs = {f.name: np.empty((len(runs), steps, *f.shape), dtype) for f in interface.outputs}
     status = np.zeros((len(runs), steps), np.uint32)
+    promised = np.ones(len(runs), np.bool_)
     slopes: list[dict[str, Array]] = []
     following: list[Mapping[str, Array]] = []
 
@@ -134,6 +145,9 @@ def golden_runs(
         result = interpreter.step(*log, states, losses=False)
         for name, values in outputs.items():
             values[:, k] = result.outputs[name]
+        for sum in shown:
+            values = result.outputs[sum.name]
+            promised &= np.isfinite(values).reshape(len(values), -1).all(axis=1)
         # bits are told of the states that were computed; those that start again replace them
         # afterwards
         after = {name: value.copy() for name, value in result.next_states.items()}
@@ -173,6 +187,7 @@ def golden_runs(
             states={name: values[row] for name, values in remembered.items()},
             status=status[row],
             slopes={name: values[row] for name, values in matrices.items()},
+            promised=bool(promised[row]),
         )
         for row, run in enumerate(runs)
     ]

@@ -13,15 +13,24 @@ from numpy.typing import NDArray
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.arrays.array_dates import dates_of, has_dates
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
-from msnn.data.formats.written_units import column_and_unit
+from msnn.data.formats.written_units import (
+    StatedUnit,
+    column_and_unit,
+    joint_unit,
+    stated_unit,
+)
 from msnn.errors.data import cells as cell_errors
 from msnn.errors.data import files as errors
 from msnn.errors.data import formats as data_formats
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.expressions.moments import Moment
-from spec_schema.units.unit import Unit
 
 _ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>[0-9]{1,9})\]")
+
+
+def _no_texts(name: str) -> Sequence[str]:
+    del name
+    return ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +42,9 @@ class NamedArrays:
     get: Callable[[str], NDArray[Any]]
     zoned: frozenset[str] = frozenset()
     """Names of arrays of dates that are of UTC; numpy knows no zones."""
+    unit_texts: Callable[[str], Sequence[str]] = _no_texts
+    """The unit that the file states of an array apart from its name; one for each column of a
+    matrix, or one for all."""
 
     def table(self, wanted: WantedColumns) -> ColumnTable:
         """The wanted columns. An array of one dimension is a column by its name; `name[2]` is the
@@ -43,7 +55,7 @@ class NamedArrays:
         faults: list[Diagnostic] = []
         missing: dict[str, str] = {}
         columns: dict[ColumnKey, FloatArray] = {}
-        units: dict[ColumnKey, Unit] = {}
+        units: dict[ColumnKey, StatedUnit] = {}
         begins: dict[ColumnKey, Moment] = {}
         for key, user in wanted.users.items():
             name, index = self._split(key)
@@ -55,8 +67,7 @@ class NamedArrays:
                 elif key not in wanted.spare:
                     missing[str(key)] = user
                 continue
-            unit = column_and_unit(name)[1]
-            if unit is not None:
+            if (unit := self._unit(name, index)) is not None:
                 units[key] = unit
             array = self.get(name)
             # only of columns of time: a date in a column of numbers is a fault like any text
@@ -97,6 +108,12 @@ class NamedArrays:
             return found["name"], int(found["index"])
         alike = self._before_units(key)
         return (alike[0] if len(alike) == 1 else None), None
+
+    def _unit(self, name: str, index: int | None) -> StatedUnit | None:
+        texts = self.unit_texts(name)
+        at = 0 if len(texts) == 1 else index
+        text = texts[at] if at is not None and at < len(texts) else ""
+        return joint_unit(name, stated_unit(text))
 
     def _before_units(self, key: ColumnKey) -> list[str]:
         """The names of which the key is what stands before a unit."""

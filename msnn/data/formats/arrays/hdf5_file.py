@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.arrays.array_units import unit_beside, units_in
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data import files as errors
@@ -42,8 +44,11 @@ def read_datasets(
                 array = np.asarray(found[names[name]][()])
                 return array.T if transposed else array
 
+            def units(name: str) -> Sequence[str]:
+                return units_in(found[names[name]].attrs) or unit_beside(names, name, get)
+
             # inside `with`: datasets are read when they are asked for
-            return NamedArrays(shown, tuple(names), get).table(wanted)
+            return NamedArrays(shown, tuple(names), get, unit_texts=units).table(wanted)
     # what h5py raises for broken files, one for each layer of the C library
     except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as error:
         raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error

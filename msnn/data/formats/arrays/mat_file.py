@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.arrays.array_units import unit_beside
 from msnn.data.formats.arrays.hdf5_file import read_datasets
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
@@ -40,7 +42,9 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     ) as error:
         raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error
     arrays = dict(_variables("", {n: v for n, v in found.items() if not n.startswith("__")}))
-    return NamedArrays(shown, tuple(arrays), arrays.__getitem__).table(wanted)
+    get = arrays.__getitem__
+    units = partial(unit_beside, arrays, get=get)
+    return NamedArrays(shown, tuple(arrays), get, unit_texts=units).table(wanted)
 
 
 def _variables(prefix: str, values: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:

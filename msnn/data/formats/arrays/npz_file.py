@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.arrays.array_units import unit_beside
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.unpacked_size import refuse_unpacking
@@ -38,6 +40,8 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
                 refuse_unpacking(path, shown, unpacked)
                 return archive[name]
 
-            return NamedArrays(shown, tuple(archive.files), get).table(wanted)
+            names = tuple(archive.files)
+            units = partial(unit_beside, names, get=get)
+            return NamedArrays(shown, names, get, unit_texts=units).table(wanted)
     except (OSError, ValueError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ import pyarrow.parquet as parquet
 from numpy.typing import NDArray
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.arrays.array_units import unit_of_column, units_in
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.unpacked_size import refuse_unpacking
@@ -30,7 +33,9 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
             refuse_unpacking(path, shown, 8 * file.metadata.num_rows * len(wanted.users))
             names = tuple(str(name) for name in file.schema_arrow.names)
             zoned = zoned_columns(file.schema_arrow)
-            return NamedArrays(shown, names, lambda name: _array(file, name), zoned).table(wanted)
+            units = partial(units_of_field, file.schema_arrow)
+            arrays = NamedArrays(shown, names, lambda name: _array(file, name), zoned, units)
+            return arrays.table(wanted)
     except (OSError, ValueError, arrow.ArrowException) as error:
         raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
 
@@ -46,6 +51,12 @@ def zoned_columns(schema: Any) -> frozenset[str]:
         for field in schema
         if arrow.types.is_timestamp(field.type) and field.type.tz is not None
     )
+
+
+def units_of_field(schema: Any, name: str) -> Sequence[str]:
+    """The unit in the metadata of a column; else in that of the file, as of pandas' `attrs`."""
+    of_field = units_in(schema.field(name).metadata or {})
+    return of_field or unit_of_column(schema.metadata or {}, name)
 
 
 def as_array(column: Any) -> NDArray[Any]:

@@ -17,12 +17,11 @@ from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.streams.stream_columns import stream_columns
 from msnn.data.formats.table import ColumnKey, Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
-from msnn.data.formats.written_units import written_unit
+from msnn.data.formats.written_units import StatedUnit
 from msnn.errors.data import files as errors
 from msnn.errors.data import formats
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.sections.data.data import TimeColumn
-from spec_schema.units.unit import Unit
 
 _IN_GROUP = re.compile(r"(?P<name>.+)@(?P<group>[0-9]{1,6})")
 
@@ -39,7 +38,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
         with MDF(path) as file:
             # an index counts along the values, not the channels that hold times
             names = [name for name in file.channels_db if name not in _masters(file)]
-            units: dict[ColumnKey, Unit] = {}
+            units: dict[ColumnKey, StatedUnit] = {}
             times = _times(file, shown, wanted.time, names, units)
 
             def find(key: str) -> tuple[FloatArray, NamedArrays] | None:
@@ -61,7 +60,7 @@ def _times(
     shown: str,
     column: TimeColumn | None,
     names: Sequence[str],
-    units: dict[ColumnKey, Unit],
+    units: dict[ColumnKey, StatedUnit],
 ) -> Callable[[str], FloatArray] | None:
     """The times of a channel's values by the channel of its group that the spec names as time.
 
@@ -83,10 +82,14 @@ def _times(
             span = column.place.value
             raise SpecError((formats.time_of_another_group(wanted, shown, name, span),))
         signal = file.get(None, group=group, index=place[1])
-        if (unit := written_unit(str(signal.unit or ""))) is not None:
-            units[name] = unit
-        arrays = NamedArrays(shown, (wanted,), lambda _: np.asarray(signal.samples))
-        return arrays.table(WantedColumns({wanted: "`time`"})).columns[wanted]
+        unit = (str(signal.unit or ""),)
+        arrays = NamedArrays(
+            shown, (wanted,), lambda _: np.asarray(signal.samples), unit_texts=lambda _: unit
+        )
+        table = arrays.table(WantedColumns({wanted: "`time`"}))
+        if wanted in table.units:
+            units[name] = table.units[wanted]
+        return table.columns[wanted]
 
     return times
 
@@ -112,4 +115,6 @@ def _channel(file: Any, shown: str, key: str) -> tuple[FloatArray, NamedArrays] 
     ((group, index),) = places
     signal = file.get(None, group=group, index=index)
     values = np.asarray(signal.samples)
-    return np.asarray(signal.timestamps, np.float64), NamedArrays(shown, (key,), lambda _: values)
+    unit = (str(signal.unit or ""),)
+    arrays = NamedArrays(shown, (key,), lambda _: values, unit_texts=lambda _: unit)
+    return np.asarray(signal.timestamps, np.float64), arrays

@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.arrays.array_columns import NamedArrays
+from msnn.data.formats.streams.rosbag_units import field_unit
 from msnn.data.formats.streams.stream_columns import stream_columns
 from msnn.data.formats.table import Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
@@ -43,8 +44,11 @@ class _Channel:
     """The field that has the time of a message; None where it is when it was recorded."""
     time: list[float] = field(default_factory=list[float])
     values: list[float] = field(default_factory=list[float])
+    unit: str = ""
 
     def take(self, recorded: int, begin: int, message: Any) -> None:
+        if not self.values:
+            self.unit = _unit(message, self.path)
         self.values.append(float(_field(message, self.path)))
         if self.clock is not None:
             stamp = _field(message, self.clock)
@@ -67,6 +71,15 @@ def _field(message: Any, path: _Path) -> Any:
         if index is not None:
             message = message[index]
     return message
+
+
+def _unit(message: Any, path: _Path) -> str:
+    """The unit of a field: of the first on its path that has one, `angular_velocity` not its x."""
+    for number, (name, _) in enumerate(path):
+        unit = field_unit(_field(message, path[:number]).__msgtype__, name)
+        if unit:
+            return unit
+    return ""
 
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Streams:
@@ -100,7 +113,9 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
         if channel is None:
             return None
         values = np.array(channel.values)
-        return np.array(channel.time), NamedArrays(shown, (key,), lambda _: values)
+        unit = (channel.unit,)
+        arrays = NamedArrays(shown, (key,), lambda _: values, unit_texts=lambda _: unit)
+        return np.array(channel.time), arrays
 
     return replace(stream_columns(shown, wanted, topics, find), begins=begin)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.table import ColumnKey, Streams, WantedColumns
+from msnn.data.formats.written_units import StatedUnit
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
@@ -22,6 +23,7 @@ def stream_columns(file: str, wanted: WantedColumns, names: Sequence[str], find:
     faults: list[Diagnostic] = []
     missing: dict[str, str] = {}
     columns: dict[ColumnKey, tuple[FloatArray, FloatArray]] = {}
+    units: dict[ColumnKey, StatedUnit] = {}
     for key, user in wanted.users.items():
         name = key if isinstance(key, str) else names[key] if key < len(names) else None
         try:
@@ -33,11 +35,14 @@ def stream_columns(file: str, wanted: WantedColumns, names: Sequence[str], find:
             time, values = found
             # each stream is a table of one column, with the rules of tables
             optional = frozenset({name}) if key in wanted.optional else frozenset[ColumnKey]()
-            columns[key] = (time, values.table(WantedColumns({name: user}, optional)).columns[name])
+            table = values.table(WantedColumns({name: user}, optional))
+            columns[key] = (time, table.columns[name])
+            if name in table.units:
+                units[key] = table.units[name]
         except SpecError as error:
             faults += error.diagnostics
     if missing:
         faults.append(errors.missing_columns(missing, file, names, None, numbers=False))
     if faults:
         raise SpecError(faults)
-    return Streams(columns)
+    return Streams(columns, units)

@@ -11,9 +11,15 @@ from pathlib import Path
 from typing import TypeAlias
 
 from msnn.data.formats.table import ColumnKey, WantedColumns
-from msnn.data.formats.written_units import column_and_unit, is_number, units_line
+from msnn.data.formats.written_units import (
+    StatedUnit,
+    TwoUnits,
+    column_and_unit,
+    is_number,
+    joint_unit,
+    units_line,
+)
 from msnn.errors.data import files as errors
-from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import Unit
@@ -127,24 +133,16 @@ class Header:
             raise SpecError(faults)
         return found
 
-    def units(self, places: Iterable[int]) -> dict[int, Unit]:
-        """The units that the file states of columns; SpecError where it states two of one."""
-        found: dict[int, Unit] = {}
-        faults: list[Diagnostic] = []
+    def units(self, places: Iterable[int]) -> dict[int, StatedUnit]:
+        """The units that the file states of columns."""
+        found: dict[int, StatedUnit] = {}
         for index in places if self.lines else ():
-            beside = column_and_unit(self.names[index])[1]
             below = self.below_units[index] if self.below_units else None
-            if beside is not None and below is not None and not beside.same_as(below):
-                faults.append(
-                    data_units.units_differ(
-                        self.file, self.names[index], beside.text, below.text, self.place
-                    )
-                )
-            unit = below or beside
+            unit = joint_unit(self.names[index], below)
             if unit is not None:
-                found[index] = unit
-        if faults:
-            raise SpecError(faults)
+                found[index] = (
+                    replace(unit, place=self.place) if isinstance(unit, TwoUnits) else unit
+                )
         return found
 
 

@@ -12,11 +12,11 @@ from backends.native.lanes.lane_groups import Groups
 from backends.native.variables import Method, Rule
 from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_check import check_kernel
 from msnn.simulation.engines.kernel_trials import check_if_fresh
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.dropout_masks import factors_of
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
-from msnn.training.engines.native.kernel_check import check_kernel
 from msnn.training.engines.own_series import own_series
 from msnn.training.plans.known_terms_of_stage import known_of
 from msnn.training.plans.stage_plan import StagePlan

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from backends.gauss_newton_products import Products
+import numpy as np
+
+from backends.gauss_newton_products import Products, ProductsOfRuns, joined_runs
 from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
 from backends.native.variables import flat
 from compiler.differentiation.sensitivities import sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_check import check_sensitivities
 from msnn.simulation.engines.kernel_trials import check_if_fresh
-from msnn.training.engines.native.kernel_check import check_sensitivities
 from msnn.training.engines.own_series import own_series
 from msnn.training.engines.shared_products import no_products, own_runs, summed_products
 from msnn.training.plans.stage_plan import StagePlan
@@ -57,3 +59,11 @@ class NativeSlopes:
         else:
             found = {loss.name: no_products(self._kernel.numbers) for loss in self._program.losses}
         return summed_products(found, self._ranks)
+
+    def products_of_runs(self, runs: Runs, weights: Weights, own: int) -> dict[str, ProductsOfRuns]:
+        """The same, the last `own` numbers of every run apart."""
+        if self._ranks is not None:  # one run after the other is shared out and summed
+            each = [self.products(runs.take(np.array([i])), weights) for i in range(len(runs))]
+            return {name: joined_runs([run[name] for run in each], own) for name in each[0]}
+        physical = flat(self._program, weights)
+        return self._kernel.products_of_runs(self._train, runs.t0, runs.steps, physical, own)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from backends.gauss_newton_products import Products
+from backends.gauss_newton_products import Products, ProductsOfRuns
 from backends.native.kernel import Kernel
 from backends.native.kernel_data import KernelData
 from backends.native.variables import flat
 from compiler.differentiation.sums_of_squares import with_compared_squares
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_check import check_kernel
 from msnn.simulation.engines.kernel_trials import check_if_fresh
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import LossSums
-from msnn.training.engines.native.kernel_check import check_kernel
 from msnn.training.engines.native.native_slopes import NativeSlopes
 from msnn.training.engines.own_series import own_series
 from msnn.training.plans.stage_plan import StagePlan
@@ -55,6 +55,10 @@ class NativeSquares:
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
         """The products of residuals and slopes of every loss."""
         return self._slopes.products(runs, weights)
+
+    def products_of_runs(self, runs: Runs, weights: Weights, own: int) -> dict[str, ProductsOfRuns]:
+        """The same, the last `own` numbers of every run apart."""
+        return self._slopes.products_of_runs(runs, weights, own)
 
     def train_costs(self, runs: Runs, weights: Weights) -> LossSums:
         """The losses of rollouts to train on."""

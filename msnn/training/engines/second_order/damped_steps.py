@@ -8,14 +8,17 @@ variables scaled by √D, whose curvature is about 1 in each direction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from backends.known_terms import KnownTerms, approached, corners
 from msnn.data.dataset import FloatArray
+from msnn.training.engines.second_order.bounded_steps import Box, box_step
 
 _MOST_STEPS = 20_000
+UNDAMPED = 1e-13
+"""Damping that only keeps equations solvable."""
 _SETTLED = 1e-13
 """Relative change of the scaled variables at which the proximal steps end."""
 
@@ -35,9 +38,13 @@ class DampedModel:
     directions: FloatArray
     """Their eigenvectors, in columns."""
     known: KnownTerms
+    box: Box | None = None
+    """The limits of the step; None without bounds."""
 
     def step(self, damping: float) -> tuple[FloatArray, float]:
         """The step in raw variables at this damping, and how much the model falls by it."""
+        if self.box is not None and not self.known.has_corners:
+            return self._within(self.box, damping)
         along = -(self.directions.T @ self.slope) / (self.curvatures + damping)
         if not self.known.has_corners:
             # −2gᵀδ − δᵀAδ with g = −(A + μ)δ: a sum of squares, where the difference would cancel
@@ -48,6 +55,22 @@ class DampedModel:
         bent = float(2.0 * self.slope @ trial + np.sum(self.curvatures * along * along))
         step = self._at(trial) - self.raw
         return step, self.lost_corners(step) - bent
+
+    def _within(self, box: Box, damping: float) -> tuple[FloatArray, float]:
+        """The step within the bounds, and the fall of the model without what bounds add."""
+        curvature = (self.directions * self.curvatures) @ self.directions.T
+        scaled = box_step(curvature + damping * np.eye(len(curvature)), self.slope, box)
+        fall = -float(2.0 * self.slope @ scaled + scaled @ curvature @ scaled)
+        return scaled * self.scale, fall
+
+    def promise(self) -> float:
+        """The fall of the model by its almost undamped step."""
+        return self.undamped.step(UNDAMPED)[1]
+
+    @property
+    def undamped(self) -> DampedModel:
+        """The model with its bounds alone."""
+        return self if self.box is None else replace(self, box=self.box.whole)
 
     def lost_corners(self, step: FloatArray) -> float:
         """The fall of the penalties by a step in raw variables."""
@@ -72,7 +95,11 @@ class DampedModel:
             along = (self.curvatures + damping) * (self.directions.T @ (at - origin))
             forward = at - (self.directions @ along + self.slope) / steepest
             reached = approached(self.known, forward * self.scale, lengths, 0.0)
-            return np.where(reached == 0.0, 0.0, reached / self.scale)
+            reached = np.where(reached == 0.0, 0.0, reached / self.scale)
+            if self.box is None:
+                return reached
+            # no variable has both a corner and a bound
+            return np.clip(reached, origin + self.box.low, origin + self.box.high)
 
         now = ahead = origin + scaled
         speed = 1.0

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from backends.gauss_newton_products import Products, StartBlocks
+from backends.gauss_newton_products import Products, ProductsOfRuns
 from compiler.differentiation.estimated_starts import (
     estimated_states,
     offset_parameter,
@@ -73,42 +73,14 @@ class JointStarts:
 
     def products(self, squares: SlopedSquares, runs: Runs, weights: Weights) -> dict[str, Products]:
         """The products of every loss, the slopes in the start of each run apart."""
-        alone = self.of_each(squares, runs, weights)
-        return {name: _joined([one[name] for one in alone]) for name in alone[0]}
+        return {name: one.all for name, one in self.of_each(squares, runs, weights).items()}
 
     def of_each(
         self, squares: SlopedSquares, runs: Runs, weights: Weights
-    ) -> list[dict[str, Products]]:
-        """The products of every loss and run by itself."""
-        moved = self.moved(weights)
-        # run by run: in a sum over runs the slopes in the one added parameter would be those of all
-        # starts
-        alone = (squares.products(runs.take(np.array([i])), moved) for i in range(len(runs)))
-        return [{name: _apart(one, self.numbers) for name, one in run.items()} for run in alone]
-
-
-def _apart(run: Products, numbers: int) -> Products:
-    """The products of one run, the slopes in the last `numbers`, its start, apart."""
-    n = len(run.slope) - numbers
-    curvature, slope = run.curvature, run.slope
-    blocks = StartBlocks(curvature[None, :n, n:], curvature[None, n:, n:], slope[None, n:])
-    return replace(run, curvature=curvature[:n, :n], slope=slope[:n], starts=blocks)
-
-
-def _joined(runs: Sequence[Products]) -> Products:
-    """The products of all runs, each with its start."""
-    shared = [replace(run, starts=None) for run in runs]
-    return replace(sum(shared[1:], shared[0]), starts=joined_blocks(runs))
-
-
-def joined_blocks(runs: Sequence[Products]) -> StartBlocks:
-    """The blocks of all runs' starts, one run after the other."""
-    blocks = [one.starts for one in runs if one.starts is not None]
-    return StartBlocks(
-        np.concatenate([one.cross for one in blocks]),
-        np.concatenate([one.curvature for one in blocks]),
-        np.concatenate([one.slope for one in blocks]),
-    )
+    ) -> dict[str, ProductsOfRuns]:
+        """The same, with the sums of each run."""
+        # in a sum over runs the slopes in the one added parameter would be those of all starts
+        return squares.products_of_runs(runs, self.moved(weights), self.numbers)
 
 
 _NOTHING = 1e-10

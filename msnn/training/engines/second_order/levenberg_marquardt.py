@@ -10,6 +10,7 @@ Residuals whose slopes are infinite have no share in A and g, but one in F.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,19 +20,30 @@ from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
 from msnn.training.engines.learned_numbers import LearnedNumbers
+from msnn.training.engines.second_order.bounded_steps import Bounds, in_physical_units
 from msnn.training.engines.second_order.counted_products import (
     CountedProducts,
     counted_products,
 )
 from msnn.training.engines.second_order.joint_starts import JointStarts
-from msnn.training.engines.second_order.normal_equations import QuadraticModel, in_raw_variables
-from msnn.training.engines.second_order.quadratic_terms import QuadraticTerms, quadratic_terms
+from msnn.training.engines.second_order.normal_equations import (
+    NO_INFLUENCE,
+    NormalEquations,
+    QuadraticModel,
+    in_raw_variables,
+)
+from msnn.training.engines.second_order.quadratic_terms import (
+    Decay,
+    QuadraticTerms,
+    quadratic_terms,
+)
 from msnn.training.engines.second_order.squares import Squares, loss_sums_of
 from msnn.training.plans.known_terms_of_stage import known_of
 from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.sections.training.optimizers import LevenbergMarquardt
 
-NAME = "levenberg_marquardt"
+NAME = "levenberg_marquardt in physical units"
+"""In a checkpoint: the variables of bounded parameters are the physical values."""
 
 Weights = Mapping[str, FloatArray]
 
@@ -59,14 +71,17 @@ class LevenbergMarquardtEngine:
         self._plan, self._options = plan, plan.optimizer
         program = plan.rollout.program
         parameters = [program.parameter(name) for name in plan.trained]
-        self._numbers = LearnedNumbers(parameters, weights)
+        inside = in_physical_units(parameters)
+        self._numbers = LearnedNumbers(inside, weights)
         self._raw, self.moved = self._numbers.begin()
         self._learned = len(self._raw)
+        self._bounds = Bounds.of(parameters)
+        self._decay = Decay(plan.weight_decay, parameters)
         self._joint = JointStarts(plan, series) if plan.estimates_starts else None
         self._begun: Weights = {}  # series of the starts with which runs begin
         self._started: Runs | None = None  # whose starts are the last variables, in their order
         self._watches_training = True
-        self._known = known_of(plan, parameters)
+        self._known = known_of(plan, inside)
         self._spread = 0.0
         self._largest = np.zeros_like(self._raw)
         self._damping, self._growth = self._options.damping, 2.0
@@ -127,7 +142,7 @@ class LevenbergMarquardtEngine:
         if self._joint is not None and not counted.by_loss:
             self.finished = "nothing is scored"  # nor does anything decide where runs start
         elif not self.left_out:
-            self._descend(in_order, self._model(products))
+            self._descend(in_order, self._equations(products))
         return loss_sums_of(products)
 
     def order(self, count: int, key: int) -> IntArray:
@@ -138,9 +153,12 @@ class LevenbergMarquardtEngine:
     def evaluate(self, runs: Runs) -> LossSums:
         """The losses of these rollouts at the current weights, on the rows that count."""
         if self._joint is not None and self._watches_training:
-            in_order = runs.take(np.argsort(runs.t0, kind="stable"))
-            self._begin(in_order)
-            return self._costs_at(in_order, self._raw)
+            trained = (self._raw, self._largest, self._started, self._ahead)
+            found = self.measure(runs)
+            # on the way to whole rollouts others are trained on: their starts stay the variables
+            if trained[2] is not None:
+                self._raw, self._largest, self._started, self._ahead = trained
+            return found
         return self._squares.watched_costs(runs, self._all(self.weights()))
 
     def state(self) -> EngineState:
@@ -152,6 +170,7 @@ class LevenbergMarquardtEngine:
             "finished": self.finished,
         }
         arrays = {"raw": self._raw.copy(), "largest": self._largest.copy()}
+        arrays["contacts"] = self._bounds.contacts.copy()
         if self._started is not None:
             # arrays of a state are of floats, which have every row number below 2⁵³ exactly
             arrays |= {n: getattr(self._started, n).astype(float) for n in ("t0", "steps")}
@@ -164,6 +183,7 @@ class LevenbergMarquardtEngine:
             raise ValueError(message)
         self._raw = state.arrays["raw"].copy()
         self._largest = state.arrays["largest"].copy()
+        self._bounds = replace(self._bounds, contacts=state.arrays["contacts"].copy())
         self._damping = float(state.structure["damping"])
         self._growth = float(state.structure["growth"])
         self.finished = state.structure["finished"]
@@ -177,6 +197,11 @@ class LevenbergMarquardtEngine:
         if self._joint is None or (self._started is not None and self._started.begin_as(runs)):
             return
         n, starts = self._learned, self._joint.flat(self._begun, runs.t0)
+        if self._started is not None:
+            # other runs: those that begin in the same rows begin where they were
+            _, here, before = np.intersect1d(runs.t0, self._started.t0, return_indices=True)
+            known = self._raw[n:].reshape(len(self._started), -1)
+            starts.reshape(len(runs), -1)[here] = known[before]
         self._raw = np.append(self._raw[:n], starts)
         self._largest = np.append(self._largest[:n], np.zeros_like(starts))
         self._started, self._ahead = runs, None
@@ -210,30 +235,35 @@ class LevenbergMarquardtEngine:
     def _counted(self, products: Mapping[str, Products]) -> CountedProducts:
         return counted_products(self._plan, products)
 
-    def _model(self, products: Mapping[str, Products]) -> QuadraticModel:
+    def _equations(self, products: Mapping[str, Products]) -> NormalEquations:
+        """F at the present variables, its derivative and curvature."""
         shares = {
             name: self._plan.loss_weights[name] / found.count
             for name, found in self._counted(products).by_loss.items()
         }
         losses = in_raw_variables(products, shares, self._numbers.slopes(self._raw))
         raw = self._raw[: self._learned]
-        found = losses.plus(self._quadratic_terms(raw), corners(self._known, raw))
-        # D never shrinks, so that a variable which loses its influence does not run away (Moré
-        # 1978)
+        return losses.plus(self._quadratic_terms(raw), corners(self._known, raw))
+
+    def _model(self, found: NormalEquations) -> QuadraticModel:
         self._largest = np.maximum(self._largest, found.diagonal)
-        return found.model(self._scale(), raw, self._known)
+        raw = self._raw[: self._learned]
+        return found.model(self._scale(found), raw, self._known, self._bounds)
 
     def _quadratic_terms(self, raw: FloatArray) -> QuadraticTerms:
-        return quadratic_terms(self._known, raw, self._plan.weight_decay, self._spread)
+        return quadratic_terms(self._known, raw, self._decay, self._spread)
 
-    def _descend(self, runs: Runs, model: QuadraticModel) -> None:
+    def _descend(self, runs: Runs, equations: NormalEquations) -> None:
         """Takes the first step that lowers the total, shorter ones until one does."""
+        model = self._model(equations)
+        n = self._learned
         while self._damping < _MOST_DAMPING:
             step, fall = model.step(self._damping)
             # the model promises no more than rounding
             if fall <= np.finfo(float).eps * model.total or not step.any():
                 break
             trial = self._raw + step
+            trial[:n] = self._bounds.moved(self._raw[:n], step[:n])
             # the cost alone first: slopes take as many times longer as there are learned numbers
             total = self._total_at(runs, trial)
             ahead = self._products_at(runs, trial) if total < model.total else None
@@ -241,22 +271,42 @@ class LevenbergMarquardtEngine:
                 # 1 where the model was right: the damping falls to a third; Nielsen's rule is
                 # smooth between
                 gain = (model.total - total) / fall
+                self._bounds = self._bounds.met(self._raw[:n], trial[:n])
                 self._raw, self._ahead = trial, (runs, ahead)
                 self._damping *= max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
                 self._growth = 2.0
                 # both small: a fall that the model did not foresee is no convergence
-                if max(model.total - total, fall) <= self._options.tolerance * model.total:
-                    self.finished = "converged"
+                small = max(model.total - total, fall) <= self._options.tolerance * model.total
+                if small and self._is_stationary(self._equations(ahead)):
+                    self._end_on_bounds(runs, self._equations(ahead))
                 return
             # rejected: doubled, then times 4, 8, …, so that a bad start takes few trials
             self._damping *= self._growth
             self._growth *= 2.0
+        # the model sees nothing more to gain, or the damping has come to its end
+        if self._is_stationary(equations):
+            self._end_on_bounds(runs, equations)
         else:
-            # the damping has come to its end
             self.finished = "no step lowers the total"
-            return
-        # left by `break`: the model sees nothing more to gain
+
+    def _end_on_bounds(self, runs: Runs, equations: NormalEquations) -> None:
+        """Ends at a minimum, with values exactly on the bounds that they were about to reach."""
         self.finished = "converged"
+        n = self._learned
+        trial = self._raw.copy()
+        trial[:n] = equations.onto_bounds(trial[:n], self._bounds)
+        if np.any(trial != self._raw) and self._total_at(runs, trial) <= equations.total:
+            self._raw, self._ahead = trial, None
+
+    def _is_stationary(self, found: NormalEquations) -> bool:
+        """True where the total has no derivative along which the variables may move.
+
+        A long way from the minimum a large damping makes short steps too, whose falls are small.
+        """
+        raw = self._raw[: self._learned]
+        if found.is_stationary(raw, self._known, self._bounds):
+            return True
+        return self._model(found).promise() <= self._options.tolerance * found.total
 
     def _total_at(self, runs: Runs, raw: FloatArray) -> float:
         """The weighted total; NaN, which is below nothing, where a rollout leaves the numbers."""
@@ -269,6 +319,11 @@ class LevenbergMarquardtEngine:
         )
         return losses + self._quadratic_terms(raw[: self._learned]).value
 
-    def _scale(self) -> FloatArray:
+    def _scale(self, found: NormalEquations) -> FloatArray:
         """1/√D; 1 in a variable that no residual depends on."""
-        return 1.0 / np.sqrt(np.where(self._largest > 0.0, self._largest, 1.0))
+        # D never shrinks, so that a variable which loses its influence does not run away (Moré
+        # 1978)
+        size = self._largest
+        if self._bounds.some:
+            size = np.maximum(found.diagonal, 1e-12 * self._largest)
+        return 1.0 / np.sqrt(np.where(size > NO_INFLUENCE, size, 1.0))

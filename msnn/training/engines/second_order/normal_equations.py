@@ -9,10 +9,17 @@ from typing import Protocol
 import numpy as np
 
 from backends.gauss_newton_products import Products, StartBlocks
-from backends.known_terms import KnownTerms
+from backends.known_terms import KnownTerms, approached
 from msnn.data.dataset import FloatArray
-from msnn.training.engines.second_order.damped_steps import DampedModel
+from msnn.training.engines.second_order.bounded_steps import Bounds
+from msnn.training.engines.second_order.damped_steps import UNDAMPED, DampedModel
 from msnn.training.engines.second_order.quadratic_terms import QuadraticTerms
+
+STATIONARY = 1e-4
+"""Cosine between residuals and their derivative in a variable below which it is stationary."""
+
+NO_INFLUENCE = 1e-300
+"""Curvature in a variable up to which its quotients may overflow: it changes nothing."""
 
 
 class QuadraticModel(Protocol):
@@ -25,6 +32,10 @@ class QuadraticModel(Protocol):
 
     def step(self, damping: float) -> tuple[FloatArray, float]:
         """The step in raw variables at this damping, and how much the model of the total falls."""
+        ...
+
+    def promise(self) -> float:
+        """The fall of the model by its almost undamped step within the bounds."""
         ...
 
 
@@ -55,12 +66,42 @@ class NormalEquations:
             curvature=self.curvature + np.diag(known.curvature),
         )
 
-    def model(self, scale: FloatArray, raw: FloatArray, known: KnownTerms) -> QuadraticModel:
+    def is_stationary(self, raw: FloatArray, known: KnownTerms, bounds: Bounds) -> bool:
+        """True where no variable moved alone, within its bounds, changes the residuals much.
+
+        For a variable inside its bounds that is |Jᵢᵀr| <= limit · |Jᵢ| |r|, the measure of
+        MINPACK's `gtol` (Moré 1978), which has no units. On a bound it is the condition of Karush,
+        Kuhn and Tucker: the derivative may have the sign that points outward.
+        """
+        slope, diagonal = self.whole_slope, self.diagonal
+        curved = np.where(diagonal > NO_INFLUENCE, diagonal, np.inf)
+        move, n = -slope / curved, len(raw)
+        reached = approached(known, raw + move[:n], 0.5 / curved[:n], 0.0)
+        move[:n] = np.clip(reached, bounds.low, bounds.high) - raw
+        return bool(np.all(move * move * diagonal <= STATIONARY**2 * self.total))
+
+    def onto_bounds(self, raw: FloatArray, bounds: Bounds) -> FloatArray:
+        """The variables, on the bound where the minimum in each alone is on or beyond it."""
+        diagonal = np.diagonal(self.curvature)
+        reached = raw - self.slope / np.where(diagonal > NO_INFLUENCE, diagonal, np.inf)
+        below = np.where(reached <= bounds.low, bounds.low, raw)
+        return np.where(reached >= bounds.high, bounds.high, below)
+
+    @property
+    def whole_slope(self) -> FloatArray:
+        """Half the derivative of F: in the parameters, then in the starts of all runs."""
+        if self.starts is None:
+            return self.slope
+        return np.concatenate([self.slope, self.starts.slope.ravel()])
+
+    def model(
+        self, scale: FloatArray, raw: FloatArray, known: KnownTerms, bounds: Bounds
+    ) -> QuadraticModel:
         """In variables times 1/scale, at these raw variables of the parameters."""
         n = len(self.curvature)
         # scaled first: eigenvalues of numbers in N/m beside numbers in mm would lose the small ones
         top = scale[:n]
-        values, vectors = np.linalg.eigh(self.curvature * np.outer(top, top))
+        values, vectors = np.linalg.eigh(_scaled(self.curvature, top))
         parameters = DampedModel(
             total=self.total,
             raw=raw,
@@ -70,6 +111,7 @@ class NormalEquations:
             curvatures=np.maximum(values, 0.0),
             directions=vectors,
             known=known,
+            box=bounds.box(raw, top, self.slope * top),
         )
         if self.starts is None:
             return parameters
@@ -123,6 +165,10 @@ class ArrowModel:
         """F at the variables."""
         return self.parameters.total
 
+    def promise(self) -> float:
+        """The fall of the model by its almost undamped step within the bounds."""
+        return replace(self, parameters=self.parameters.undamped).step(UNDAMPED)[1]
+
     @classmethod
     def of(
         cls, parameters: DampedModel, curvature: FloatArray, blocks: StartBlocks, scale: FloatArray
@@ -132,7 +178,7 @@ class ArrowModel:
         values, directions = np.linalg.eigh(blocks.curvature * own[:, :, None] * own[:, None, :])
         return cls(
             parameters=parameters,
-            curvature=curvature * np.outer(top, top),
+            curvature=_scaled(curvature, top),
             slope=blocks.slope * own,
             scale=own,
             cross=blocks.cross * top[None, :, None] * own[:, None, :],
@@ -169,3 +215,8 @@ class ArrowModel:
         bent = float(of_parameters @ self.curvature @ of_parameters)
         bent += crossed + float(np.sum(self.values * inside * inside))
         return step, self.parameters.lost_corners(moved) - along - bent
+
+
+def _scaled(curvature: FloatArray, scale: FloatArray) -> FloatArray:
+    """The curvature in scaled variables; the product of two scales may overflow."""
+    return curvature * scale[:, None] * scale

@@ -6,9 +6,14 @@ prior is ŝ²/n · ((p − mean)/std)², the square of one more residual of the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from backends.known_terms import KnownTerms, deviations
+from backends.raw_parameters import Mapping, mapping_of, physical_slope, raw_value
+from compiler.ir.program import Parameter
 from msnn.data.dataset import FloatArray
 
 
@@ -22,13 +27,34 @@ class QuadraticTerms:
 
 
 def quadratic_terms(
-    known: KnownTerms, raw: FloatArray, decay: float, spread: float
+    known: KnownTerms, variables: FloatArray, decay: Decay, spread: float
 ) -> QuadraticTerms:
-    """The terms at these raw variables; priors count by `spread`, ŝ²/n."""
-    half = 0.5 * decay
-    away, steep = deviations(known, raw)
+    """The terms at these variables; priors count by `spread`, ŝ²/n."""
+    half = 0.5 * decay.factor
+    raw, by_variable = decay.raw(variables)
+    away, steep = deviations(known, variables)
     return QuadraticTerms(
         value=half * float(raw @ raw) + spread * float(away @ away),
-        slope=half * raw + spread * away * steep,
-        curvature=half + spread * steep * steep,
+        slope=half * raw * by_variable + spread * away * steep,
+        curvature=half * by_variable * by_variable + spread * steep * steep,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Decay:
+    """Weight decay λ: of bounded values too in the raw variables that other optimisers move."""
+
+    factor: float
+    parameters: Sequence[Parameter]
+    """With their bounds."""
+
+    def raw(self, variables: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Raw variables and their derivatives, where the variables of bounded values are these."""
+        raw, by_variable = variables.copy(), np.ones_like(variables)
+        begin = 0
+        for parameter in self.parameters if self.factor else ():
+            part = slice(begin, begin := begin + len(parameter.initial))
+            if mapping_of(parameter) is not Mapping.LINEAR:
+                raw[part], _ = raw_value(parameter, variables[part])
+                by_variable[part] = 1.0 / physical_slope(parameter, raw[part])
+        return raw, by_variable

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Protocol
 
-from backends.gauss_newton_products import Products
+from backends.gauss_newton_products import Products, ProductsOfRuns
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum
@@ -28,6 +28,12 @@ class SlopedSquares(Protocol):
 
     def products(self, runs: Runs, weights: Mapping[str, FloatArray]) -> dict[str, Products]:
         """The products of residuals and slopes of every loss, in the numbers of `plan.trained`."""
+        ...
+
+    def products_of_runs(
+        self, runs: Runs, weights: Mapping[str, FloatArray], own: int
+    ) -> dict[str, ProductsOfRuns]:
+        """The same, the last `own` numbers of every run apart, in the order of the runs."""
         ...
 
 

@@ -17,10 +17,10 @@ from compiler.differentiation.training_step import training_step
 from compiler.ir.program import Measure
 from msnn.data.dataset import BoolArray, FloatArray
 from msnn.data.starts import Runs
+from msnn.simulation.engines.kernel_check import check_kernel
 from msnn.simulation.engines.kernel_trials import check_if_fresh
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import LossSums
-from msnn.training.engines.native.kernel_check import check_kernel
 from msnn.training.engines.own_series import own_series, without_masks
 from msnn.training.engines.torch.torch_losses import (
     TorchScoring,

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from backends.torch_module.module import Frame, TorchModel, Windows
 from compiler.ir.liveness import Extent, extents
-from compiler.ir.program import Measure, Program
+from compiler.ir.program import Loss, Measure, Program
 from msnn.data.dataset import BoolArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum, longest_first
@@ -79,9 +79,7 @@ def batch_losses(
     `frame` has the parameters where they are not those of the model.
     """
     scored = scored_values(model, frame or model.frame(), data, runs)
-    return {
-        loss.name: _summed(loss.measure, scored[loss.name], model) for loss in model.program.losses
-    }
+    return {loss.name: _summed(loss, scored[loss.name], model) for loss in model.program.losses}
 
 
 def evaluated(
@@ -104,6 +102,8 @@ class ScoredValues:
     target: Tensor | None
     factors: Tensor | None
     """How much each counts; None for 1."""
+    runs: Tensor
+    """The rollout of each element."""
 
 
 def scored_values(
@@ -114,6 +114,7 @@ def scored_values(
     # so that those which still run are always the first of their batch: a slice, no index
     order = longest_first(runs)
     t0 = torch.from_numpy(runs.t0[order]).to(model.device)
+    members = torch.from_numpy(order).to(model.device)
     steps = runs.steps[order]
     block = _Block(program, data.series, t0, int(steps[0]))
     states = model.start_on(block.windows(0, len(t0)), frame, len(t0))
@@ -128,7 +129,8 @@ def scored_values(
         if number >= data.skip:
             for name, (prediction, target) in values.losses.items():
                 rows = None if data.scored is None else data.scored[name][t0[:running] + number]
-                parts[name].append(_Part(prediction, target, rows, values.rows.get(name)))
+                factors = values.rows.get(name)
+                parts[name].append(_Part(prediction, target, rows, factors, members[:running]))
     return {loss.name: _scored(parts[loss.name], data.missing) for loss in program.losses}
 
 
@@ -174,6 +176,7 @@ class _Part:
     rows: Tensor | None
     """Which rows count."""
     factors: Tensor | None
+    runs: Tensor
 
     def along(self, value: Tensor) -> Tensor:
         """The value of the rows that count."""
@@ -187,43 +190,48 @@ def _scored(parts: list[_Part], missing: bool) -> ScoredValues | None:
     targets = [part.along(part.target) for part in parts if part.target is not None]
     target = _joined(targets) if targets else None
     factors = [part.along(part.factors) for part in parts if part.factors is not None]
+
+    def each_element(values: list[Tensor]) -> Tensor:
+        # one of a row, for all elements of its prediction
+        return _joined(values).reshape(-1, *[1] * (prediction.dim() - 1)).expand(prediction.shape)
+
+    runs = each_element([part.along(part.runs) for part in parts])
     if not factors:
         if target is None or not missing:
-            return ScoredValues(prediction, target, None)
+            return ScoredValues(prediction, target, None, runs)
         there = ~torch.isnan(target)
-        return ScoredValues(prediction[there], target[there], None)
-    joined = _joined(factors)
-    # one factor a row, for all elements of its prediction
-    each = joined.reshape(-1, *[1] * (prediction.dim() - 1)).expand(prediction.shape)
+        return ScoredValues(prediction[there], target[there], None, runs[there])
+    each = each_element(factors)
     # a factor of 0 leaves out; 0 times NaN would not
     there = each > 0 if target is None else (each > 0) & ~torch.isnan(target)
-    return ScoredValues(prediction[there], None if target is None else target[there], each[there])
+    known = None if target is None else target[there]
+    return ScoredValues(prediction[there], known, each[there], runs[there])
 
 
 def _joined(parts: list[Tensor]) -> Tensor:
     return parts[0] if len(parts) == 1 else torch.cat(parts)
 
 
-def _summed(measure: Measure, scored: ScoredValues | None, model: TorchModel) -> TorchLossSum:
+def _summed(loss: Loss, scored: ScoredValues | None, model: TorchModel) -> TorchLossSum:
     if scored is None:
         return TorchLossSum(torch.zeros((), dtype=model.dtype, device=model.device), 0)
-    costs = cost(measure, scored.prediction, scored.target)
+    costs = cost(loss, scored.prediction, scored.target)
     if scored.factors is None:
         return TorchLossSum(costs.sum(), scored.prediction.numel())
     return TorchLossSum((scored.factors * costs).sum(), scored.factors.sum().item())
 
 
-def cost(measure: Measure, prediction: Tensor, target: Tensor | None) -> Tensor:
+def cost(loss: Loss, prediction: Tensor, target: Tensor | None) -> Tensor:
     """The term of each element in the mean of a loss."""
     error = prediction if target is None else prediction - target
-    match measure:
+    match loss.measure:
         case Measure.MSE | Measure.RMSE:
             return error * error
         case Measure.MAE:
             return error.abs()
         case Measure.HUBER:
             return torch.nn.functional.huber_loss(
-                error, torch.zeros_like(error), reduction="none", delta=1.0
+                error, torch.zeros_like(error), reduction="none", delta=loss.delta
             )
         case Measure.MEAN:
             return prediction

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from backends.gauss_newton_products import Products
+from backends.gauss_newton_products import (
+    Products,
+    ProductsOfRuns,
+    StartBlocks,
+    one_after_the_other,
+)
 from backends.torch_module.module import build_module
 from compiler.differentiation.sensitivities import scales_of, sensitivities
 from compiler.differentiation.sums_of_squares import with_compared_squares
@@ -71,18 +77,32 @@ class TorchSquares:
 
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
         """The products of residuals and slopes of every loss."""
-        values = self._tensors(weights)
-        learned = torch.cat([values[name].reshape(-1) for name in self._trained])
         sums: dict[str, Products] = {}
-        for batch in batches_of(runs, max(1, _TANGENTS // len(learned))):
-            for name, found in self._batch_products(batch, values, learned).items():
+        for _, rows in self._rows(runs, weights):
+            for name, one in rows.items():
+                found = one.products()
                 sums[name] = sums[name] + found if name in sums else found
         return sums
 
-    def _batch_products(
+    def products_of_runs(self, runs: Runs, weights: Weights, own: int) -> dict[str, ProductsOfRuns]:
+        """The same, the last `own` numbers of every run apart."""
+        parts: dict[str, list[ProductsOfRuns]] = {}
+        for batch, rows in self._rows(runs, weights):
+            for name, one in rows.items():
+                parts.setdefault(name, []).append(one.products_of_runs(len(batch), own))
+        return {name: one_after_the_other(found) for name, found in parts.items()}
+
+    def _rows(self, runs: Runs, weights: Weights) -> Iterator[tuple[Runs, dict[str, _Rows]]]:
+        """The residuals of every loss with their slopes, some rollouts after the other."""
+        values = self._tensors(weights)
+        learned = torch.cat([values[name].reshape(-1) for name in self._trained])
+        for batch in batches_of(runs, max(1, _TANGENTS // len(learned))):
+            yield batch, self._rows_of(batch, values, learned)
+
+    def _rows_of(
         self, runs: Runs, values: Mapping[str, Tensor], learned: Tensor
-    ) -> dict[str, Products]:
-        factors: dict[str, Tensor | None] = {}
+    ) -> dict[str, _Rows]:
+        others: dict[str, tuple[Tensor | None, Tensor]] = {}
 
         def errors(numbers: Tensor) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
             # not a product with 0: a number may be infinite
@@ -92,12 +112,13 @@ class TorchSquares:
                 scored = scored_values(self._model, frame, self._train, runs)
             found: dict[str, Tensor] = {}
             for name, one in scored.items():
-                factors[name] = None if one is None else one.factors
                 if one is None:
                     found[name] = numbers.new_zeros(0)
+                    others[name] = (None, torch.zeros(0, dtype=torch.int64))
                 else:
                     target = 0.0 if one.target is None else one.target
                     found[name] = (one.prediction - target).reshape(-1)
+                    others[name] = (one.factors, one.runs.reshape(-1))
             # jacfwd differentiates the first and hands the second through: one rollout has both
             return found, found
 
@@ -107,11 +128,11 @@ class TorchSquares:
             warnings.simplefilter("ignore", FutureWarning)
             slopes, residuals = forward(learned)
         return {
-            name: _products(
+            name: _Rows.of(
                 loss,
                 residuals[name],
                 slopes[name],
-                factors[name],
+                *others[name],
                 scales=self._scales if self._steep.get(name, False) else None,
             )
             for name, loss in self._losses.items()
@@ -139,32 +160,84 @@ class TorchSquares:
         return evaluated(self._model, data, runs, self._model.frame_of(values))
 
 
-def _products(
-    loss: Loss, error: Tensor, slopes: Tensor, factors: Tensor | None, scales: Tensor | None
-) -> Products:
-    """Products of one batch, without slopes that are infinite where one can be so: with `scales`.
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """The residuals of one loss and their slopes, without those whose slopes are infinite."""
 
-    Huber by the weight that gives the square its slope; factors of rows are weights too.
-    """
-    each = torch.ones_like(error) if factors is None else factors.reshape(-1)
-    total = (each * cost(loss.measure, error, None)).sum().item()
-    # below 1 that makes f²e² = e²/2, above it the slope 2f²e is the sign of e
-    if loss.measure is Measure.HUBER:
-        factor = torch.sqrt(0.5 / error.abs().clamp(min=1.0))
-        error, slopes = factor * error, factor[:, None] * slopes
-    if factors is not None:
-        error, slopes = each.sqrt() * error, each.sqrt()[:, None] * slopes
-    left_out = 0.0
-    if scales is not None:
-        finite = (slopes.abs() * scales).sum(1) <= LARGEST_SLOPE  # false for NaN
-        left_out = each[~finite].sum().item()
-        # where, not a product: 0 · inf is not a number
-        error, slopes = torch.where(finite, error, 0.0), torch.where(finite[:, None], slopes, 0.0)
-    return Products(
-        curvature=(slopes.T @ slopes).cpu().numpy(),
-        slope=(slopes.T @ error).cpu().numpy(),
-        squares=float(error @ error),
-        cost=total,
-        count=each.sum().item(),
-        left_out=left_out,
-    )
+    error: Tensor
+    slopes: Tensor
+    costs: Tensor
+    """The term of each in the loss, by its factor."""
+    factors: Tensor
+    left_out: Tensor
+    """The factor of those that are left out, 0 of others."""
+    runs: Tensor
+
+    @classmethod
+    def of(
+        cls,
+        loss: Loss,
+        error: Tensor,
+        slopes: Tensor,
+        factors: Tensor | None,
+        runs: Tensor,
+        scales: Tensor | None,
+    ) -> _Rows:
+        """Huber by the weight that gives the square its slope; factors of rows are weights too.
+
+        With `scales` a slope can be infinite.
+        """
+        each = torch.ones_like(error) if factors is None else factors.reshape(-1)
+        costs = each * cost(loss, error, None)
+        # below δ that makes f²e² = e²/2, above it the slope 2f²e is δ times the sign of e
+        if loss.measure is Measure.HUBER:
+            factor = torch.sqrt(0.5 * loss.delta / error.abs().clamp(min=loss.delta))
+            error, slopes = factor * error, factor[:, None] * slopes
+        if factors is not None:
+            error, slopes = each.sqrt() * error, each.sqrt()[:, None] * slopes
+        left_out = torch.zeros_like(each)
+        if scales is not None:
+            finite = (slopes.abs() * scales).sum(1) <= LARGEST_SLOPE  # false for NaN
+            left_out = torch.where(finite, left_out, each)
+            # where, not a product: 0 · inf is not a number
+            error = torch.where(finite, error, 0.0)
+            slopes = torch.where(finite[:, None], slopes, 0.0)
+        return cls(error, slopes, costs, each, left_out, runs)
+
+    def products(self) -> Products:
+        """The products of all rows."""
+        return Products(
+            curvature=(self.slopes.T @ self.slopes).cpu().numpy(),
+            slope=(self.slopes.T @ self.error).cpu().numpy(),
+            squares=float(self.error @ self.error),
+            cost=self.costs.sum().item(),
+            count=self.factors.sum().item(),
+            left_out=self.left_out.sum().item(),
+        )
+
+    def products_of_runs(self, runs: int, own: int) -> ProductsOfRuns:
+        """The products with the last `own` numbers of each of so many runs apart."""
+        n = self.slopes.shape[1] - own
+        shared, apart = self.slopes[:, :n], self.slopes[:, n:]
+
+        def sums(values: Tensor) -> FloatArray:
+            found = values.new_zeros((runs, *values.shape[1:]))
+            return found.index_add(0, self.runs.to(values.device), values).cpu().numpy()
+
+        blocks = StartBlocks(
+            sums(shared[:, :, None] * apart[:, None, :]),
+            sums(apart[:, :, None] * apart[:, None, :]),
+            sums(apart * self.error[:, None]),
+        )
+        whole = self.products()
+        return ProductsOfRuns(
+            all=replace(
+                whole,
+                curvature=whole.curvature[:n, :n],
+                slope=whole.slope[:n],
+                starts=blocks,
+            ),
+            squares=sums(self.error * self.error),
+            cost=sums(self.costs),
+            count=sums(self.factors),
+        )

@@ -14,16 +14,16 @@ of a forecast, which is why σ² is not rᵀr / (n − p) there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from backends.gauss_newton_products import Products, StartBlocks
+from backends.gauss_newton_products import Products, ProductsOfRuns, StartBlocks
 from msnn.data.dataset import FloatArray, IntArray
-from msnn.training.engines.second_order.joint_starts import inverted_blocks, joined_blocks
-from msnn.training.records.learned.information import Information, numbers
+from msnn.training.engines.second_order.joint_starts import inverted_blocks
+from msnn.training.records.learned.information import Information, Sandwich, numbers
 
 _ROUNDS = 50
 """Of the equations for the variances of several losses; one loss is solved in the first."""
@@ -72,14 +72,18 @@ class HeldStarts:
         cls,
         products: Mapping[str, Products],
         shares: Mapping[str, float],
-        first: Sequence[Mapping[str, Products]],
+        first: Mapping[str, ProductsOfRuns],
         weights: Mapping[str, float],
     ) -> HeldStarts:
         """From products of what is scored, and those of the first evaluations of each run."""
-        counts = {name: np.array([run[name].count for run in first]) for name in shares}
-        decided = {name: weights[name] / np.maximum(counts[name], 1.0) for name in shares}
-        blocks = {name: joined_blocks([run[name] for run in first]) for name in shares}
+        decided = {name: weights[name] / np.maximum(first[name].count, 1.0) for name in shares}
+        blocks = {name: first[name].blocks for name in shares}
         return cls.of_blocks(products, shares, blocks, decided)
+
+    @property
+    def robust(self) -> Mapping[str, Sandwich]:
+        """None: starts are those of squares, beside which a robust loss has no errors."""
+        return {}
 
     def of(self, free: IntArray) -> Information:
         """The same of some of the numbers."""

@@ -22,6 +22,7 @@ def inverted(
 
     In variables that are scaled to curvature 1 each, so that units do not decide what is small.
     Where `equations` are given, these are inverted, and the curvature says what changes something.
+    Raises LinAlgError where they are singular in what does.
     """
     diagonal = np.diagonal(curvature)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
@@ -30,7 +31,11 @@ def inverted(
     kept = vectors[:, seen] * scale[:, None]
     if equations is None:
         return (kept / values[seen]) @ kept.T, vectors[:, ~seen]
-    return kept @ np.linalg.solve(kept.T @ equations @ kept, kept.T), vectors[:, ~seen]
+    within = kept.T @ equations @ kept
+    # a robust loss may have no curvature where its squares have some
+    if within.size and np.linalg.cond(within) > 1.0 / _NOTHING:
+        raise np.linalg.LinAlgError
+    return kept @ np.linalg.solve(within, kept.T), vectors[:, ~seen]
 
 
 def is_part_of(nothing: FloatArray) -> BoolArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from backends.gauss_newton_products import Products
 from compiler.ir.program import Measure
 from msnn.data.dataset import FloatArray, IntArray
-from msnn.training.plans.squared_losses import NUMBER_OF
+from msnn.training.plans.squared_losses import BREAD_OF, MEAT_OF, NUMBER_OF, WITHIN
 from msnn.training.plans.stage_plan import StagePlan
 
 
@@ -20,6 +20,11 @@ class Information(Protocol):
 
     A change dθ of them solves M dθ = −s, of which the noise of loss l makes the slope s vary.
     """
+
+    @property
+    def robust(self) -> Mapping[str, Sandwich]:
+        """The sums of losses whose curvature is not that of their squares."""
+        ...
 
     def of(self, free: IntArray) -> Information:
         """The same of some of the numbers, the others held."""
@@ -57,6 +62,41 @@ def shares_of(plan: StagePlan, products: Mapping[str, Products]) -> dict[str, fl
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Sandwich:
+    """The two sums of a robust loss: its curvature, and the covariance of its gradient.
+
+    With ψ the derivative of the cost and c the share of an element in the total, both of half of
+    the total, as those of sums of squares are: c/2 Σ w ψ' jjᵀ, and (c/2)² Σ w² ψ² jjᵀ for clipped
+    residuals whose variance is 1. Noise may differ from row to row (White 1980).
+    """
+
+    bread: FloatArray
+    meat: FloatArray
+    squares: float
+    """Σ w ψ²."""
+    within: float
+    """Elements that are not clipped: the others have no curvature."""
+
+    @classmethod
+    def of_loss(cls, name: str, share: float, products: Mapping[str, Products]) -> Sandwich:
+        """From the products of the losses that stand for it."""
+        bread, meat = products[f"{BREAD_OF}{name}"], products[f"{MEAT_OF}{name}"]
+        # Σ w ψ² / n is the variance that the gradient is divided by
+        variance = bread.squares / numbers(products, name)
+        return cls(
+            bread=0.5 * share * bread.curvature,
+            meat=(0.5 * share) ** 2 * meat.curvature / variance if variance else meat.curvature,
+            squares=bread.squares,
+            within=products[f"{WITHIN}{name}"].cost,
+        )
+
+    def of(self, free: IntArray) -> Sandwich:
+        """The same of some of the numbers."""
+        some = np.ix_(free, free)
+        return replace(self, bread=self.bread[some], meat=self.meat[some])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SymmetricInformation:
     """The information of residuals whose starts are known, or were estimated with the numbers."""
 
@@ -67,40 +107,52 @@ class SymmetricInformation:
     """cₗ."""
     used_up: Mapping[str, float]
     """Residuals that starts have paid for."""
+    robust: Mapping[str, Sandwich]
+    """Of the losses whose curvature is not that of their squares."""
 
     def of(self, free: IntArray) -> Information:
         """The same of some of the numbers."""
         some = {name: one[np.ix_(free, free)] for name, one in self.curvatures.items()}
-        return SymmetricInformation(
-            products=self.products, curvatures=some, shares=self.shares, used_up=self.used_up
-        )
+        robust = {name: one.of(free) for name, one in self.robust.items()}
+        return replace(self, curvatures=some, robust=robust)
 
     def curvature(self) -> FloatArray:
         """Σ cₗ JₗᵀJₗ."""
         return np.asarray(sum(self.curvatures.values()))
 
     def equations(self) -> FloatArray | None:
-        """None: what the numbers minimise is the total."""
-        return None
+        """Half the second derivative of the total, where clipped residuals have no part in it."""
+        if not self.robust:
+            return None
+        return np.asarray(sum(map(self._curving, self.curvatures)))
 
     def spreads(self) -> Mapping[str, FloatArray]:
-        """cₗ² JₗᵀJₗ."""
-        return {name: self.shares[name] * one for name, one in self.curvatures.items()}
+        """cₗ² JₗᵀJₗ, of robust losses the meat."""
+        return {
+            name: self.robust[name].meat if name in self.robust else self.shares[name] * one
+            for name, one in self.curvatures.items()
+        }
 
     def variances(self, inverse: FloatArray, measured: frozenset[str]) -> dict[str, float]:
-        """rₗᵀrₗ / (nₗ − pₗ)."""
+        """rₗᵀrₗ / (nₗ − pₗ), of robust losses that of clipped residuals."""
         found: dict[str, float] = {}
         for name in (name for name in self.curvatures if name in measured):
             freedom = numbers(self.products, name) - self.used_up.get(name, 0.0)
             # tr(M⁻¹ cₗJₗᵀJₗ), both symmetric: how many of the learned numbers this loss decides
-            freedom -= float(np.sum(inverse * self.curvatures[name]))
-            found[name] = self.products[name].squares / freedom if freedom > 0 else np.nan
+            freedom -= float(np.sum(inverse * self._curving(name)))
+            robust = self.robust.get(name)
+            squares = self.products[name].squares if robust is None else robust.squares
+            found[name] = squares / freedom if freedom > 0 else np.nan
         return found
+
+    def _curving(self, name: str) -> FloatArray:
+        return self.robust[name].bread if name in self.robust else self.curvatures[name]
 
 
 def _share(plan: StagePlan, name: str, found: Products) -> float:
     """The share of a squared residual in the total; near the minimum for a root."""
-    loss = next(loss for loss in plan.rollout.program.losses if loss.name == name)
+    # of the stage's own program: in that of its squares a root is one of them
+    loss = next(loss for loss in plan.program.losses if loss.name == name)
     share = plan.loss_weights[loss.name] / found.count
     if loss.measure is Measure.RMSE and found.cost > 0:
         # d√(S/n)/dS = 1 / (2 n √(S/n))

@@ -17,10 +17,16 @@ from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_slopes import NativeSlopes
 from msnn.training.engines.second_order.joint_starts import JointStarts, without_starts
 from msnn.training.engines.second_order.squares import SlopedSquares
+from msnn.training.plans.squared_losses import BREAD_OF
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.learned.held_starts import HeldStarts
-from msnn.training.records.learned.information import Information, SymmetricInformation, shares_of
+from msnn.training.records.learned.information import (
+    Information,
+    Sandwich,
+    SymmetricInformation,
+    shares_of,
+)
 from msnn.training.records.learned.overlapping_runs import of_overlapping_runs
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
@@ -43,7 +49,8 @@ def information_of(
         products = squares.products(runs, weights)
         return _symmetric(plan, products, {}), products, notes
     joint = plan.estimates_starts
-    fit = StartFit(starts.program, None if joint else starts.over, starts.skip if joint else 0)
+    over, skip = (None, starts.skip) if joint else (starts.over, 0)
+    fit = StartFit(starts.program, over, skip, native=plan.engine != "torch")
     found = fit.find(data.series, runs, weights, plan.loss_weights, rows if joint else None)
     series = found.series(data.rows)
     unknown = JointStarts(plan, data.series)
@@ -84,6 +91,11 @@ def _symmetric(
         curvatures={name: share * products[name].curvature for name, share in shares.items()},
         shares=shares,
         used_up=used_up,
+        robust={
+            name: Sandwich.of_loss(name, share, products)
+            for name, share in shares.items()
+            if f"{BREAD_OF}{name}" in products
+        },
     )
 
 

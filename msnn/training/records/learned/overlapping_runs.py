@@ -25,7 +25,8 @@ from compiler.ir.types import Type
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import moments
-from msnn.simulation.start_fit import COUNT, RESIDUAL, SLOPES, StartFit, with_slopes
+from msnn.simulation.start_fit import StartFit
+from msnn.simulation.start_products import COUNT, RESIDUAL, SLOPES, with_slopes
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.learned.held_starts import HeldStarts
 from msnn.training.records.learned.information import shares_of

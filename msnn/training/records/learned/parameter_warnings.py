@@ -10,9 +10,9 @@ import numpy as np
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.errors.learning.second_order import not_identifiable
-from msnn.errors.learning.training import at_bound
+from msnn.errors.learning.training import at_bound, stuck_at_bound
+from msnn.training.records.learned.parameters_record import at_bound as is_at_bound
 from msnn.training.records.learned.standard_errors import StandardErrors
-from msnn.training.records.learned.standard_errors import at_bound as is_at_bound
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _SHARE = 1e-3
@@ -31,11 +31,13 @@ def parameter_warnings(
     among themselves is no news: nobody reads them.
     """
     warnings = [] if found is None else list(found.notes)
-    warnings += [
-        at_bound(parameter.name, parameter.span)
-        for parameter in program.parameters
-        if parameter.learn and is_at_bound(parameter, weights[parameter.name]).any()
-    ]
+    beside = None if found is None else found.beside
+    for parameter in (each for each in program.parameters if each.learn):
+        is_known = beside is not None and parameter.name in beside.held
+        if is_at_bound(parameter, weights, found).any():
+            warnings.append(at_bound(parameter.name, parameter.span, is_pushed=is_known))
+        if beside is not None and is_known and beside.stuck[parameter.name].any():
+            warnings.append(stuck_at_bound(parameter.name, parameter.span))
     for group in [] if found is None else _together(found.unidentified):
         changes, beside = _of_readable(group, black_boxes)
         if not changes:

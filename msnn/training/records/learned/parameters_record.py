@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from compiler.ir.program import Program
-from msnn.data.dataset import FloatArray
-from msnn.training.records.learned.standard_errors import StandardErrors, at_bound
+from compiler.ir.program import Parameter, Program
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.training.records.learned.beside_bounds import is_near_bound
+from msnn.training.records.learned.standard_errors import StandardErrors
 from msnn.training.records.learned.zero_slices import zero_slices
 from msnn.training.records.metrics_log import finite
 
@@ -30,8 +31,7 @@ def parameters_record(
                 "initial": finite(list(parameter.initial)),
                 "values": finite(weights[parameter.name].ravel().tolist()),
                 "learn": parameter.learn,
-                "at_bound": parameter.learn
-                and bool(at_bound(parameter, weights[parameter.name]).any()),
+                "at_bound": parameter.learn and bool(at_bound(parameter, weights, found).any()),
                 "standard_errors": finite(errors[parameter.name].ravel().tolist())
                 if parameter.name in errors
                 else None,
@@ -50,6 +50,16 @@ def parameters_record(
             "reason": found.reason,
         }
     return record
+
+
+def at_bound(
+    parameter: Parameter, weights: Mapping[str, FloatArray], found: StandardErrors | None
+) -> BoolArray:
+    """The elements at a bound: by the derivative, else by the distance."""
+    known = None if found is None or found.beside is None else found.beside.held
+    if known is not None and parameter.name in known:
+        return known[parameter.name]
+    return is_near_bound(parameter, weights[parameter.name])
 
 
 def has_unidentified(record: Mapping[str, Any], found: Mapping[str, Any]) -> bool:

@@ -10,6 +10,8 @@ as white: rows that are correlated say less than they seem to, and the errors co
 Where a row has a factor w, r and J are √w times what they are, as if its noise were σ/√w; n counts
 every row with w > 0 once. Starts that were estimated with the parameters are eliminated from H and
 JₗᵀJₗ first, and count among the pₗ; what starts add that were found apart, `held_starts` says.
+Of `huber` H is c/2 Σ ψ' jjᵀ and the middle (c/2)² Σ ψ² jjᵀ · n/(n − p), with ψ the clipped residual
+and j its slope (`squared_losses`): noise may differ from row to row there (Huber 1967, White 1980).
 """
 
 from __future__ import annotations
@@ -21,22 +23,31 @@ import numpy as np
 
 from backends.gauss_newton_products import Products
 from backends.known_terms import KnownTerms, in_corners
-from compiler.ir.program import Parameter
+from compiler.differentiation.sums_of_squares import is_sum_of_squares
+from compiler.ir.program import Measure, Parameter
 from msnn.data.dataset import Dataset, FloatArray, IntArray
 from msnn.model.weights.covariance_file import Covariance
 from msnn.simulation.rollout import LossSum
 from msnn.simulation.rollout_plan import counted_rows, set_rollouts
+from msnn.training.engines.second_order.bounded_steps import in_physical_units
+from msnn.training.engines.second_order.quadratic_terms import Decay, quadratic_terms
+from msnn.training.plans.concerned_losses import concerns
 from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
-from msnn.training.plans.squared_losses import squared
+from msnn.training.plans.squared_losses import is_all_squared, squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.records.learned.beside_bounds import (
+    BesideBounds,
+    beside_bounds,
+    is_near_bound,
+)
 from msnn.training.records.learned.identified import (
     combinations,
     inverted,
     is_part_of,
     number_names,
 )
-from msnn.training.records.learned.information import Information, numbers
+from msnn.training.records.learned.information import Information, numbers, shares_of
 from msnn.training.records.learned.information_of_stage import information_of
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
@@ -50,8 +61,12 @@ Every operation has a slope in every number. 240,000, an arm of six joints with 
 5 to 6 s and the kernel as long.
 """
 
-AT_BOUND = 1e-3
-"""Part of the range, or of the way to a bound, within which a value counts as at it."""
+_WITHIN = 10
+"""Residuals within δ beside two a learned number, of which the curvature of `huber` is made.
+
+With so many 89 to 93 % of the 95 % intervals of a line through rows with heavy tails (Student's t,
+2.5 degrees of freedom) have the true value, with a half of them 77 %.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,6 +86,8 @@ class StandardErrors:
     """Why they were not computed by kernels."""
     covariance: Covariance | None = None
     """What the errors are the roots of the diagonal of; None where there is none at all."""
+    beside: BesideBounds | None = None
+    """The values at bounds; None where the derivative of the total is not known."""
 
 
 def standard_errors(
@@ -78,10 +95,15 @@ def standard_errors(
 ) -> StandardErrors:
     """The standard errors of the parameters that a stage trained, from its train rows.
 
-    Rollouts are those of the stage, a horizon apart, so that each row counts once. `huber` and
-    `rmse` count as mse; losses that are no sums of squares are left out.
+    Rollouts are those of the stage, a horizon apart, so that each row counts once. `rmse` counts as
+    mse with the weight that it has near its minimum. There are none beside a loss whose curvature
+    nobody knows (`mae`, a cost that is no square), as the parameters minimise that one too.
     """
-    program = squared(plan.rollout.program, plan.loss_weights)
+    unknown = _unknown_curvature(plan)
+    if unknown is not None:
+        return without_errors(unknown)
+    is_whole = is_all_squared(plan.rollout.program, plan.loss_weights)
+    program = squared(plan.rollout.program, plan.loss_weights, robust=True)
     parameters = [program.parameter(name) for name in plan.trained]
     learned = sum(weights[p.name].size for p in parameters)
     if not any(loss.target is not None for loss in program.losses):
@@ -96,6 +118,9 @@ def standard_errors(
     starts = plan.rollout.starts
     if starts is not None:
         starts = replace(starts, program=squared(starts.program, plan.loss_weights))
+        robust = [loss.name for loss in program.losses if loss.measure is Measure.HUBER]
+        if robust:
+            return without_errors(f"`{robust[0]}` is huber, and its starts are those of squares")
     rollout = replace(plan.rollout, program=program, starts=starts)
     runs = set_rollouts(rollout, data, TRAIN, None, "standard errors", plan.span, Findings())
     if runs is None:
@@ -103,32 +128,27 @@ def standard_errors(
     rows = counted_rows(rollout, data, TRAIN)
     plan = replace(plan, rollout=rollout)
     said, products, notes = information_of(plan, data, rows, runs, weights)
-    return replace(_estimated(plan, parameters, weights, said, products), notes=notes)
+    found = _estimated(plan, parameters, weights, said, products, is_whole=is_whole)
+    return replace(found, notes=notes)
 
 
-def at_bound(parameter: Parameter, value: FloatArray) -> np.ndarray:
-    """The mask of elements of a value that are at a bound of the parameter."""
-    low, high = parameter.minimum, parameter.maximum
-    # with one bound there is no range: the parameter's scale is what a change is measured by
-    span = high - low if low is not None and high is not None else abs(parameter.scale)
-    found = np.zeros(value.shape, dtype=np.bool_)
-    if low is not None:
-        found |= value - low < AT_BOUND * _way(parameter, value, low, span)
-    if high is not None:
-        found |= high - value < AT_BOUND * _way(parameter, value, high, span)
-    return found
-
-
-def _way(parameter: Parameter, value: FloatArray, bound: float, span: float) -> FloatArray:
-    """The measure of a distance to a bound, as small numbers are small beside any scale.
-
-    The range or scale, or where that is less the bound, or how far it was to it at first.
-    """
-    begun = np.asarray(parameter.initial)
-    if begun.size != value.size:
-        return np.full(value.shape, span)
-    way = np.maximum(np.abs(begun.reshape(value.shape) - bound), abs(bound))
-    return np.where(way > 0, np.minimum(way, span), span)
+def _unknown_curvature(plan: StagePlan) -> str | None:
+    """Why the curvature of the total is not known, None where it is."""
+    for loss in plan.program.losses:
+        # a penalty is straight beside its corner
+        known = loss.measure is Measure.RMSE or is_sum_of_squares(plan.program.step, loss)
+        if known or loss.penalty is not None or not plan.loss_weights[loss.name]:
+            continue
+        alone = {one.name: float(one is loss) for one in plan.program.losses}
+        if not concerns(plan.program, alone, plan.trained):
+            continue
+        if loss.measure is Measure.MAE:
+            return (
+                f"those of `{loss.name}`, a mae, depend on the density of its noise at 0; "
+                "`huber(…, delta=…)` has them"
+            )
+        return f"`{loss.name}` is no sum of squares"
+    return None
 
 
 def without_errors(reason: str) -> StandardErrors:
@@ -142,19 +162,37 @@ def _estimated(
     weights: Mapping[str, FloatArray],
     said: Information,
     products: Mapping[str, Products],
+    *,
+    is_whole: bool,
 ) -> StandardErrors:
     known = known_of(plan, parameters)
-    held = np.concatenate([at_bound(p, weights[p.name]).ravel() for p in parameters])
+    beside = _beside(plan, parameters, weights, products) if is_whole else None
+    held = np.concatenate(
+        [
+            (is_near_bound(p, weights[p.name]) if beside is None else beside.held[p.name]).ravel()
+            for p in parameters
+        ]
+    )
     held |= in_corners(known, np.concatenate([weights[p.name].ravel() for p in parameters]))
     # a number at its bound cannot move both ways: it counts as known, and has no error
     free = np.flatnonzero(~held)
     names = [n for p in parameters for n in number_names(p.name, weights[p.name].shape)]
     said = said.of(free)
+    for name, one in said.robust.items():
+        if one.within < _WITHIN + 2 * len(free):
+            return without_errors(
+                f"only {one.within:.0f} of {numbers(products, name):.0f} residuals of `{name}` are "
+                f"within its delta, too few for {len(free)} learned numbers"
+            )
     prior = _prior_curvature(plan, known, products)[free]
     total, equations = said.curvature() + np.diag(prior[:, 0]), said.equations()
     if equations is not None:
         equations = equations + np.diag(prior[:, 0])
-    inverse, nothing = inverted(total, equations)
+    try:
+        inverse, nothing = inverted(total, equations)
+    except np.linalg.LinAlgError:
+        found = "residuals within delta" if said.robust else "the scored residuals"
+        return without_errors(f"{found} do not determine the learned numbers")
     # the residuals of a penalty such as l2(w) are no measurements: it has no noise
     targets = (loss.name for loss in plan.rollout.program.losses if loss.target is not None)
     noise = said.variances(inverse, frozenset(targets))
@@ -179,6 +217,7 @@ def _estimated(
         noise={name: float(np.sqrt(variance)) for name, variance in noise.items()},
         residuals=round(sum(numbers(products, name) for name in noise)),
         covariance=_kept(parameters, weights, free, covariance),
+        beside=beside,
     )
 
 
@@ -197,12 +236,41 @@ def _kept(
     return Covariance.sorted_by_name(names, weights, whole)
 
 
+def _beside(
+    plan: StagePlan,
+    parameters: list[Parameter],
+    weights: Mapping[str, FloatArray],
+    products: Mapping[str, Products],
+) -> BesideBounds:
+    """The values at bounds, by the derivative of everything that the stage minimises."""
+    shares = shares_of(plan, products)
+    inside = in_physical_units(parameters)
+    values = np.concatenate([weights[p.name].ravel() / p.scale for p in inside])
+    scales = np.concatenate([np.full(weights[p.name].size, p.scale) for p in inside])
+    spread = _prior_weight(plan, products)
+    decay = Decay(plan.weight_decay, parameters)
+    terms = quadratic_terms(known_of(plan, inside), values, decay, spread)
+    slope = sum(share * products[name].slope for name, share in shares.items())
+    bent = sum(share * np.diagonal(products[name].curvature) for name, share in shares.items())
+    return beside_bounds(
+        parameters,
+        weights,
+        slope + terms.slope / scales,
+        bent + terms.curvature / scales**2,
+        sum(share * products[name].cost for name, share in shares.items()) + terms.value,
+    )
+
+
+def _prior_weight(plan: StagePlan, products: Mapping[str, Products]) -> float:
+    """ŝ²/n, by which priors count."""
+    sums = {name: LossSum(one.cost, one.count) for name, one in products.items() if one.count}
+    return square_by_count(plan, sums) if sums else 0.0
+
+
 def _prior_curvature(
     plan: StagePlan, known: KnownTerms, products: Mapping[str, Products]
 ) -> FloatArray:
     """The prior's part of each number in H, and in the variance of the slope."""
-    residuals = [one for one in products.values() if one.count]
-    sums = {name: LossSum(one.cost, one.count) for name, one in products.items()}
-    weight = square_by_count(plan, sums) if residuals else 0.0
+    weight = _prior_weight(plan, products)
     slope = np.where(known.std > 0, 1.0 / np.where(known.std > 0, known.std, 1.0), 0.0)
     return np.stack([weight * slope**2, (weight * slope) ** 2], axis=1)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from backends.gauss_newton_products import Products
+from backends.gauss_newton_products import Products, ProductsOfRuns
 from backends.native.compile_kernel import Built
 from backends.native.kernel import Kernel
 from backends.native.rollouts.sensitivity_kernel import SensitivityKernel
@@ -52,9 +54,9 @@ def check_sensitivities(
         few = case.runs
         steps = np.full(len(few.t0), few.steps)
         physical = flat(found.program, case.weights)
-        products = kernel.products(kernel.data(few.log, few.skip), few.t0, steps, physical)
-        right = interpreted_products(found, case.weights, few)
-        for name, one in right.items():
+        rollouts = (kernel.data(few.log, few.skip), few.t0, steps, physical)
+        products = kernel.products(*rollouts)
+        for name, one in interpreted_products(found, case.weights, few).items():
             of_kernel = products[name]
             _compare(kernel.built, f"the loss `{name}`", of_kernel.cost, one.cost)
             _compare(kernel.built, f"the elements of `{name}`", of_kernel.count, one.count)
@@ -66,6 +68,13 @@ def check_sensitivities(
                 _joined(of_kernel),
                 one.products,
             )
+        # those of the second group of lanes, which must not stand among those of the first
+        last = slice(kernel.lanes, None)
+        apart = kernel.products_of_runs(*rollouts, own=kernel.numbers)
+        second = replace(few, t0=few.t0[last])
+        for name, one in interpreted_products(found, case.weights, second).items():
+            slopes_of = f"the slopes and residuals of `{name}` by rollout"
+            _compare(kernel.built, slopes_of, _joined(_summed(apart[name], last)), one.products)
 
 
 def _compare(built: Built, what: str, found: FloatArray | float, right: Total) -> None:
@@ -76,3 +85,14 @@ def _joined(one: Products) -> FloatArray:
     """[J r]ᵀ[J r]."""
     last = np.array([[one.squares]])
     return np.block([[one.curvature, one.slope[:, None]], [one.slope[None, :], last]])
+
+
+def _summed(runs: ProductsOfRuns, some: slice) -> Products:
+    """The products of some runs in which every number is their own."""
+    return Products(
+        curvature=runs.blocks.curvature[some].sum(axis=0),
+        slope=runs.blocks.slope[some].sum(axis=0),
+        squares=float(runs.squares[some].sum()),
+        cost=float(runs.cost[some].sum()),
+        count=float(runs.count[some].sum()),
+    )

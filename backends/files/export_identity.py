@@ -1,0 +1,53 @@
+"""Gives an export an identity, a hash of all its files that stands in some of them; and a manifest.
+
+Equal identities mean the same program, weights, options and version of msnn.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+OPEN = "msnn-id-" * 8
+"""Stands in texts where the identity will, of the same length: the hash is of texts with this."""
+
+MANIFEST = "manifest.sha256"
+"""Lists every file of an export, as `sha256sum --check` reads it."""
+
+
+def with_identity(texts: Mapping[str, str]) -> dict[str, str]:
+    """The texts, by path, with their identity in the place of `OPEN`."""
+    identity = identity_of(texts)
+    return {path: text.replace(OPEN, identity) for path, text in texts.items()}
+
+
+def with_manifest(texts: Mapping[str, str]) -> dict[str, str]:
+    """The texts, and the manifest of their files."""
+    contents = {path: text.encode() for path, text in texts.items()}
+    return {**texts, MANIFEST: manifest_text(contents)}
+
+
+def identity_of(texts: Mapping[str, str]) -> str:
+    """The SHA-256 of paths and texts, in which `OPEN` is where the identity belongs."""
+    digest = hashlib.sha256()
+    for path, text in sorted(texts.items()):
+        data = text.encode()
+        # lengths too, so that no two lists of files give the same bytes
+        digest.update(f"{path}\n{len(data)}\n".encode())
+        digest.update(data)
+    return digest.hexdigest()
+
+
+def manifest_text(contents: Mapping[str, bytes]) -> str:
+    """One line per file: the SHA-256 of its bytes, two blanks, its path."""
+    hashes = {path: hashlib.sha256(data).hexdigest() for path, data in contents.items()}
+    return "".join(f"{digest}  {path}\n" for path, digest in sorted(hashes.items()))
+
+
+def read_manifest(folder: Path) -> dict[str, str]:
+    """The SHA-256 of each file by its path. Raises OSError, ValueError for another text."""
+    lines = (folder / MANIFEST).read_text(encoding="utf-8").splitlines()
+    # ValueError where a line has no two blanks
+    pairs = [line.split("  ", 1) for line in lines]
+    return {path: digest for digest, path in pairs}

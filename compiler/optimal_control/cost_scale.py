@@ -1,0 +1,162 @@
+"""Scales the cost for a solver, whose tolerance and barriers are numbers without unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.ops import Constant
+from compiler.ir.types import Axis, Type
+from compiler.optimal_control.problem import ControlLimits, ControlProblem
+from compiler.optimal_control.structure import Chosen, chosen_structure
+
+States = Mapping[str, NDArray[np.float64]]
+"""By name (draws, *shape)."""
+USUAL: Mapping[Chosen, float] = {"staged": 128.0, "condensed": 8.0}
+"""The size of a cost that a solver takes as it is: of the two problems of `benchmarks/mpc` on which
+the constants of each structure were chosen."""
+_DRAWS = 64
+_TRIES = 3
+_FAR = 10.0
+"""How far a plant is followed, by the scales of its states or its start."""
+
+
+def cost_scale(problem: ControlProblem) -> float:
+    """σ, the power of two for which σ · size is nearest to what is usual; 1 where no size is found.
+
+    The size is the change of J as the first controls move over their ranges while all others stay:
+    the largest difference of three tries, and of that the median over starts and later controls
+    drawn from the declared ranges. A gradient of σJ of 1e-6 by a control, over its scale, is then
+    an error of the control of about 1e-8 to 1e-7 of its range. A power of two changes no digit of
+    a cost. A plant that runs away goes on from its start: a plan never costs what it costs far out.
+    """
+    program = problem.program
+    # the same points each time: an exported controller must not depend on chance
+    random = np.random.default_rng(0)
+    # rows beyond the last point, for windows that look ahead of it
+    rows = _DRAWS + problem.longest_preview
+    later = {s.name: drawn(random, rows, s.axes, s.range or (-1.0, 1.0)) for s in program.signals}
+    for member, limits in zip(problem.controls.members, problem.control_limits, strict=True):
+        later[member.name] = drawn(random, rows, member.axes, _range(problem, limits))
+    starts = {
+        state.name: drawn(
+            random, _DRAWS, state.axes, state.range or _around_0(problem.state_scales[state.name])
+        )
+        for state in program.states
+    }
+    far = {
+        name: _FAR * np.maximum(problem.state_scales[name], np.abs(values))
+        for name, values in starts.items()
+    }
+    interpreter, at = Interpreter(program), np.arange(_DRAWS)
+    costs: list[NDArray[np.float64]] = []
+    for _ in range(_TRIES):
+        first = {
+            name: random.permutation(values) if name in _names(problem) else values
+            for name, values in later.items()
+        }
+        total = np.zeros(_DRAWS)
+        states: States = starts
+        with np.errstate(all="ignore"):
+            for k in range(problem.horizon):
+                found = interpreter.step(later if k else first, at, states, losses=False)
+                total = total + found.outputs[problem.stage]
+                states = _near(found.next_states, starts, far)
+            if problem.terminal is not None:
+                found = interpreter.step(later, at, states, losses=False)
+                total = total + found.outputs[problem.terminal]
+        costs.append(total)
+    with np.errstate(all="ignore"):
+        changes = _spread(costs)
+    if not changes.size:
+        return 1.0
+    usual = USUAL[chosen_structure(problem)]
+    return 2.0 ** round(math.log2(usual / float(np.median(changes))))
+
+
+def with_scaled_cost(problem: ControlProblem) -> ControlProblem:
+    """The problem of σJ, which solvers are given; multipliers and costs of it are σ times as large.
+
+    Weights of hard bounds are the solver's own, and stay.
+    """
+    scale = problem.cost_scale
+    if scale == 1:
+        return problem
+    builder = GraphBuilder(problem.program.step)
+    factor = builder.constant(scale)
+    costs = (problem.stage, problem.terminal)
+    outputs = tuple(
+        replace(output, node=builder.multiply(factor, output.node))
+        if output.name in costs
+        else output
+        for output in problem.program.outputs
+    )
+    paths = tuple(
+        replace(
+            path,
+            linear=None if path.linear is None else path.linear * scale,
+            quadratic=None if path.quadratic is None else path.quadratic * scale,
+        )
+        for path in problem.path_limits
+    )
+    program = replace(problem.program, step=builder.graph(), outputs=outputs)
+    return replace(problem, program=program, path_limits=paths, cost_scale=1.0)
+
+
+def drawn(
+    random: np.random.Generator, rows: int, axes: tuple[Axis, ...], limits: tuple[float, float]
+) -> NDArray[np.float64]:
+    """Numbers of a quantity between limits, (rows, *shape)."""
+    return random.uniform(*limits, (rows, *Type(axes).shape))
+
+
+def _spread(costs: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """The difference of the largest and the smallest cost of each draw, where it is one."""
+    spread: NDArray[np.float64] = np.max(costs, axis=0) - np.min(costs, axis=0)
+    return spread[np.isfinite(spread) & (spread > 0)]
+
+
+def _near(states: States, starts: States, far: States) -> States:
+    """The states, of draws that are far out the starts."""
+    is_near = np.ones(_DRAWS, np.bool_)
+    for name, values in states.items():
+        is_near &= np.all((np.abs(values) <= far[name]).reshape(_DRAWS, -1), axis=1)
+    return {
+        name: np.where(is_near.reshape(-1, *(1,) * (values.ndim - 1)), values, starts[name])
+        for name, values in states.items()
+    }
+
+
+def _names(problem: ControlProblem) -> set[str]:
+    return {member.name for member in problem.controls.members}
+
+
+def _around_0(scale: float) -> tuple[float, float]:
+    return -scale, scale
+
+
+def _range(problem: ControlProblem, control: ControlLimits) -> tuple[float, float]:
+    """What the bounds of a control leave it, or else its declared range, or its scale around 0."""
+    known = problem.program.signal(control.name).range
+    low, high = known or _around_0(control.scale)
+    ends = (_number(problem, end) for end in (control.limits.minimum, control.limits.maximum))
+    least, most = ends
+    if least is not None and most is not None:
+        return least, most
+    # one end alone: as far from it as the scale says
+    if least is not None:
+        return least, max(high, least + control.scale)
+    if most is not None:
+        return min(low, most - control.scale), most
+    return low, high
+
+
+def _number(problem: ControlProblem, output: str | None) -> float | None:
+    op = None if output is None else problem.program.step[problem.node(output)].op
+    return op.values[0] if isinstance(op, Constant) else None

@@ -1,0 +1,111 @@
+"""Finds the units that files and frames state of their arrays, apart from the arrays' names."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, cast
+
+import numpy as np
+
+_KEYS = frozenset(("unit", "units"))
+"""In small letters: the attribute `units` of CF and NeXus, `unit` of loggers."""
+_VALUES = frozenset(("data", "value", "values", "samples", "y"))
+"""Fields of a struct in which the numbers stand, beside a field with their unit."""
+_PANDAS = "PANDAS_ATTRS"
+_LONGEST = 200
+
+
+def units_in(attributes: Any) -> Sequence[str]:
+    """The unit in a mapping of attributes; several where an array has one for each column."""
+    # attributes that cannot be read, as references of HDF5, are not looked at
+    keys = [key for key in attributes if text_of(key).lower() in _KEYS]
+    return texts_of(attributes[keys[0]]) if keys else ()
+
+
+def unit_of_array(array: Any) -> Sequence[str]:
+    """The unit that an array of a session has with it: of pandas and xarray in `attrs`, of pint in
+    `units`, of astropy in `unit`."""
+    attributes = getattr(array, "attrs", None)
+    if attributes:
+        return units_in(attributes)
+    # those of dates and times of day are of numpy's ticks
+    if getattr(getattr(array, "dtype", None), "kind", "f") in "mM":
+        return ()
+    for key in ("units", "unit"):
+        if (unit := getattr(array, key, None)) is not None and not callable(unit):
+            # pint's short format, as `km/h`
+            return (f"{unit:~C}" if hasattr(unit, "dimensionality") else str(unit),)
+    return ()
+
+
+def unit_beside(names: Collection[str], name: str, get: Callable[[str], Any]) -> Sequence[str]:
+    """The unit in a text of the same file: `speed_unit`, or `speed.unit` beside `speed.data`."""
+    wanted = {f"{name}_{key}".lower() for key in _KEYS}
+    for sign in "./":
+        base, found, field = name.rpartition(sign)
+        if found and field.lower() in _VALUES:
+            wanted |= {f"{base}{sign}{key}".lower() for key in _KEYS}
+    # one file has few such names, and none of them is read before it is wanted
+    beside = next((other for other in names if other.lower() in wanted), None)
+    return () if beside is None else texts_of(get(beside))
+
+
+def unit_of_column(attributes: Any, name: str) -> Sequence[str]:
+    """The unit of a column in the attributes of its table: `{"units": {"speed": "km/h"}}`.
+
+    Parquet keeps mappings as JSON, and those that pandas has in `attrs` below a key of pandas.
+    """
+    for key, value in attributes.items():
+        mapping = _mapping(value)
+        if text_of(key) == _PANDAS:
+            found = unit_of_column(mapping, name)
+        elif text_of(key).lower() in _KEYS and name in mapping:
+            found = texts_of(mapping[name])
+        else:
+            continue
+        if found:
+            return found
+    return ()
+
+
+def _mapping(value: Any) -> Mapping[Any, Any]:
+    if isinstance(value, str | bytes):
+        try:
+            value = json.loads(value)
+        except ValueError:
+            return {}
+    return cast("Mapping[Any, Any]", value) if isinstance(value, Mapping) else {}
+
+
+def texts_of(value: Any) -> Sequence[str]:
+    """The texts of an attribute or an array: a text, bytes, letters of MATLAB, or a list of texts.
+
+    Empty for anything else.
+    """
+    if isinstance(value, str | bytes):
+        return (text_of(value),)
+    array = np.asarray(value)
+    if array.size > _LONGEST:
+        return ()
+    # MATLAB keeps the letters of a text as numbers in files of 7.3
+    if array.dtype == np.uint16:
+        return ("".join(chr(code) for code in array.ravel()),)
+    if array.dtype.kind not in "OSU":
+        return ()
+    return tuple(map(text_of, array.ravel())) if _are_texts(array.ravel()) else ()
+
+
+def text_of(value: Any) -> str:
+    """A text, of bytes too."""
+    if isinstance(value, bytes):
+        # latin-1 has each byte, and `°` of old loggers
+        try:
+            return value.decode("utf-8")
+        except UnicodeDecodeError:
+            return value.decode("latin-1")
+    return str(value)
+
+
+def _are_texts(values: Any) -> bool:
+    return all(isinstance(value, str | bytes) for value in values)

@@ -1,0 +1,133 @@
+"""Looks at the course of a stage: which loss decided it, what it kept, what did not move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+from msnn.errors.learning import notes
+from msnn.training.plans.known_terms_of_stage import has_priors
+from msnn.training.plans.stage_data import StageData
+from msnn.training.plans.stage_plan import TOTAL, StagePlan
+from msnn.training.plans.stage_result import StageResult
+from msnn.training.records.progress import EpochEnd
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+ALONE = 0.95
+"""Part of the total from which on a loss decides alone."""
+FELL = 2.0
+"""Times that the loss of training may fall after the epoch that a least-squares stage keeps."""
+FAR_ABOVE = 10.0
+"""Times the loss of training that a monitor may be."""
+NOTHING = 1e-6
+"""Part of the loss of the first epoch that is as good as nothing."""
+HARDLY = 0.01
+"""Part of its scale by which a parameter has to move."""
+
+Weights = Mapping[str, FloatArray]
+
+
+class StageCourse:
+    """Hears of the epochs of a stage's attempts, and keeps the first, the best and the last."""
+
+    def __init__(self) -> None:
+        self._first: dict[int, EpochEnd] = {}
+        self._best: dict[int, EpochEnd] = {}
+        self._last: dict[int, EpochEnd] = {}
+        self._moved: dict[str, bool] = {}
+
+    def epoch_ended(self, event: EpochEnd) -> None:
+        """Takes an epoch; of an attempt that is resumed those after that."""
+        if event.epoch == 1:
+            self._first[event.attempt] = event
+        if event.best_epoch == event.epoch:
+            self._best[event.attempt] = event
+        self._last[event.attempt] = event
+
+    def stage_ended(
+        self, plan: StagePlan, data: StageData, result: StageResult, begin: Weights
+    ) -> list[Diagnostic]:
+        """What the stage has to say of itself; the next one begins."""
+        number = result.attempt + 1
+        first, best, last = (kept.get(number) for kept in (self._first, self._best, self._last))
+        self._first, self._best, self._last = {}, {}, {}
+        self._note_moves(plan, result, begin)
+        found: list[Diagnostic | None] = []
+        if first is not None and last is not None:
+            found.append(_alone(plan, first.losses, last.losses))
+            if best is not None and best.epoch == result.best_epoch:
+                found.append(_kept(plan, data, first, best, last))
+        return [each for each in found if each is not None]
+
+    def unmoved(self, plans: list[StagePlan]) -> list[Diagnostic]:
+        """One line of the parameters that no stage has moved by a part of their scale."""
+        names = [name for name, moved in self._moved.items() if not moved]
+        if not names:
+            return []
+        return [notes.hardly_moved(names, plans[-1].program.parameter(names[0]).span)]
+
+    def _note_moves(self, plan: StagePlan, result: StageResult, begin: Weights) -> None:
+        # a step of least squares is as long as it has to be; nothing better moves nothing
+        stays = plan.optimizer.takes_all_starts or not result.best_epoch
+        for name in plan.trained:
+            if plan.lr_factors.get(name) == 0.0:
+                continue
+            moved = stays or _has_moved(plan, name, begin[name], result.best[name])
+            self._moved[name] = self._moved.get(name, False) or moved
+
+
+def _has_moved(plan: StagePlan, name: str, begin: FloatArray, end: FloatArray) -> bool:
+    scale = plan.program.parameter(name).scale
+    largest = float(np.max(np.abs(begin), initial=0.0))
+    # a scale that nobody wrote is 1, whatever the size of the number
+    size = largest if scale == 1.0 and largest else scale
+    return bool(np.any(np.abs(end - begin) >= HARDLY * size))
+
+
+def _alone(
+    plan: StagePlan, first: Mapping[str, float], last: Mapping[str, float]
+) -> Diagnostic | None:
+    """A loss that is nearly all of the total from the first epoch to the last."""
+    early, late = _shares(plan, first), _shares(plan, last)
+    if len(late) < 2 or not late.keys() <= early.keys():
+        return None
+    name = max(late, key=lambda each: late[each])
+    share = min(early[name], late[name])
+    if not share > ALONE:
+        return None
+    return notes.decides_alone(name, share, plan.name, [n for n in late if n != name], plan.span)
+
+
+def _shares(plan: StagePlan, losses: Mapping[str, float]) -> dict[str, float]:
+    """The part of each entry in the sum of those that compare with something."""
+    parts: dict[str, float] = {}
+    for loss in plan.program.losses:
+        weight = plan.loss_weights[loss.name]
+        if loss.target is not None and weight > 0 and loss.name in losses:
+            parts[loss.entry] = parts.get(loss.entry, 0.0) + weight * losses[loss.name]
+    total = sum(parts.values())
+    if not (total > 0 and math.isfinite(total)):
+        return {}
+    return {name: part / total for name, part in parts.items()}
+
+
+def _kept(
+    plan: StagePlan, data: StageData, first: EpochEnd, best: EpochEnd, last: EpochEnd
+) -> Diagnostic | None:
+    """An epoch that rows of validation chose, against what the rows of training say."""
+    # priors are in one of the two totals, a monitor of its own is another loss
+    alike = plan.monitor == TOTAL and not has_priors(plan) and best.horizon == last.horizon
+    nothing = NOTHING * first.total
+    if data.watches_training or not alike or not nothing >= 0:
+        return None
+    decided = notes.Decided(plan.name, len(data.watched), data.watched_set, plan.span)
+    on_the_way = plan.optimizer.needs_squares and best.epoch < last.epoch
+    if on_the_way and best.total > max(FELL * last.total, nothing):
+        return notes.kept_on_the_way(decided, best.epoch, last.epoch, best.total, last.total)
+    # on rows that nobody trained on the weights that are kept, against what training reaches
+    if best.monitor > max(FAR_ABOVE * last.total, nothing):
+        return notes.watched_far_above(decided, best.monitor, last.total)
+    return None

@@ -1,0 +1,151 @@
+"""No verb runs a module of the working folder: in CI that is the code of a pull request.
+
+The folder of a spec has a module of every name that Python, msnn or an extra of it imports.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import msnn as api
+from msnn.cli.application import VERBS
+from msnn.cli.exit_codes import ExitCode
+from msnn.packages import OPTIONAL
+from msnn.project.new_project import new_project
+from tests.conditions import require_package
+
+SPEC = "plant.msnn.yaml"
+MSNN, TORCHRUN = (Path(sys.executable).parent / name for name in ("msnn", "torchrun"))
+STRANGERS = "strangers.log"
+"""Where a module that is run leaves its name."""
+_OURS = ("numpy", "yaml", "pydantic", "pydantic_core", "jinja2", "typer", "click", "safetensors")
+_OF_SERVERS = ("sitecustomize", "usercustomize", "pyocd_user", "setproctitle", "psutil", "pint")
+NAMES = {
+    *sys.stdlib_module_names,
+    *(package.name for package in OPTIONAL),
+    *_OURS,
+    *_OF_SERVERS,
+}
+EXAMINE = """
+from pathlib import Path
+
+from msnn.language_server.worker import CheckProcess
+
+if __name__ == "__main__":
+    process = CheckProcess()
+    path = Path("plant.msnn.yaml")
+    print(process.examine(str(path), path.read_text(), {}, lambda: False).knowledge is not None)
+    process.stop()
+"""
+_SHORT = ("--set", "train.0.epochs=1")
+_TRIALS = (SPEC, *_SHORT, "--seeds", "2")
+_PLATFORMS = ("--set", "export.fmu.platforms=[aarch64-linux]")
+_NO_COMPILER = {"CC": "", "PATH": "/nowhere"}
+COMMANDS: dict[str, tuple[str, ...]] = {
+    "init": ("other", "--data", "data/train/run_01.csv", "--predict", "x"),
+    "import": ("saved.json",),
+    "check": (SPEC, "--data"),
+    "data": (SPEC,),
+    "compile": (SPEC, "-o", "plant.program.json"),
+    "train": (SPEC, *_SHORT),
+    "validate": (SPEC, "--plot", "plot.png"),
+    "compare": (*_TRIALS, "--jobs", "2", "--out", "compared"),
+    "sweep": (*_TRIALS, "--jobs", "2", "--out", "swept"),
+    "simulate": (SPEC, "--plot", "simulated.png"),
+    "export": (SPEC, "--to", "c,torch,casadi,onnx,fmu", "--check", "--out", "all", *_PLATFORMS),
+    "verify": ("exported", "--misra"),
+    "a2l": ("plant.elf", "--export", "exported"),
+    "show": (SPEC, "--graph", "svg"),
+    "report": ("runs/plant/latest",),
+    "explain": ("E0101",),
+    "schema": (),
+    "diff": (SPEC, SPEC),
+    "fmt": (SPEC,),
+    "lsp": (),
+    "doctor": (),
+}
+ENDS = {
+    "import": ExitCode.DIAGNOSTICS,
+    "a2l": ExitCode.DIAGNOSTICS,
+    "validate": ExitCode.LIMIT_BROKEN,
+}
+"""Commands that end with another exit code than 0: the files that they read say nothing."""
+ZIG = {"train", "report"}
+"""Verbs that compile with zig where there is no other compiler."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project with a trained run, and strangers beside its spec."""
+    made = new_project(tmp_path_factory.mktemp("working") / "plant")
+    model = api.load(made / SPEC, settings=["train.0.epochs=1"])
+    trained = api.train(model, runs=made / "runs")
+    api.export(model, "c", made / "exported", trained.weights)
+    (made / "saved.json").write_text("{}")
+    (made / "plant.elf").write_text("")
+    for name in NAMES:
+        plant(made, name)
+    return made
+
+
+def plant(folder: Path, name: str) -> None:
+    """A module that leaves its name in the log when it is run."""
+    log = f"open({str(folder / STRANGERS)!r}, 'a').write(__name__ + '\\n')\n"
+    path = folder / f"{name}.py"
+    path.write_text(f"{log}raise ImportError('a module of the working folder')\n")
+
+
+def run_by(folder: Path, *command: str | Path, **environment: str) -> tuple[int, str]:
+    """The exit code of a command and what it says; AssertionError where a stranger was run."""
+    done = subprocess.run(
+        command,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": "", "MSNN_CACHE": str(folder / "cache"), **environment},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    log = folder / STRANGERS
+    strangers = log.read_text() if log.exists() else ""
+    log.unlink(missing_ok=True)
+    assert not strangers, f"{strangers}{done.stdout}"
+    return done.returncode, done.stdout
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_verb_runs_no_module_of_the_working_folder(folder: Path, verb: str):
+    environment = _NO_COMPILER if verb in ZIG else {}
+    code, said = run_by(folder, MSNN, verb, *COMMANDS[verb], **environment)
+    assert code == ENDS.get(verb, ExitCode.OK), said
+    assert verb not in ZIG or "zig" not in said, said
+
+
+def test_sweeps_on_ray_run_none(folder: Path):
+    require_package("ray", install="pip install 'msnn[ray]'")
+    code, said = run_by(folder, MSNN, "sweep", *_TRIALS, "--ray", "local", "--out", "on_ray")
+    assert code == ExitCode.OK, said
+
+
+def test_the_process_that_checks_for_editors_runs_none(folder: Path, tmp_path: Path):
+    program = tmp_path / "examine.py"
+    program.write_text(EXAMINE)
+    code, said = run_by(folder, sys.executable, program)
+    assert (code, said) == (0, "True\n")
+
+
+@pytest.mark.parametrize("launcher", ["python", "torchrun"])
+def test_a_module_of_python_that_is_named_runs_none(tmp_path: Path, launcher: str):
+    """`python -m` looks in the working folder itself, for what Python needs to begin."""
+    made = new_project(tmp_path / "plant")
+    for name in NAMES - set(sys.stdlib_module_names):
+        plant(made, name)
+    started = [sys.executable] if launcher == "python" else [TORCHRUN, "--nproc-per-node", "2"]
+    code, said = run_by(made, *started, "-m", "msnn", "train", SPEC, *_SHORT)
+    assert code == ExitCode.OK, said

@@ -1,0 +1,402 @@
+"""A unit that a file states is converted, or reported if it is not understood, in every format."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Hashable, Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import openpyxl
+import pandas as pd
+import pint
+import polars as pl
+import pyarrow as arrow
+import pyarrow.parquet as parquet
+import pytest
+from asammdf import MDF, Signal
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.typesys import Stores, get_typestore
+from scipy.io import savemat
+
+import msnn
+from msnn.data.dataset import Dataset
+from msnn.data.formats.table_of_formats import FORMATS, format_of
+from msnn.data.reading.frames import frame_data
+from msnn.data.reading.load import load_data
+from spec_schema.diagnostics.diagnostic import SpecError
+
+TIME = 0.1 * np.arange(4)
+V = np.array([36.0, 37.0, 38.0, 39.0])
+"""The numbers in the file."""
+
+SPEC = """\
+msnn: 1
+name: car
+sample_time: 0.1 s
+inputs: {v: UNIT}
+outputs: {o: v}
+data:
+  source: {train: FILE}
+"""
+
+
+def write_csv(path: Path, unit: str) -> None:
+    rows = "".join(f"{t!r},{v!r}\n" for t, v in zip(TIME.tolist(), V.tolist(), strict=True))
+    path.write_text(f"time,v [{unit}]\n{rows}", "utf-8")
+
+
+def write_xlsx(path: Path, unit: str) -> None:
+    book = openpyxl.Workbook()
+    sheet = book.active
+    assert sheet is not None
+    for row in [("time", f"v ({unit})"), *zip(TIME.tolist(), V.tolist(), strict=True)]:
+        sheet.append(row)
+    book.save(path)
+
+
+def write_npz(path: Path, unit: str) -> None:
+    np.savez(path, time=TIME, v=V, v_unit=unit)
+
+
+def write_parquet(path: Path, unit: str) -> None:
+    column = arrow.field("v", arrow.float64(), metadata={"unit": unit})
+    schema = arrow.schema([arrow.field("time", arrow.float64()), column])
+    parquet.write_table(arrow.table([TIME, V], schema=schema), path)
+
+
+def write_parquet_of_pandas(path: Path, unit: str) -> None:
+    frame = pd.DataFrame({"time": TIME, "v": V})
+    frame.attrs = {"units": {"v": unit}}
+    frame.to_parquet(path)
+
+
+def write_parquet_of_a_table(path: Path, unit: str) -> None:
+    table = arrow.table({"time": TIME, "v": V})
+    units = json.dumps({"v": unit})
+    parquet.write_table(table.replace_schema_metadata({"units": units}), path)
+
+
+def write_mat(path: Path, unit: str) -> None:
+    savemat(path, {"time": TIME, "v": V, "v_unit": unit})
+
+
+def write_mat_of_structs(path: Path, unit: str) -> None:
+    savemat(path, {"time": TIME, "log": {"v": {"data": V, "time": TIME, "units": unit}}})
+
+
+def write_mat_7_3(path: Path, unit: str) -> None:
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["time"], file["log/v/Value"] = TIME[None], V[None]
+        letters = np.array([[ord(letter)] for letter in unit], np.uint16)
+        file["log/v/Unit"] = letters
+        file["log/v/Unit"].attrs["MATLAB_class"] = np.bytes_("char")
+
+
+def write_hdf5(path: Path, unit: str) -> None:
+    with h5py.File(path, "w") as file:
+        file["time"], file["v"] = TIME, V
+        file["v"].attrs["units"] = unit
+
+
+def write_hdf5_of_bytes(path: Path, unit: str) -> None:
+    with h5py.File(path, "w") as file:
+        file["time"], file["v"] = TIME, V
+        file["v"].attrs["Unit"] = np.bytes_(unit.encode())
+
+
+def write_hdf5_of_columns(path: Path, unit: str) -> None:
+    with h5py.File(path, "w") as file:
+        file["time"], file["both"] = TIME, np.stack((V, V), axis=1)
+        file["both"].attrs["units"] = ["N", unit]
+
+
+def write_mdf(path: Path, unit: str) -> None:
+    with MDF(version="4.10") as file:
+        file.append([Signal(V, TIME, name="v", unit=unit)])
+        file.save(path, overwrite=True)
+
+
+WRITERS: dict[str, tuple[str, Callable[[Path, str], None], str]] = {
+    "csv": ("a.csv", write_csv, "v"),
+    "excel": ("a.xlsx", write_xlsx, "v"),
+    "npz": ("a.npz", write_npz, "v"),
+    "parquet": ("a.parquet", write_parquet, "v"),
+    "parquet of pandas": ("a.parquet", write_parquet_of_pandas, "v"),
+    "parquet of a table": ("a.parquet", write_parquet_of_a_table, "v"),
+    "mat": ("a.mat", write_mat, "v"),
+    "mat of structs": ("a.mat", write_mat_of_structs, "log.v.data"),
+    "mat 7.3": ("a.mat", write_mat_7_3, "log.v.Value"),
+    "hdf5": ("a.h5", write_hdf5, "v"),
+    "hdf5 of bytes": ("a.h5", write_hdf5_of_bytes, "v"),
+    "hdf5 of columns": ("a.h5", write_hdf5_of_columns, "both[1]"),
+    "mdf": ("a.mf4", write_mdf, "v"),
+}
+"""The file's name, its writer, and the column in it."""
+
+
+def load(folder: Path, name: str, unit: str, layout: str = "") -> Dataset:
+    spec = folder / "car.msnn.yaml"
+    spec.write_text(SPEC.replace("UNIT", unit).replace("FILE", name) + layout)
+    model = msnn.load(spec)
+    assert model.spec.data is not None
+    return load_data(model.program, model.spec.data, folder)
+
+
+def read(folder: Path, kind: str, stated: str, unit: str, said: str = "") -> Dataset:
+    """The data of a file that states a unit, for a signal in another one."""
+    name, write, column = WRITERS[kind]
+    write(folder / name, stated)
+    time = "" if format_of(name).keeps_time else "  time: time\n"
+    if kind in ("csv", "excel"):
+        # a header of which nobody knows the unit is a name as it stands
+        column = f"v [{stated}]" if kind == "csv" else f"v ({stated})"
+    entry = f'{{column: "{column}"{said}}}'
+    return load(folder, name, unit, f"{time}  columns: {{v: {entry}}}\n")
+
+
+def test_every_format_that_states_units_is_here() -> None:
+    # of ROS bags the messages state them, see below
+    written = {format_of(name).name for name, _, _ in WRITERS.values()} | {"ROS bag"}
+    assert written == {format.name for format in FORMATS}
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize(
+    ("stated", "unit", "first"),
+    [
+        ("km/h", "m/s", 10.0),
+        ("U/min", "rpm", 36.0),
+        ("r/min", "rev/s", 0.6),
+        ("Upm", "rad/s", 36 * np.pi / 30),
+        ("rev/s", "rpm", 2160.0),
+        ("°C", "K", 309.15),
+        ("m·s⁻¹", "km/h", 129.6),
+        ("bar", "Pa", 36e5),
+    ],
+)
+def test_a_unit_of_the_file_converts(
+    tmp_path: Path, kind: str, stated: str, unit: str, first: float
+) -> None:
+    data = read(tmp_path, kind, stated, unit)
+    # the conversion rounds once, and so does the number written here
+    assert data.series["v"][0] == pytest.approx(first, rel=1e-15)
+    assert data.warnings == ()
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_unit_that_nobody_knows_is_reported(tmp_path: Path, kind: str) -> None:
+    data = read(tmp_path, kind, "furlong/h", "m/s")
+    assert data.series["v"].tolist() == V.tolist()
+    (warning,) = data.warnings
+    assert warning.code == "W0511"
+    assert "`furlong/h`" in warning.message
+    # the advice
+    assert read(tmp_path, kind, "furlong/h", "m/s", ", unit: m/s").warnings == ()
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize(
+    ("stated", "unit"),
+    [
+        ("1/min", "rpm"),
+        ("min^-1", "rad/s"),
+        ("min-1", "deg/s"),
+        ("Hz", "rad/s"),
+        ("kHz", "rev/min"),
+        ("1/s", "rad/s"),
+        ("rpm", "Hz"),
+        ("rad/s", "1/min"),
+        ("1/s^2", "rad/s^2"),
+    ],
+)
+def test_turns_are_never_taken_for_radians(
+    tmp_path: Path, kind: str, stated: str, unit: str
+) -> None:
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, kind, stated, unit)
+    (fault,) = caught.value.diagnostics
+    assert fault.code == "E0508"
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_unit_of_another_dimension_is_refused(tmp_path: Path, kind: str) -> None:
+    with pytest.raises(SpecError, match="E0999"):
+        read(tmp_path, kind, "kg", "m/s")
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_the_spec_goes_before_the_file(tmp_path: Path, kind: str) -> None:
+    data = read(tmp_path, kind, "km/h", "m/s", ", unit: cm/s")
+    assert data.series["v"][0] == 0.36
+
+
+@pytest.mark.parametrize("kind", [kind for kind in WRITERS if kind not in ("csv", "excel")])
+@pytest.mark.parametrize("word", ["", "none", "n/a"])
+def test_a_field_that_says_nothing_is_no_unit(tmp_path: Path, kind: str, word: str) -> None:
+    data = read(tmp_path, kind, word, "m/s")
+    assert data.series["v"].tolist() == V.tolist()
+    assert data.warnings == ()
+
+
+def test_readings_of_both_kinds_can_be_written_as_advised(tmp_path: Path) -> None:
+    """600 1/min are 600 rpm, and 10 Hz as well."""
+    name = "n.csv"
+    for header, cell, turns, radians in (
+        ("1/min", 600.0, "rev/min", "rad/min"),
+        ("Hz", 10.0, "rev/s", "rad/s"),
+    ):
+        (tmp_path / name).write_text(f"time,v [{header}]\n0,{cell}\n0.1,{cell}\n")
+        with pytest.raises(SpecError) as caught:
+            load(tmp_path, name, "rpm", "  time: time\n")
+        help = str(caught.value.diagnostics[0].help)
+        assert f"`columns: {{v: {{column: 'v', unit: {turns}}}}}` for revolutions" in help
+        assert f"`unit: {radians}` for radians" in help
+        for unit, expected in ((turns, 600.0), (radians, 600 / (2 * np.pi))):
+            layout = f"  time: time\n  columns: {{v: {{column: v, unit: {unit}}}}}\n"
+            data = load(tmp_path, name, "rpm", layout)
+            assert data.series["v"][0] == pytest.approx(expected, rel=1e-15)
+    # the file has the angle: the declaration decides
+    (tmp_path / name).write_text("time,v [rpm]\n0,600\n0.1,600\n")
+    with pytest.raises(SpecError) as caught:
+        load(tmp_path, name, "Hz", "  time: time\n")
+    assert "declare `v` in `rev/s`" in str(caught.value.diagnostics[0].help)
+    assert load(tmp_path, name, "rev/s", "  time: time\n").series["v"][0] == 10.0
+
+
+def test_a_count_in_the_spec_is_asked_too(tmp_path: Path) -> None:
+    (tmp_path / "n.csv").write_text("time,v\n0,600\n0.1,600\n")
+    layout = "  time: time\n  columns: {v: {column: v, unit: 1/min}}\n"
+    with pytest.raises(SpecError, match="E0508"):
+        load(tmp_path, "n.csv", "rpm", layout)
+
+
+def test_counts_without_angles_convert(tmp_path: Path) -> None:
+    (tmp_path / "n.csv").write_text("time,v [1/min]\n0,600\n0.1,600\n")
+    assert load(tmp_path, "n.csv", "Hz", "  time: time\n").series["v"][0] == 10.0
+
+
+def test_a_name_and_a_field_that_differ_are_asked(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["v [km/h]"] = V
+        file["v [km/h]"].attrs["units"] = "m/s"
+    with pytest.raises(SpecError) as caught:
+        load(tmp_path, "a.h5", "m/s")
+    (fault,) = caught.value.diagnostics
+    assert fault.code == "E0991"
+    assert "`columns: {v: {column: 'v', unit: m/s}}`" in str(fault.help)
+    data = load(tmp_path, "a.h5", "m/s", "  columns: {v: {column: v, unit: m/s}}\n")
+    assert data.series["v"].tolist() == V.tolist()
+
+
+def test_the_advice_of_two_units_in_a_text_is_right(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time,v [km/h]\ns,m/s\n0,36\n0.1,37\n")
+    with pytest.raises(SpecError, match="E0991"):
+        load(tmp_path, "a.csv", "m/s", "  time: time\n")
+    layout = "  time: time\n  columns: {v: {column: v, unit: m/s}}\n"
+    assert load(tmp_path, "a.csv", "m/s", layout).series["v"].tolist() == [36.0, 37.0]
+
+
+@pytest.mark.parametrize(
+    ("unit", "step"), [("ms", 100.0), ("milliseconds since 2026-01-01 00:00:00", 100.0)]
+)
+def test_time_of_a_file_has_the_unit_of_its_field(tmp_path: Path, unit: str, step: float) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["time"], file["v"] = step * np.arange(4), V
+        file["time"].attrs["units"] = unit
+    data = load(tmp_path, "a.h5", "m/s", "  time: time\n")
+    assert data.episodes("train").tolist() == [[0, 4]]
+
+
+def test_time_in_an_unknown_unit_is_reported(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["time"], file["v"] = TIME, V
+        file["time"].attrs["units"] = "fortnights"
+    (warning,) = load(tmp_path, "a.h5", "m/s", "  time: time\n").warnings
+    assert warning.code == "W0511"
+    assert "time: {column: 'time', unit: s}" in str(warning.help)
+
+
+def test_a_unit_of_many_files_is_reported_once(tmp_path: Path) -> None:
+    for number in range(3):
+        write_hdf5(tmp_path / f"{number}.h5", "furlong/h")
+    assert len(load(tmp_path, "'*.h5'", "m/s").warnings) == 1
+
+
+FRAMES: dict[str, Callable[[str], Any]] = {
+    "attrs of a frame": lambda unit: _with_attrs({"units": {"v": unit}}),
+    "a header of pandas": lambda unit: pd.DataFrame({"time": TIME, f"v [{unit}]": V}),
+    "a header of polars": lambda unit: pl.DataFrame({"time": TIME, f"v [{unit}]": V}),
+    "attrs of a series": lambda unit: {"time": TIME, "v": _series(unit)},
+    "pint": lambda unit: {"time": TIME, "v": pint.Quantity(V, unit)},
+    "a text in the mapping": lambda unit: {"time": TIME, "v": V, "v_unit": unit},
+}
+
+
+def _with_attrs(attrs: Mapping[Hashable, Any]) -> pd.DataFrame:
+    frame = pd.DataFrame({"time": TIME, "v": V})
+    frame.attrs = {**attrs}
+    return frame
+
+
+def _series(unit: str) -> Any:
+    series = pd.Series(V)
+    series.attrs["unit"] = unit
+    return series
+
+
+@pytest.mark.parametrize("kind", FRAMES)
+def test_a_unit_of_a_frame_converts(tmp_path: Path, kind: str) -> None:
+    spec = tmp_path / "car.msnn.yaml"
+    spec.write_text(SPEC.replace("UNIT", "m/s").replace("FILE", "none.csv") + "  time: time\n")
+    model = msnn.load(spec)
+    assert model.spec.data is not None
+    data = frame_data(
+        model.program, model.spec.data, FRAMES[kind]("km/h"), model.spec.data.place, {}
+    )
+    assert data.series["v"][0] == 10.0
+
+
+@pytest.mark.parametrize("kind", ["ros1", "ros2"])
+def test_messages_of_ros_have_the_units_of_their_definition(tmp_path: Path, kind: str) -> None:
+    one = kind == "ros1"
+    types = get_typestore(Stores.ROS1_NOETIC if one else Stores.LATEST)
+    twist, vector, warmth, header, moment = (
+        types.types[name]
+        for name in (
+            "geometry_msgs/msg/Twist",
+            "geometry_msgs/msg/Vector3",
+            "sensor_msgs/msg/Temperature",
+            "std_msgs/msg/Header",
+            "builtin_interfaces/msg/Time",
+        )
+    )
+    name = "a.bag" if one else "run/run.db3"
+    writer = Ros1Writer(tmp_path / name) if one else Ros2Writer(tmp_path / "run", version=9)
+    with writer as bag:
+        topics: list[Any] = [
+            bag.add_connection(topic, of.__msgtype__, typestore=types)
+            for topic, of in (("/speed", twist), ("/motor", warmth))
+        ]
+        for number, value in enumerate(V.tolist()):
+            turning = vector(x=0.0, y=0.0, z=value)
+            speed = twist(linear=vector(x=value, y=0.0, z=0.0), angular=turning)
+            sequence = {"seq": number} if one else {}
+            head = header(stamp=moment(sec=0, nanosec=0), frame_id="", **sequence)
+            heat = warmth(header=head, temperature=value, variance=0.0)
+            for topic, message in zip(topics, (speed, heat), strict=True):
+                code = types.serialize_ros1 if one else types.serialize_cdr
+                bag.write(topic, number * 10**8, code(message, message.__msgtype__))
+    for column, unit, first in (
+        ("/speed.linear.x", "km/h", 129.6),
+        ("/speed.angular.z", "rpm", 36 * 30 / np.pi),
+        ("/motor.temperature", "K", 309.15),
+        ("/motor.variance", "K", 0.0),
+    ):
+        data = load(tmp_path, name, unit, f"  columns: {{v: {column}}}\n")
+        assert data.series["v"][0] == pytest.approx(first, rel=1e-15)
+    with pytest.raises(SpecError, match="E0999"):
+        load(tmp_path, name, "N", "  columns: {v: /speed.linear.x}\n")

@@ -1,0 +1,1 @@
+"""Runs of older versions of msnn, and what they compute."""
