@@ -1,4 +1,4 @@
-"""Units and moments that files state: E0508, E0979, E0989-91, E0997-99, E1319, W0511, W0831."""
+"""E0508, E0979, E0989-91, E0997-99, E1319, W0511, W0831: moments and units that files state."""
 
 from msnn.errors.data.lists import and_more
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning

@@ -11,13 +11,17 @@ import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.table import ColumnTable, Streams
+from msnn.data.formats.written_units import TwoUnits, UnknownUnit
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import Unit
 
-_CLASSES = {kind.__name__: kind for kind in (ColumnTable, Streams, Diagnostic, Span, Moment)}
+_CLASSES = {
+    kind.__name__: kind
+    for kind in (ColumnTable, Streams, Diagnostic, Span, Moment, UnknownUnit, TwoUnits)
+}
 _LENGTH = 8
 """Bytes that say how long the JSON is."""
 _LONGEST = 1 << 30
@@ -66,7 +70,15 @@ def _encoded(value: object, arrays: list[FloatArray]) -> object:
             return {"map": [[key, _encoded(item, arrays)] for key, item in entries]}
         case Unit():
             return {"unit": value.text}
-        case ColumnTable() | Streams() | Diagnostic() | Span() | Moment():
+        case (
+            ColumnTable()
+            | Streams()
+            | Diagnostic()
+            | Span()
+            | Moment()
+            | UnknownUnit()
+            | TwoUnits()
+        ):
             # rows of these files stand nowhere: `place` is that of any table
             names = [field.name for field in fields(value) if field.init and field.name != "place"]
             held = {name: _encoded(getattr(value, name), arrays) for name in names}

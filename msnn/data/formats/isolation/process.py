@@ -27,7 +27,7 @@ _LONGEST_REASON = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class ReadRequest:
     """A file to read by `read` of a module, and what that may take."""
 
     module: str
@@ -54,14 +54,14 @@ def serve() -> None:
         write_message(answers, _answer(request))
 
 
-def _next(requests: IO[bytes]) -> Request | None:
+def _next(requests: IO[bytes]) -> ReadRequest | None:
     # of the parent, which is no stranger
     with suppress(EOFError):
         return pickle.load(requests)  # noqa: S301
     return None
 
 
-def _answer(request: Request) -> object:
+def _answer(request: ReadRequest) -> object:
     read = import_module(request.module).read
     # after the import: what the reader itself takes is no fault of the file
     _limit(request.memory, request.seconds)
@@ -71,7 +71,7 @@ def _answer(request: Request) -> object:
         return error.diagnostics
 
 
-def _read(read: Reader, request: Request) -> ColumnTable | Streams:
+def _read(read: Reader, request: ReadRequest) -> ColumnTable | Streams:
     try:
         return read(request.path, request.shown, request.wanted, request.dialect)
     except SpecError:

@@ -16,7 +16,7 @@ from threading import Lock
 from typing import Any
 
 from msnn.data.formats.isolation.message import read_message
-from msnn.data.formats.isolation.process import Reader, Request
+from msnn.data.formats.isolation.process import Reader, ReadRequest
 from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data.files import unreadable_file
@@ -51,7 +51,7 @@ def isolated(module: str) -> Reader:
         path: Path, shown: str, wanted: WantedColumns, dialect: Dialect
     ) -> ColumnTable | Streams:
         size = path.stat().st_size if path.is_file() else 0
-        request = Request(
+        request = ReadRequest(
             module=module,
             path=path.absolute(),
             shown=shown,
@@ -76,7 +76,7 @@ class _Readers:
         self._lock = Lock()
         atexit.register(self.end)
 
-    def answer(self, request: Request) -> Any:
+    def answer(self, request: ReadRequest) -> Any:
         with self._lock:
             process = self._process = self._process or _started()
             assert process.stdin is not None
@@ -137,7 +137,7 @@ def _started() -> subprocess.Popen[bytes]:
     )
 
 
-def _reason(code: int, request: Request) -> str:
+def _reason(code: int, request: ReadRequest) -> str:
     if code == -getattr(signal, "SIGXCPU", 0):
         return f"reading it takes more than {request.seconds} s of the processor"
     if code < 0:
