@@ -22,6 +22,7 @@ from msnn.training.records.checkpoint import Checkpoint
 from msnn.training.records.learned.parameter_warnings import parameter_warnings
 from msnn.training.records.learned.parameters_record import parameters_record
 from msnn.training.records.learned.standard_errors import standard_errors, without_errors
+from msnn.training.records.learned.total_slope import with_bounds
 from msnn.training.records.learned.zero_slices import zero_slices
 from msnn.training.records.progress import EpochEnd, StageStart
 from msnn.training.records.resumable_run import NotedProgress
@@ -84,9 +85,11 @@ class TrainingRun:
         if self.folder is None and self.options.ranks is None:
             return self._result(now.begin, now)
         self._finish(now)
-        last = self.stages[-1][0]
+        last, rollouts = self.stages[-1]
         spread = (
-            standard_errors(last, self.data, now.begin)
+            with_bounds(
+                standard_errors(last, self.data, now.begin), last, self.data, rollouts, now.begin
+            )
             if self.options.has_errors
             else without_errors("not estimated in a comparison")
         )

@@ -80,9 +80,11 @@ def weights_outside_bounds(file: str, parameter: Parameter, found: float) -> Dia
 
 
 def moved_off_bound(names: Sequence[str]) -> Diagnostic:
-    """W0902: loaded values on a bound, where they could not be trained."""
+    """W0902: values on a bound, from where this optimizer could not move them."""
     listed = ", ".join(f"`{name}`" for name in names)
-    return warning("W0902", None, f"moved off their bounds to be trainable: {listed}")
+    message = f"moved off their bounds to be trainable: {listed}"
+    repair = "train with `levenberg_marquardt`, which begins on a bound, or begin farther inside"
+    return warning("W0902", None, message, help=repair)
 
 
 def _shape(shape: Sequence[int]) -> str:

@@ -43,7 +43,7 @@ def test_as_many_minima_are_reached_as_by_scipy_and_none_is_claimed_wrongly() ->
         wrong += [problem.name for fit in fits if is_wrongly_converged(problem, fit, least)]
         if problem.on_bound:
             on = [np.any((fit.x == problem.low) | (fit.x == problem.high)) for fit in fits]
-            off += [problem.name for fit, at in zip(fits, on, strict=True) if not at]
+            off += [problem.name for at in on if not at]
         for fit in fits:
             assert np.all((problem.low <= fit.x) & (fit.x <= problem.high))
     pairs = 5 * len(some_problems())

@@ -1,9 +1,11 @@
 """Steps by Levenberg-Marquardt: damped Gauss-Newton on all rollouts of a stage at once.
 
-A step δ of the raw variables solves (A + μD)δ = −g, where 2g is the slope of the weighted total F
-and 2A its curvature without second derivatives of residuals. D is the largest diagonal of A so far
-(Moré 1978), so that units do not matter; μ follows the gain of the last step (Nielsen 1999). A step
-is taken where it lowers the total and slopes are finite there: the next one is made of these.
+A step δ of the variables solves (A + μD)δ = −g, where 2g is the slope of the weighted total F and
+2A its curvature without second derivatives of residuals. Variables are values divided by their
+scale, of bounded parameters the physical values, which steps keep within the bounds
+(`bounded_steps`). D is the largest diagonal of A so far (Moré 1978), so that units do not matter;
+μ follows the gain of the last step (Nielsen 1999). A step is taken where it lowers the total and
+slopes are finite there: the next one is made of these.
 Residuals whose slopes are infinite have no share in A and g, but one in F.
 """
 
@@ -49,6 +51,9 @@ Weights = Mapping[str, FloatArray]
 
 _MOST_DAMPING = 1e16
 """Times the curvature: a step that is so much shorter is lost in the rounding of the variables."""
+
+_LEAST_SHARE = 1e-12
+"""Of the largest curvature in a bounded variable so far that its damping keeps."""
 
 
 class LevenbergMarquardtEngine:
@@ -238,9 +243,17 @@ class LevenbergMarquardtEngine:
         return losses.plus(self._quadratic_terms(raw), corners(self._known, raw))
 
     def _model(self, found: NormalEquations) -> QuadraticModel:
+        """The model that damping shortens the steps of."""
+        # D never shrinks, so that a variable which loses its influence does not run away (Moré
+        # 1978); bounds keep it from that, and within them the present size reaches more minima
         self._largest = np.maximum(self._largest, found.diagonal)
-        raw = self._raw[: self._learned]
-        return found.model(self._scale(found), raw, self._known, self._bounds)
+        least = _LEAST_SHARE if self._bounds.some else 1.0
+        return self._scaled_by(found, np.maximum(found.diagonal, least * self._largest))
+
+    def _scaled_by(self, found: NormalEquations, size: FloatArray) -> QuadraticModel:
+        """In variables times √size; 1 in a variable that no residual depends on."""
+        scale = 1.0 / np.sqrt(np.where(size > NO_INFLUENCE, size, 1.0))
+        return found.model(scale, self._raw[: self._learned], self._known, self._bounds)
 
     def _quadratic_terms(self, raw: FloatArray) -> QuadraticTerms:
         return quadratic_terms(self._known, raw, self._decay, self._spread)
@@ -298,7 +311,9 @@ class LevenbergMarquardtEngine:
         raw = self._raw[: self._learned]
         if found.is_stationary(raw, self._known, self._bounds):
             return True
-        return self._model(found).promise() <= self._options.tolerance * found.total
+        # in the present sizes: a larger D damps even by little
+        undamped = self._scaled_by(found, found.diagonal)
+        return undamped.promise() <= self._options.tolerance * found.total
 
     def _total_at(self, runs: Runs, raw: FloatArray) -> float:
         """The weighted total; NaN, which is below nothing, where a rollout leaves the numbers."""
@@ -310,12 +325,3 @@ class LevenbergMarquardtEngine:
             if weight and sums[name].count
         )
         return losses + self._quadratic_terms(raw[: self._learned]).value
-
-    def _scale(self, found: NormalEquations) -> FloatArray:
-        """1/√D; 1 in a variable that no residual depends on."""
-        # D never shrinks, so that a variable which loses its influence does not run away (Moré
-        # 1978)
-        size = self._largest
-        if self._bounds.some:
-            size = np.maximum(found.diagonal, 1e-12 * self._largest)
-        return 1.0 / np.sqrt(np.where(size > NO_INFLUENCE, size, 1.0))

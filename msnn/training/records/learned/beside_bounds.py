@@ -21,7 +21,7 @@ NEAR_BOUND = 1e-3
 _STEEP = 1e-2
 """Cosine of residuals and their derivative above which a value is no minimum."""
 _GAIN = 1e-4
-"""Part of the total above which the way off a bound must lead, where only its slope is known."""
+"""Part of the total that a derivative must change, where the curvature is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,4 +97,32 @@ def beside_bounds(
         stuck[parameter.name] = steep & (
             (near_low & (move > value - low)) | (near_high & (-move > high - value))
         )
+    return BesideBounds(held, stuck)
+
+
+def beside_bounds_by_slope(
+    parameters: Sequence[Parameter],
+    weights: Mapping[str, FloatArray],
+    slope: Mapping[str, FloatArray],
+    total: float,
+) -> BesideBounds:
+    """From the derivative of the total alone, where its curvature is not known.
+
+    A derivative is one if the way that counts as near the bound changes the total by 10⁻⁴ of it.
+    """
+    held: dict[str, BoolArray] = {}
+    stuck: dict[str, BoolArray] = {}
+    for parameter in parameters:
+        value, name = weights[parameter.name], parameter.name
+        low, high = parameter.minimum, parameter.maximum
+        span = high - low if low is not None and high is not None else abs(parameter.scale)
+        near_low, near_high = near_bounds(parameter, value)
+        held[name], stuck[name] = np.zeros_like(near_low), np.zeros_like(near_low)
+        for near, bound, outward in ((near_low, low, 1.0), (near_high, high, -1.0)):
+            if bound is None:
+                continue
+            gain = outward * slope[name].reshape(value.shape)
+            gain = gain * NEAR_BOUND * way_to(parameter, value, bound, span)
+            stuck[name] |= near & (gain < -_GAIN * abs(total))
+            held[name] |= near & (gain > np.where(value == bound, 0.0, _GAIN * abs(total)))
     return BesideBounds(held, stuck)
