@@ -189,10 +189,8 @@ def starts_elsewhere(stage: str, state: str, span: Span | None, *, of_call: bool
 
 
 def at_bound(name: str, span: Span | None, *, is_pushed: bool) -> Diagnostic:
-    """W0904: a parameter that ended at a bound.
-
-    `is_pushed` where the derivative of the loss is known and points outward.
-    """
+    """W0904: a parameter that ended at a bound."""
+    # only a derivative that points outward says so
     message = f"`{name}` ended at its bound"
     repair = "the true value may lie beyond it" if is_pushed else None
     return warning("W0904", span, message, "at the bound", help=repair)
