@@ -142,6 +142,8 @@ def _readme(interface: Interface, files: dict[str, str]) -> str:
         dtype=dtype,
         exact=interface.options.is_exact,
         version=NUMBER,
+        parameter_bytes=sum(field.size for field in interface.parameters)
+        * (4 if dtype == "float32" else 8),
         sources=sorted(name for name in files if name.startswith("src/") and name.endswith(".c")),
         headers=[f"{interface.prefix}.h"],
         in_reals=True,

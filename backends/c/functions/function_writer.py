@@ -122,7 +122,7 @@ class FunctionWriter:
         arguments = [Argument(f"{'const ' if reads_only else ''}{prefix}_state_t *", "s")]
         unused: list[Statement] = []
         if self.interface.takes_parameters:
-            arguments.append(Argument(f"const {prefix}_params_t *", "p"))
+            arguments.append(Argument(f"const {prefix.upper()}_PLACED {prefix}_params_t *", "p"))
             # all functions of an instance take the same arguments, used or not
             unused += [] if self._reads_parameters else [Discard("p")]
         statements = self.scope.statements

@@ -32,7 +32,9 @@ static inline void fir_closed_loop_flagged(
 }
 
 /* Initialises the state without history. */
-void fir_closed_loop_init(fir_closed_loop_state_t *s, const fir_closed_loop_params_t *p)
+void fir_closed_loop_init(
+    fir_closed_loop_state_t *s,
+    const FIR_CLOSED_LOOP_PLACED fir_closed_loop_params_t *p)
 {
     (void)p;
     for (uint32_t i = 0U; i < 5U; i++) {
@@ -44,7 +46,7 @@ void fir_closed_loop_init(fir_closed_loop_state_t *s, const fir_closed_loop_para
 /* Initialises the state from a known past; returns what was out of order. */
 fir_closed_loop_status_t fir_closed_loop_reset(
     fir_closed_loop_state_t *s,
-    const fir_closed_loop_params_t *p,
+    const FIR_CLOSED_LOOP_PLACED fir_closed_loop_params_t *p,
     const fir_closed_loop_init_t *x0)
 {
     (void)p;
@@ -69,7 +71,7 @@ fir_closed_loop_status_t fir_closed_loop_reset(
 /* Computes the outputs of sample t, then the states of sample t+1. */
 fir_closed_loop_status_t fir_closed_loop_step(
     fir_closed_loop_state_t *s,
-    const fir_closed_loop_params_t *p,
+    const FIR_CLOSED_LOOP_PLACED fir_closed_loop_params_t *p,
     const fir_closed_loop_in_t *u,
     fir_closed_loop_out_t *y)
 {

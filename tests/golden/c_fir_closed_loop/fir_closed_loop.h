@@ -83,27 +83,36 @@ typedef struct {
     uint32_t ready;
 } fir_closed_loop_state_t;
 
-/* The trained values; they stay in flash. */
-extern const fir_closed_loop_params_t fir_closed_loop_params_default;
+/* The trained values. They are constants, which most linkers leave in flash; AVR copies them to RAM
+ * unless FIR_CLOSED_LOOP_IN_FLASH is defined (gcc, -std=gnu99), and then takes no others. */
+#if defined(FIR_CLOSED_LOOP_IN_FLASH) && !defined(__cplusplus)
+#define FIR_CLOSED_LOOP_PLACED __flash
+#else
+#define FIR_CLOSED_LOOP_PLACED
+#endif
+extern const FIR_CLOSED_LOOP_PLACED fir_closed_loop_params_t
+    fir_closed_loop_params_default;
 
 /* Sets what is known without data. A buffer of past inputs is filled by the first step with that
  * step's own sample; a state that only a record can give is 0, and every step then returns
  * FIR_CLOSED_LOOP_STATUS_UNINITIALISED until reset has been called.
  * So does every step of a struct of zeros for which neither was called. */
-void fir_closed_loop_init(fir_closed_loop_state_t *s, const fir_closed_loop_params_t *p);
+void fir_closed_loop_init(
+    fir_closed_loop_state_t *s,
+    const FIR_CLOSED_LOOP_PLACED fir_closed_loop_params_t *p);
 
 /* Sets all states from samples around the first step t0, after the checks that step makes of its
  * inputs. Returns what was out of order: among the samples, or a state that does not begin in its
  * range. Whatever a state has become, even NaN, reset and init leave it. */
 fir_closed_loop_status_t fir_closed_loop_reset(
     fir_closed_loop_state_t *s,
-    const fir_closed_loop_params_t *p,
+    const FIR_CLOSED_LOOP_PLACED fir_closed_loop_params_t *p,
     const fir_closed_loop_init_t *x0);
 
 /* One step, to be called every sample time. All memory is in *s: instances are independent. */
 fir_closed_loop_status_t fir_closed_loop_step(
     fir_closed_loop_state_t *s,
-    const fir_closed_loop_params_t *p,
+    const FIR_CLOSED_LOOP_PLACED fir_closed_loop_params_t *p,
     const fir_closed_loop_in_t *u,
     fir_closed_loop_out_t *y);
 

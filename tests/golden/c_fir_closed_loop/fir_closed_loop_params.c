@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-const fir_closed_loop_params_t fir_closed_loop_params_default = {
+const FIR_CLOSED_LOOP_PLACED fir_closed_loop_params_t fir_closed_loop_params_default = {
     /* h.weight */
     {
         0.031f, -0.22f, 0.17f, -0.41f, 1.13f

@@ -87,7 +87,7 @@ static inline heater_real heater_held(
 }
 
 /* Initialises the state without history. */
-void heater_init(heater_state_t *s, const heater_params_t *p)
+void heater_init(heater_state_t *s, const HEATER_PLACED heater_params_t *p)
 {
     (void)p;
     s->error_sum = 0.0f;
@@ -101,7 +101,10 @@ void heater_init(heater_state_t *s, const heater_params_t *p)
 }
 
 /* Initialises the state from a known past; returns what was out of order. */
-heater_status_t heater_reset(heater_state_t *s, const heater_params_t *p, const heater_init_t *x0)
+heater_status_t heater_reset(
+    heater_state_t *s,
+    const HEATER_PLACED heater_params_t *p,
+    const heater_init_t *x0)
 {
     (void)p;
     heater_status_t status = HEATER_OK;
@@ -141,7 +144,7 @@ heater_status_t heater_reset(heater_state_t *s, const heater_params_t *p, const 
 /* Computes the outputs of sample t, then the states of sample t+1. */
 heater_status_t heater_step(
     heater_state_t *s,
-    const heater_params_t *p,
+    const HEATER_PLACED heater_params_t *p,
     const heater_in_t *u,
     heater_out_t *y)
 {

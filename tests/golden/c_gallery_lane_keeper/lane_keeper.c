@@ -90,7 +90,7 @@ static inline lane_keeper_real lane_keeper_held(
 }
 
 /* Initialises the state without history. */
-void lane_keeper_init(lane_keeper_state_t *s, const lane_keeper_params_t *p)
+void lane_keeper_init(lane_keeper_state_t *s, const LANE_KEEPER_PLACED lane_keeper_params_t *p)
 {
     (void)p;
     for (uint32_t i = 0U; i < 5U; i++) {
@@ -107,7 +107,7 @@ void lane_keeper_init(lane_keeper_state_t *s, const lane_keeper_params_t *p)
 /* Initialises the state from a known past; returns what was out of order. */
 lane_keeper_status_t lane_keeper_reset(
     lane_keeper_state_t *s,
-    const lane_keeper_params_t *p,
+    const LANE_KEEPER_PLACED lane_keeper_params_t *p,
     const lane_keeper_init_t *x0)
 {
     (void)p;
@@ -151,7 +151,7 @@ lane_keeper_status_t lane_keeper_reset(
 /* Computes the outputs of sample t, then the states of sample t+1. */
 lane_keeper_status_t lane_keeper_step(
     lane_keeper_state_t *s,
-    const lane_keeper_params_t *p,
+    const LANE_KEEPER_PLACED lane_keeper_params_t *p,
     const lane_keeper_in_t *u,
     lane_keeper_out_t *y)
 {

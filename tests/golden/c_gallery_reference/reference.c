@@ -34,7 +34,7 @@ static inline void reference_flagged(
 }
 
 /* Initialises the state without history. */
-void reference_init(reference_state_t *s, const reference_params_t *p)
+void reference_init(reference_state_t *s, const REFERENCE_PLACED reference_params_t *p)
 {
     (void)p;
     s->v = 0.0f;
@@ -47,7 +47,7 @@ void reference_init(reference_state_t *s, const reference_params_t *p)
 /* Initialises the state from a known past; returns what was out of order. */
 reference_status_t reference_reset(
     reference_state_t *s,
-    const reference_params_t *p,
+    const REFERENCE_PLACED reference_params_t *p,
     const reference_init_t *x0)
 {
     (void)p;
@@ -69,7 +69,7 @@ reference_status_t reference_reset(
 /* Computes the outputs of sample t, then the states of sample t+1. */
 reference_status_t reference_step(
     reference_state_t *s,
-    const reference_params_t *p,
+    const REFERENCE_PLACED reference_params_t *p,
     const reference_in_t *u,
     reference_out_t *y)
 {

@@ -102,27 +102,34 @@ typedef struct {
     uint32_t ready;
 } reference_state_t;
 
-/* The trained values; they stay in flash. */
-extern const reference_params_t reference_params_default;
+/* The trained values. They are constants, which most linkers leave in flash; AVR copies them to RAM
+ * unless REFERENCE_IN_FLASH is defined (gcc, -std=gnu99), and then takes no others. */
+#if defined(REFERENCE_IN_FLASH) && !defined(__cplusplus)
+#define REFERENCE_PLACED __flash
+#else
+#define REFERENCE_PLACED
+#endif
+extern const REFERENCE_PLACED reference_params_t
+    reference_params_default;
 
 /* Sets what is known without data. A buffer of past inputs is filled by the first step with that
  * step's own sample; a state that only a record can give is 0, and every step then returns
  * REFERENCE_STATUS_UNINITIALISED until reset has been called.
  * So does every step of a struct of zeros for which neither was called. */
-void reference_init(reference_state_t *s, const reference_params_t *p);
+void reference_init(reference_state_t *s, const REFERENCE_PLACED reference_params_t *p);
 
 /* Sets all states from samples around the first step t0, after the checks that step makes of its
  * inputs. Returns what was out of order: among the samples, or a state that does not begin in its
  * range. Whatever a state has become, even NaN, reset and init leave it. */
 reference_status_t reference_reset(
     reference_state_t *s,
-    const reference_params_t *p,
+    const REFERENCE_PLACED reference_params_t *p,
     const reference_init_t *x0);
 
 /* One step, to be called every sample time. All memory is in *s: instances are independent. */
 reference_status_t reference_step(
     reference_state_t *s,
-    const reference_params_t *p,
+    const REFERENCE_PLACED reference_params_t *p,
     const reference_in_t *u,
     reference_out_t *y);
 

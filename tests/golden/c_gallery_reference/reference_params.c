@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-const reference_params_t reference_params_default = {
+const REFERENCE_PLACED reference_params_t reference_params_default = {
     /* command.weight */
     {
         0.04f, 0.04f, 0.04f, 0.04f, 0.04f, 0.04f, 0.04f, 0.04f, 0.04f, 0.04f, 0.04f, 0.04f,

@@ -34,7 +34,7 @@ static inline void joint_arm_flagged(
 }
 
 /* Initialises the state without history. */
-void joint_arm_init(joint_arm_state_t *s, const joint_arm_params_t *p)
+void joint_arm_init(joint_arm_state_t *s, const JOINT_ARM_PLACED joint_arm_params_t *p)
 {
     (void)p;
     for (uint32_t i = 0U; i < 3U; i++) {
@@ -48,7 +48,7 @@ void joint_arm_init(joint_arm_state_t *s, const joint_arm_params_t *p)
 /* Initialises the state from a known past; returns what was out of order. */
 joint_arm_status_t joint_arm_reset(
     joint_arm_state_t *s,
-    const joint_arm_params_t *p,
+    const JOINT_ARM_PLACED joint_arm_params_t *p,
     const joint_arm_init_t *x0)
 {
     (void)p;
@@ -79,7 +79,7 @@ joint_arm_status_t joint_arm_reset(
 /* Computes the outputs of sample t, then the states of sample t+1. */
 joint_arm_status_t joint_arm_step(
     joint_arm_state_t *s,
-    const joint_arm_params_t *p,
+    const JOINT_ARM_PLACED joint_arm_params_t *p,
     const joint_arm_in_t *u,
     joint_arm_out_t *y)
 {

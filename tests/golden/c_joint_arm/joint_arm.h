@@ -90,27 +90,34 @@ typedef struct {
     uint32_t ready;
 } joint_arm_state_t;
 
-/* The trained values; they stay in flash. */
-extern const joint_arm_params_t joint_arm_params_default;
+/* The trained values. They are constants, which most linkers leave in flash; AVR copies them to RAM
+ * unless JOINT_ARM_IN_FLASH is defined (gcc, -std=gnu99), and then takes no others. */
+#if defined(JOINT_ARM_IN_FLASH) && !defined(__cplusplus)
+#define JOINT_ARM_PLACED __flash
+#else
+#define JOINT_ARM_PLACED
+#endif
+extern const JOINT_ARM_PLACED joint_arm_params_t
+    joint_arm_params_default;
 
 /* Sets what is known without data. A buffer of past inputs is filled by the first step with that
  * step's own sample; a state that only a record can give is 0, and every step then returns
  * JOINT_ARM_STATUS_UNINITIALISED until reset has been called.
  * So does every step of a struct of zeros for which neither was called. */
-void joint_arm_init(joint_arm_state_t *s, const joint_arm_params_t *p);
+void joint_arm_init(joint_arm_state_t *s, const JOINT_ARM_PLACED joint_arm_params_t *p);
 
 /* Sets all states from samples around the first step t0, after the checks that step makes of its
  * inputs. Returns what was out of order: among the samples, or a state that does not begin in its
  * range. Whatever a state has become, even NaN, reset and init leave it. */
 joint_arm_status_t joint_arm_reset(
     joint_arm_state_t *s,
-    const joint_arm_params_t *p,
+    const JOINT_ARM_PLACED joint_arm_params_t *p,
     const joint_arm_init_t *x0);
 
 /* One step, to be called every sample time. All memory is in *s: instances are independent. */
 joint_arm_status_t joint_arm_step(
     joint_arm_state_t *s,
-    const joint_arm_params_t *p,
+    const JOINT_ARM_PLACED joint_arm_params_t *p,
     const joint_arm_in_t *u,
     joint_arm_out_t *y);
 

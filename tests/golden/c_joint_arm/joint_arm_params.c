@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-const joint_arm_params_t joint_arm_params_default = {
+const JOINT_ARM_PLACED joint_arm_params_t joint_arm_params_default = {
     /* own.weight */
     {
         0.1f, -0.2f, 0.15f, 0.7f, 0.05f, 0.02f, -0.1f, 0.8f, -0.05f, 0.1f, 0.2f, 0.6f

@@ -32,7 +32,9 @@ static inline void spring_damper_rk4_flagged(
 }
 
 /* Initialises the state without history. */
-void spring_damper_rk4_init(spring_damper_rk4_state_t *s, const spring_damper_rk4_params_t *p)
+void spring_damper_rk4_init(
+    spring_damper_rk4_state_t *s,
+    const SPRING_DAMPER_RK4_PLACED spring_damper_rk4_params_t *p)
 {
     s->v = p->v_start;
     s->x = 0.0f;
@@ -42,7 +44,7 @@ void spring_damper_rk4_init(spring_damper_rk4_state_t *s, const spring_damper_rk
 /* Initialises the state from a known past; returns what was out of order. */
 spring_damper_rk4_status_t spring_damper_rk4_reset(
     spring_damper_rk4_state_t *s,
-    const spring_damper_rk4_params_t *p,
+    const SPRING_DAMPER_RK4_PLACED spring_damper_rk4_params_t *p,
     const spring_damper_rk4_init_t *x0)
 {
     spring_damper_rk4_status_t status = SPRING_DAMPER_RK4_OK;
@@ -64,7 +66,7 @@ spring_damper_rk4_status_t spring_damper_rk4_reset(
 /* Computes the outputs of sample t, then the states of sample t+1. */
 spring_damper_rk4_status_t spring_damper_rk4_step(
     spring_damper_rk4_state_t *s,
-    const spring_damper_rk4_params_t *p,
+    const SPRING_DAMPER_RK4_PLACED spring_damper_rk4_params_t *p,
     const spring_damper_rk4_in_t *u,
     spring_damper_rk4_out_t *y)
 {

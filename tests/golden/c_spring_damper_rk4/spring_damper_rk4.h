@@ -92,27 +92,36 @@ typedef struct {
     uint32_t ready;
 } spring_damper_rk4_state_t;
 
-/* The trained values; they stay in flash. */
-extern const spring_damper_rk4_params_t spring_damper_rk4_params_default;
+/* The trained values. They are constants, which most linkers leave in flash; AVR copies them to RAM
+ * unless SPRING_DAMPER_RK4_IN_FLASH is defined (gcc, -std=gnu99), and then takes no others. */
+#if defined(SPRING_DAMPER_RK4_IN_FLASH) && !defined(__cplusplus)
+#define SPRING_DAMPER_RK4_PLACED __flash
+#else
+#define SPRING_DAMPER_RK4_PLACED
+#endif
+extern const SPRING_DAMPER_RK4_PLACED spring_damper_rk4_params_t
+    spring_damper_rk4_params_default;
 
 /* Sets what is known without data. A buffer of past inputs is filled by the first step with that
  * step's own sample; a state that only a record can give is 0, and every step then returns
  * SPRING_DAMPER_RK4_STATUS_UNINITIALISED until reset has been called.
  * So does every step of a struct of zeros for which neither was called. */
-void spring_damper_rk4_init(spring_damper_rk4_state_t *s, const spring_damper_rk4_params_t *p);
+void spring_damper_rk4_init(
+    spring_damper_rk4_state_t *s,
+    const SPRING_DAMPER_RK4_PLACED spring_damper_rk4_params_t *p);
 
 /* Sets all states from samples around the first step t0, after the checks that step makes of its
  * inputs. Returns what was out of order: among the samples, or a state that does not begin in its
  * range. Whatever a state has become, even NaN, reset and init leave it. */
 spring_damper_rk4_status_t spring_damper_rk4_reset(
     spring_damper_rk4_state_t *s,
-    const spring_damper_rk4_params_t *p,
+    const SPRING_DAMPER_RK4_PLACED spring_damper_rk4_params_t *p,
     const spring_damper_rk4_init_t *x0);
 
 /* One step, to be called every sample time. All memory is in *s: instances are independent. */
 spring_damper_rk4_status_t spring_damper_rk4_step(
     spring_damper_rk4_state_t *s,
-    const spring_damper_rk4_params_t *p,
+    const SPRING_DAMPER_RK4_PLACED spring_damper_rk4_params_t *p,
     const spring_damper_rk4_in_t *u,
     spring_damper_rk4_out_t *y);
 

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-const spring_damper_rk4_params_t spring_damper_rk4_params_default = {
+const SPRING_DAMPER_RK4_PLACED spring_damper_rk4_params_t spring_damper_rk4_params_default = {
     /* mass */
     1.7f,
     /* damping */
