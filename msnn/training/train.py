@@ -91,6 +91,7 @@ def train(
         options=options,
         safe=Safekeeping(folder, noted, options.most_lost),
         reached=Reached(begin),
+        first=first,
     )
     try:
         with (

@@ -41,7 +41,7 @@ from msnn.training.same_on_all import (
 from msnn.training.stages.divergence import explain_divergence
 from msnn.training.stages.late_jumps import LateJumps
 from msnn.training.stages.multi_start import StageAttempts
-from msnn.training.stages.stage_course import StageCourse
+from msnn.training.stages.stage_course import StageCourse, unmoved
 from msnn.training.stages.stage_run import Interrupted, StageRun
 from msnn.training.stages.stage_starts import stage_starts
 from msnn.training.starts.drawn_weights import begins_alike, drawn_weights
@@ -66,6 +66,8 @@ class TrainingRun:
     options: TrainingOptions
     safe: Safekeeping
     reached: Reached
+    first: Mapping[str, FloatArray]
+    """The weights before the first stage."""
     jumps: LateJumps = field(default_factory=LateJumps)
     course: StageCourse = field(default_factory=StageCourse)
 
@@ -81,14 +83,14 @@ class TrainingRun:
             hint = self.jumps.hint(plan)
             if hint is not None:
                 self.progress.warned(hint)
-            for note in self.course.stage_ended(plan, data, result, now.begin):
+            for note in self.course.stage_ended(plan, data, result):
                 self.progress.warned(note)
             self.progress.stage_ended(stage_end(plan, result))
             now = Checkpoint(ended=(*now.ended, result), begin=result.best)
             self.reached.checkpoint = now
             if self.safe.is_stale:
                 self.safe.save(now, now.begin)
-        for note in self.course.unmoved([plan for plan, _ in self.stages]):
+        for note in unmoved([plan for plan, _ in self.stages], now.ended, self.first):
             self.progress.warned(note)
         last, rollouts = self.stages[-1]
         kept = kept_starts(last, self.data, now.begin, self.progress.warned)

@@ -32,7 +32,9 @@ def run(msnn: CommandLine, project: Path) -> Path:
 def test_a_finished_run(msnn: CommandLine, run: Path):
     said = msnn("show", "runs/plant/latest")
     assert (said.code, said.err) == (0, "")
-    head, stages, parameters, commands = said.out.rstrip().split("\n\n")
+    sections = said.out.rstrip().split("\n\n")
+    # four epochs of short steps hardly move the parameters, which one section says
+    head, stages, parameters, commands = (each for each in sections if "W0937" not in each)
     facts = dict(line.split("  ", 1) for line in head.splitlines())
     assert facts["run"].strip() == str(run)
     assert facts["model"].strip() == "plant: finished"
@@ -66,7 +68,8 @@ def test_the_commands_of_a_run_that_was_taken_elsewhere(
 
 def test_as_json(msnn: CommandLine, run: Path):
     record = json.loads(msnn("show", str(run), "--format", "json").out)
-    assert (record["state"], record["warnings"]) == ("finished", [])
+    assert record["state"] == "finished"
+    assert ["W0937" in warning for warning in record["warnings"]] == [True]
     (stage,) = record["stages"]
     assert (stage["stage"], stage["epochs"], stage["reason"]) == ("fit", 4, "done")
     assert stage["losses"]["x_next"] > 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -37,7 +37,6 @@ class StageCourse:
         self._first: dict[int, EpochEnd] = {}
         self._best: dict[int, EpochEnd] = {}
         self._last: dict[int, EpochEnd] = {}
-        self._moved: dict[str, bool] = {}
 
     def epoch_ended(self, event: EpochEnd) -> None:
         """Takes an epoch; of an attempt that is resumed those after that."""
@@ -48,13 +47,12 @@ class StageCourse:
         self._last[event.attempt] = event
 
     def stage_ended(
-        self, plan: StagePlan, data: StageData, result: StageResult, begin: Weights
+        self, plan: StagePlan, data: StageData, result: StageResult
     ) -> list[Diagnostic]:
         """What the stage has to say of itself; the next one begins."""
         number = result.attempt + 1
         first, best, last = (kept.get(number) for kept in (self._first, self._best, self._last))
         self._first, self._best, self._last = {}, {}, {}
-        self._note_moves(plan, result, begin)
         found: list[Diagnostic | None] = []
         if first is not None and last is not None:
             found.append(_alone(plan, first.losses, last.losses))
@@ -62,21 +60,25 @@ class StageCourse:
                 found.append(_kept(plan, data, first, best, last))
         return [each for each in found if each is not None]
 
-    def unmoved(self, plans: list[StagePlan]) -> list[Diagnostic]:
-        """One line of the parameters that no stage has moved by a part of their scale."""
-        names = [name for name, moved in self._moved.items() if not moved]
-        if not names:
-            return []
-        return [notes.hardly_moved(names, plans[-1].program.parameter(names[0]).span)]
 
-    def _note_moves(self, plan: StagePlan, result: StageResult, begin: Weights) -> None:
+def unmoved(
+    plans: Sequence[StagePlan], results: Sequence[StageResult], first: Weights
+) -> list[Diagnostic]:
+    """One line of the parameters that no stage has moved by a part of their scale."""
+    moved: dict[str, bool] = {}
+    begin = first
+    for plan, result in zip(plans, results, strict=True):
         # a step of least squares is as long as it has to be; nothing better moves nothing
         stays = plan.optimizer.takes_all_starts or not result.best_epoch
         for name in plan.trained:
-            if plan.lr_factors.get(name) == 0.0:
-                continue
-            moved = stays or _has_moved(plan, name, begin[name], result.best[name])
-            self._moved[name] = self._moved.get(name, False) or moved
+            if plan.lr_factors.get(name) != 0.0:
+                found = stays or _has_moved(plan, name, begin[name], result.best[name])
+                moved[name] = moved.get(name, False) or found
+        begin = result.best
+    names = [name for name, found in moved.items() if not found]
+    if not names:
+        return []
+    return [notes.hardly_moved(names, plans[-1].program.parameter(names[0]).span)]
 
 
 def _has_moved(plan: StagePlan, name: str, begin: FloatArray, end: FloatArray) -> bool:
