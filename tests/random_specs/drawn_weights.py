@@ -71,9 +71,7 @@ def drawn_weights(program: Program, seed: int) -> Mapping[str, FloatArray]:
         draw = _kind(chance, kinds)
         mixed = chance.random() < 0.3  # else all elements are of one kind
         values = [
-            _within(
-                parameter, (_kind(chance, kinds) if mixed else draw)(chance, initial, parameter)
-            )
+            _within(parameter, one(chance, initial, parameter))
             for initial in array.ravel().tolist()
             for one in [_kind(chance, kinds) if mixed else draw]
         ]
