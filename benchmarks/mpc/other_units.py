@@ -10,6 +10,8 @@ with D x for x, E u for u and c J for J, and solved for the same starts and refe
   there is no plan, status and controls;
 - D, E and c up to 1e±6: the status is the same; the share is counted.
 
+In single precision, whose numbers end at 1e±38, exponents are a third of these.
+
 Half of the plants are solved stage by stage and half condensed, a quarter holds controls over
 blocks. Of ten problems of a plant the first begins without a plan, the others at the plan before.
 `--write` puts the counts in `RESULTS.md`.
@@ -68,6 +70,13 @@ class Units:
         exponents = random.uniform(-most, most, STATES + CONTROLS + 1)
         factors = [float(base**e) for e in (np.round(exponents) if whole else exponents)]
         return cls(tuple(factors[:STATES]), tuple(factors[STATES:-1]), factors[-1])
+
+    def nearer(self) -> Units:
+        """For single precision, whose squares end at 1e±19: a third of the exponents."""
+        exponents = np.log2([*self.states, *self.controls, self.cost]) / 3
+        whole = bool(np.all(np.log2(self.states) % 1 == 0))
+        factors = [float(2.0**e) for e in (np.round(exponents) if whole else exponents)]
+        return Units(tuple(factors[:STATES]), tuple(factors[STATES:-1]), factors[-1])
 
 
 SAME = Units((1.0,) * STATES, (1.0,) * CONTROLS, 1.0)
@@ -265,13 +274,14 @@ def compare_plant(number: int, random: np.random.Generator) -> Counter[str]:
         "others": Units.drawn(random, 10.0, 6, whole=False),
     }
     for kind, units in drawn.items():
-        with tempfile.TemporaryDirectory() as place:
+        with tempfile.TemporaryDirectory() as place, tempfile.TemporaryDirectory() as other:
             own = PlantInUnits(plant, units, structure, Path(place))
+            single = PlantInUnits(plant, units.nearer(), structure, Path(other))
             if not problems:
                 problems = [drawn_problem(plant, own.problem, random) for _ in range(EACH)]
             solved = {
                 "C, float64": own.in_c(problems, "float64"),
-                "C, float32": own.in_c(problems, "float32"),
+                "C, float32": single.in_c(problems, "float32"),
                 "Python": own.in_python(problems),
             }
         first = first or solved
@@ -319,9 +329,9 @@ written again with other units of states, controls and cost.
 
 {table}
 
-Powers of two: status, iterations, residual and controls to the bit. Others, up to 1e±6: the status.
-C has one call of prepare and feedback more for each plant. Statuses of C in double precision in the
-first units: {statuses}.
+Powers of two, up to 2^±20: status, iterations, residual and controls to the bit. Others, up to
+1e±6: the status. In single precision exponents are a third of these. C has one call of prepare and
+feedback more for each plant. Statuses of C in double precision in the first units: {statuses}.
 """
 
 

@@ -18,23 +18,25 @@ from compiler.optimal_control.structure import Chosen, chosen_structure
 
 States = Mapping[str, NDArray[np.float64]]
 """By name (draws, *shape)."""
-USUAL: Mapping[Chosen, float] = {"staged": 128.0, "condensed": 8.0}
+USUAL: Mapping[Chosen, float] = {"staged": 144.0, "condensed": 9.0}
 """The size of a cost that a solver takes as it is: of the two problems of `benchmarks/mpc` on which
 the constants of each structure were chosen."""
 _DRAWS = 64
 _TRIES = 3
+_STEPS = 16
 _FAR = 10.0
 """How far a plant is followed, by the scales of its states or its start."""
 
 
 def cost_scale(problem: ControlProblem) -> float:
-    """σ, the power of two for which σ · size is nearest to what is usual; 1 where no size is found.
+    """σ, by which a cost of its size is as large as usual; 1 where no size is found.
 
     The size is the change of J as the first controls move over their ranges while all others stay:
     the largest difference of three tries, and of that the median over starts and later controls
     drawn from the declared ranges. A gradient of σJ of 1e-6 by a control, over its scale, is then
-    an error of the control of about 1e-8 to 1e-7 of its range. A power of two changes no digit of
-    a cost. A plant that runs away goes on from its start: a plan never costs what it costs far out.
+    an error of the control of about 1e-8 to 1e-7 of its range. Rounded sizes leave σ 1 for costs
+    that are about as usual, whose digits it then does not change. A plant that runs away goes on
+    from its start: a plan never costs what it costs far out.
     """
     program = problem.program
     # the same points each time: an exported controller must not depend on chance
@@ -77,7 +79,9 @@ def cost_scale(problem: ControlProblem) -> float:
     if not changes.size:
         return 1.0
     usual = USUAL[chosen_structure(problem)]
-    return 2.0 ** round(math.log2(usual / float(np.median(changes))))
+    part, exponent = math.frexp(float(np.median(changes)))
+    # so many steps from a power of two to the next: enough that no unit matters
+    return usual / math.ldexp(round(_STEPS * 2 * part) / _STEPS, exponent - 1)
 
 
 def with_scaled_cost(problem: ControlProblem) -> ControlProblem:
