@@ -10,7 +10,7 @@ import pytest
 from benchmarks.bounded_fits.fits import by_msnn, by_scipy, is_wrongly_converged, without_bounds
 from benchmarks.bounded_fits.problems import Problem, problems
 from msnn.data.dataset import FloatArray
-from msnn.training.engines.second_order.bounded_steps import Box, box_step
+from msnn.training.engines.second_order.bounded_steps import StepBox, box_step
 from msnn.training.records.progress import Silent, StageEnd
 from msnn.training.records.training_options import TrainingOptions
 from msnn.training.train import train
@@ -80,7 +80,7 @@ def test_a_step_within_a_box_is_the_least_of_its_quadratic() -> None:
         high[random.uniform(size=n) < 0.3] = np.inf
         low[random.uniform(size=n) < 0.2] = 0.0
         step = box_step(
-            curvature, slope, Box(low=low, high=high, share=np.ones((2, n)), added=np.zeros(n))
+            curvature, slope, StepBox(low=low, high=high, share=np.ones((2, n)), added=np.zeros(n))
         )
         gradient = slope + curvature @ step
         small = 1e-9 * (1.0 + np.abs(slope).max())

@@ -32,7 +32,7 @@ _INWARD = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Box:
+class StepBox:
     """Limits of a step in scaled variables, and what the bounds add to the curvature."""
 
     low: FloatArray
@@ -43,13 +43,13 @@ class Box:
     """Coleman and Li's term, |slope|/distance."""
 
     @property
-    def whole(self) -> Box:
+    def whole(self) -> StepBox:
         """The box alone."""
         return replace(self, share=np.ones_like(self.share), added=np.zeros_like(self.added))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds:
+class VariableBounds:
     """The bounds of all variables, infinite where there is none, and how often they were met."""
 
     low: FloatArray
@@ -58,7 +58,7 @@ class Bounds:
     """Steps in a row that a bound has limited: (2, variables), the lower one first."""
 
     @classmethod
-    def of(cls, parameters: Sequence[Parameter]) -> Bounds:
+    def of(cls, parameters: Sequence[Parameter]) -> VariableBounds:
         """Those of the elements of parameters, one parameter after the other."""
         sizes = [int(np.prod([axis.size for axis in p.axes])) for p in parameters]
         low = [-np.inf if p.minimum is None else p.minimum for p in parameters]
@@ -74,7 +74,7 @@ class Bounds:
         """True if any variable has a bound."""
         return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
 
-    def box(self, at: FloatArray, scale: FloatArray, slope: FloatArray) -> Box | None:
+    def box(self, at: FloatArray, scale: FloatArray, slope: FloatArray) -> StepBox | None:
         """The box of a step from `at`, in variables divided by `scale`; None without bounds.
 
         `slope` is half the derivative of the total in the scaled variables.
@@ -84,7 +84,7 @@ class Bounds:
         low, high = (self.low - at) / scale, (self.high - at) / scale
         way = np.where(slope > 0.0, -low, high)
         inside = (way > 0.0) & np.isfinite(way)
-        return Box(
+        return StepBox(
             low=low,
             high=high,
             share=np.where(self.contacts < _CONTACTS, _SHARE_OF_WAY, 1.0),
@@ -99,7 +99,7 @@ class Bounds:
         near_low, near_high = trial - self.low <= rounding, self.high - trial <= rounding
         return np.where(near_low, self.low, np.where(near_high, self.high, trial))
 
-    def met(self, at: FloatArray, trial: FloatArray) -> Bounds:
+    def met(self, at: FloatArray, trial: FloatArray) -> VariableBounds:
         """With the contacts of a step from `at` to `trial` counted."""
         share = _SHARE_OF_WAY * (1.0 - 1e-9)
         with np.errstate(invalid="ignore"):
@@ -124,7 +124,7 @@ def _is_bounded(parameter: Parameter) -> bool:
     return parameter.minimum is not None or parameter.maximum is not None
 
 
-def box_step(curvature: FloatArray, slope: FloatArray, box: Box) -> FloatArray:
+def box_step(curvature: FloatArray, slope: FloatArray, box: StepBox) -> FloatArray:
     """The step d within the box that minimises 2 slopeᵀd + dᵀ (curvature + added) d.
 
     Their sum is positive definite, and the box holds 0. A primal active-set method (Nocedal,

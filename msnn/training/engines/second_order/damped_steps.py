@@ -14,7 +14,7 @@ import numpy as np
 
 from backends.known_terms import KnownTerms, approached, corners
 from msnn.data.dataset import FloatArray
-from msnn.training.engines.second_order.bounded_steps import Box, box_step
+from msnn.training.engines.second_order.bounded_steps import StepBox, box_step
 
 _MOST_STEPS = 20_000
 UNDAMPED = 1e-13
@@ -38,7 +38,7 @@ class DampedModel:
     directions: FloatArray
     """Their eigenvectors, in columns."""
     known: KnownTerms
-    box: Box | None = None
+    box: StepBox | None = None
     """The limits of the step; None without bounds."""
 
     def step(self, damping: float) -> tuple[FloatArray, float]:
@@ -56,7 +56,7 @@ class DampedModel:
         step = self._at(trial) - self.raw
         return step, self.lost_corners(step) - bent
 
-    def _within(self, box: Box, damping: float) -> tuple[FloatArray, float]:
+    def _within(self, box: StepBox, damping: float) -> tuple[FloatArray, float]:
         """The step within the bounds, and the fall of the model without what bounds add."""
         curvature = (self.directions * self.curvatures) @ self.directions.T
         scaled = box_step(curvature + damping * np.eye(len(curvature)), self.slope, box)

@@ -22,7 +22,7 @@ from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.training.engines.engine import EngineState, LossSums, NonFiniteLossError
 from msnn.training.engines.learned_numbers import LearnedNumbers
-from msnn.training.engines.second_order.bounded_steps import Bounds, in_physical_units
+from msnn.training.engines.second_order.bounded_steps import VariableBounds, in_physical_units
 from msnn.training.engines.second_order.counted_products import (
     CountedProducts,
     counted_products,
@@ -80,7 +80,7 @@ class LevenbergMarquardtEngine:
         self._numbers = LearnedNumbers(inside, weights)
         self._raw, self.moved = self._numbers.begin()
         self._learned = len(self._raw)
-        self._bounds = Bounds.of(parameters)
+        self._bounds = VariableBounds.of(parameters)
         self._decay = Decay(plan.weight_decay, parameters)
         self._joint = JointStarts(plan, series) if plan.estimates_starts else None
         self._begun: Weights = {}  # series of the starts with which runs begin

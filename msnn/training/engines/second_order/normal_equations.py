@@ -11,7 +11,7 @@ import numpy as np
 from backends.gauss_newton_products import Products, StartBlocks
 from backends.known_terms import KnownTerms, approached
 from msnn.data.dataset import FloatArray
-from msnn.training.engines.second_order.bounded_steps import Bounds
+from msnn.training.engines.second_order.bounded_steps import VariableBounds
 from msnn.training.engines.second_order.damped_steps import UNDAMPED, DampedModel
 from msnn.training.engines.second_order.quadratic_terms import QuadraticTerms
 
@@ -66,7 +66,7 @@ class NormalEquations:
             curvature=self.curvature + np.diag(known.curvature),
         )
 
-    def is_stationary(self, raw: FloatArray, known: KnownTerms, bounds: Bounds) -> bool:
+    def is_stationary(self, raw: FloatArray, known: KnownTerms, bounds: VariableBounds) -> bool:
         """True where no variable moved alone, within its bounds, changes the residuals much.
 
         For a variable inside its bounds that is |Jᵢᵀr| <= limit · |Jᵢ| |r|, the measure of
@@ -80,7 +80,7 @@ class NormalEquations:
         move[:n] = np.clip(reached, bounds.low, bounds.high) - raw
         return bool(np.all(move * move * diagonal <= STATIONARY**2 * self.total))
 
-    def onto_bounds(self, raw: FloatArray, bounds: Bounds) -> FloatArray:
+    def onto_bounds(self, raw: FloatArray, bounds: VariableBounds) -> FloatArray:
         """The variables, on the bound where the minimum in each alone is on or beyond it."""
         diagonal = np.diagonal(self.curvature)
         reached = raw - self.slope / np.where(diagonal > NO_INFLUENCE, diagonal, np.inf)
@@ -95,7 +95,7 @@ class NormalEquations:
         return np.concatenate([self.slope, self.starts.slope.ravel()])
 
     def model(
-        self, scale: FloatArray, raw: FloatArray, known: KnownTerms, bounds: Bounds
+        self, scale: FloatArray, raw: FloatArray, known: KnownTerms, bounds: VariableBounds
     ) -> QuadraticModel:
         """In variables times 1/scale, at these raw variables of the parameters."""
         n = len(self.curvature)
