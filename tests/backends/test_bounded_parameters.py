@@ -123,7 +123,7 @@ parameters:
   d: {init: 1, min: 1.0e-7, max: 1.0e+9}
 outputs: {out: {expr: "(a + b - c - d) * u", predicts: "y[t]"}}
 data: {source: {train: log.csv}}
-train: [{epochs: 3, %sengine: %s, optimizer: %s}]
+train: [{epochs: 12, %sengine: %s, optimizer: %s}]
 """
 
 

@@ -75,7 +75,7 @@ def test_the_description_is_json_whatever_the_spec_says():
 
 def test_a_readme_shows_a_name_as_one_line_of_text():
     name = one_line("a`b\n```python\nraise SystemExit\n```<script>")
-    text = readme_text("casadi", model=name, prefix="model")
+    text = readme_text("casadi", model=name, prefix="model", version="3.8.2", source=True)
     assert text.splitlines()[0] == "# a'b '''python raise SystemExit '''‹script› for CasADi"
-    harmless = readme_text("casadi", model="a", prefix="model")
+    harmless = readme_text("casadi", model="a", prefix="model", version="3.8.2", source=True)
     assert text.count("```") == harmless.count("```") > 0

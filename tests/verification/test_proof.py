@@ -113,7 +113,8 @@ def test_the_report_says_which_states_stay_in_their_range(
 ) -> None:
     code, said = verified(LEAKS, tmp_path, capsys, "--with", "jacobian")
     assert code == 0, said
-    step, linearize = said["results"]
+    files, step, linearize = said["results"]
+    assert (files["check"], files["verdict"]) == ("files", "ok")
     assert (step["target"], linearize["target"]) == ("step", "linearize")
     assert "inductive: yes: kept stays in -2 .. 2" in step["notes"]
     assert "inductive: no: a step takes grown from 0 .. 10 to 0 .. 12" in step["notes"]
@@ -156,7 +157,7 @@ def test_a_state_that_saturates_is_compared_with_infinity_without_an_alarm(
     code, said = verified(spec, tmp_path, capsys)
     assert "INFINITY" in (tmp_path / "c" / "src" / "sums.c").read_text(encoding="utf-8")
     assert code == 0, said
-    (step,) = said["results"]
+    _, step = said["results"]
     assert "inductive: yes: i stays in -1 .. 1" in step["notes"]
 
 
@@ -165,7 +166,7 @@ def test_every_element_of_a_state_is_looked_at(
 ) -> None:
     code, said = verified(VECTOR, tmp_path, capsys)
     assert code == 0, said
-    (step,) = said["results"]
+    _, step = said["results"]
     assert "inductive: no: a step takes s from -1 .. 1 to -2 .. 2" in step["notes"]
     assert "assumed |v| <= 1e+06: the spec has no range" in step["notes"]
 
@@ -294,7 +295,7 @@ def test_constant_time_is_named_as_not_proved(
     spec = LEAKS + "export:\n  c: {constant_time: true}\n"
     code, said = verified(spec, tmp_path, capsys)
     assert code == 5
-    (result,) = said["results"]
+    _, result = said["results"]
     assert result["verdict"] == "not done"
     assert result["detail"].startswith("not proved: constant-time code")
     assert not said["found"]

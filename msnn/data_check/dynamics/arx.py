@@ -12,6 +12,9 @@ from msnn.data.dataset import FloatArray
 from msnn.data_check.dynamics.pieces import Piece
 
 _AT_ONCE = 4096
+_SMALLEST = 1e-75
+"""Size of a column, relative to 1, whose square still has a reciprocal with room for factors."""
+
 _RIDGE = 1e-7
 """Of the mean square of a regressor, as if each had noise 70 dB below it: of the many long models
 that fit data without noise it takes a small one; what nothing excites is 0 with a large error."""
@@ -55,7 +58,8 @@ class Arx:
 
 
 def fit_arx(pieces: Sequence[Piece], orders: ArxOrders) -> Arx | None:
-    """The model with the least Σ e²; None where there are fewer than two rows a number.
+    """The model with the least Σ e²; None where there are fewer than two rows per parameter
+    or a column has squares outside the range of doubles.
 
     The covariance is s² (XᵀX)⁻¹, right where the orders leave e white. Normal equations are summed
     over blocks, so memory is that of the numbers.
@@ -75,6 +79,9 @@ def fit_arx(pieces: Sequence[Piece], orders: ArxOrders) -> Arx | None:
     scale = np.sqrt(np.diag(gram) / rows)
     # a column that is 0 stays 0
     scale[scale == 0] = 1.0
+    # variances of such columns leave the range of doubles
+    if scale.min() < _SMALLEST or scale.max() > 1.0 / _SMALLEST:
+        return None
     gram /= np.outer(scale, scale)
     left, right = gram[:-1, :-1], gram[:-1, -1]
     # with the ridge it has an inverse even where inputs depend on each other

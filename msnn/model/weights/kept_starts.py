@@ -15,7 +15,7 @@ from backends.files.disk_arrays import AT_ONCE
 from backends.files.safetensors_bytes import safetensors_bytes
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, IntArray, Record
 from msnn.model.weights.given_weights import Weights, weights_path
-from msnn.model.weights.safetensors_file import arrays_in
+from msnn.model.weights.safetensors_file import WeightsFault, arrays_in
 from spec_schema.reading.endless_files import refuse_endless
 
 STARTS = "starts.safetensors"
@@ -152,8 +152,8 @@ def _read(path: Path) -> KeptStarts | None:
     """What a file keeps; None where there is none, or one that was damaged."""
     try:
         refuse_endless(path)
-        arrays = arrays_in(path.read_bytes()) or {}
-    except OSError:
+        arrays = arrays_in(path.read_bytes())
+    except (OSError, WeightsFault):
         return None
     recorded = {name: one.astype(np.int64) for name, one in _named(arrays, _SIGNAL).items()}
     values = _named(arrays, _START)

@@ -1,7 +1,7 @@
 /* Computes the slopes of one step in its states and inputs. */
 fir_closed_loop_status_t fir_closed_loop_linearize(
     const fir_closed_loop_state_t *s,
-    const fir_closed_loop_params_t *p,
+    const FIR_CLOSED_LOOP_PLACED fir_closed_loop_params_t *p,
     const fir_closed_loop_in_t *u,
     fir_closed_loop_jacobian_t *jac)
 {

@@ -1,7 +1,7 @@
 /* Computes the slopes of one step in its states and inputs. */
 spring_damper_rk4_status_t spring_damper_rk4_linearize(
     const spring_damper_rk4_state_t *s,
-    const spring_damper_rk4_params_t *p,
+    const SPRING_DAMPER_RK4_PLACED spring_damper_rk4_params_t *p,
     const spring_damper_rk4_in_t *u,
     spring_damper_rk4_jacobian_t *jac)
 {

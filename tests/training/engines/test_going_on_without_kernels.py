@@ -150,7 +150,8 @@ def test_a_kernel_that_failed_is_not_tried_in_the_next_start(
     heard = Heard()
     run(compiled(NET + "  - {epochs: 2, starts: 3}\n"), heard, series=data())
     assert made == ["float32", "float64", "float64", "float64"]
-    assert [w.code for w in heard.warnings] == ["W0950"]
+    # two epochs move little: W0937
+    assert [w.code for w in heard.warnings if w.code != "W0937"] == ["W0950"]
 
 
 def spoiled_sensitivities(found: Sensitivities) -> SensitivitySource:

@@ -343,7 +343,8 @@ def test_a_number_of_rate_0_is_held_however_steep(engine: str, optimizer: str) -
     result = run(held, measured(at_first=10), progress)
     assert float(result.weights["k"]) == FIRST
     assert float(result.weights["m"]) != 1.0
-    assert not progress.codes
+    # a rate this small moves m by less than 1 % in some optimisers: W0937
+    assert not {*progress.codes} - {"W0937"}
     frozen = run(held.replace("lr: {k: 0}", "freeze: [k]"), measured(at_first=10))
     assert float(result.weights["m"]) == pytest.approx(float(frozen.weights["m"]), rel=1e-14)
 

@@ -411,4 +411,4 @@ def test_advice_against_a_loss_that_is_not_finite_fits_the_optimiser(engine: str
         run(text.replace("max(k - 1, 0)", "1 - k"), {"u": np.ones(20), "z": np.ones(20)})
     said = caught.value.diagnostic
     assert said.code == "E0913"
-    assert said.help == "try weights to begin with that are nearer, a shorter horizon, or bounds"
+    assert said.help == "write `sqrt(max(x, 0))` for `sqrt(x)`: x falls below 0 there"

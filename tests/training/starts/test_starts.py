@@ -159,7 +159,8 @@ def test_only_what_nothing_has_changed_is_drawn_again(monkeypatch: pytest.Monkey
 def test_runs_that_begin_alike_are_a_warning() -> None:
     drawn, same, after = Heard(), Heard(), Heard()
     run(net("  - {epochs: 1, starts: 2}\n"), drawn)
-    assert drawn.warnings == []
+    # one epoch moves little
+    assert {one.code for one in drawn.warnings} <= {"W0937"}
     frozen = 'freeze: [a, "net.weight*"]'  # biases and `b` are numbers
     run(net(f"  - {{epochs: 1, starts: 2, {frozen}}}\n"), same)
     (warning,) = (said for said in same.warnings if said.code != "W0912")
