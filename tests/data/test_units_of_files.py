@@ -24,6 +24,7 @@ from scipy.io import savemat
 
 import msnn
 from msnn.data.dataset import Dataset
+from msnn.data.formats.arrays.array_units import unit_beside
 from msnn.data.formats.table_of_formats import FORMATS, format_of
 from msnn.data.reading.frames import frame_data
 from msnn.data.reading.load import load_data
@@ -358,6 +359,26 @@ def write_percents(path: Path, header: str) -> None:
     for row in (2, 3):
         sheet.cell(row, 2).number_format = "0%"
     book.save(path)
+
+
+@pytest.mark.parametrize(
+    ("names", "of_current", "of_phase"),
+    [
+        (("i", "I", "i_unit", "I_unit"), "A", "mA"),
+        (("i", "I", "i_unit"), "", "mA"),
+        (("I", "i_unit"), "mA", ""),
+        (("i.data", "I.data", "i.unit", "I.Units"), "A", "mA"),
+    ],
+)
+def test_names_that_differ_in_case_have_units_of_their_own(
+    names: tuple[str, ...], of_current: str, of_phase: str
+) -> None:
+    texts = {name: "A" if name.startswith("I") else "mA" for name in names}
+    ending = ".data" if "i.data" in names else ""
+    for name, unit in ((f"I{ending}", of_current), (f"i{ending}", of_phase)):
+        if name in names:
+            found = unit_beside(names, name, texts.__getitem__)
+            assert found == ((unit,) if unit else ())
 
 
 @pytest.mark.parametrize(

@@ -41,13 +41,22 @@ def unit_of_array(array: Any) -> Sequence[str]:
 
 def unit_beside(names: Collection[str], name: str, get: Callable[[str], Any]) -> Sequence[str]:
     """The unit in a text of the same file: `speed_unit`, or `speed.unit` beside `speed.data`."""
-    wanted = {f"{name}_{key}".lower() for key in _KEYS}
+    stems = [(name, "_")]
     for sign in "./":
         base, found, field = name.rpartition(sign)
         if found and field.lower() in _VALUES:
-            wanted |= {f"{base}{sign}{key}".lower() for key in _KEYS}
-    # one file has few such names, and none of them is read before it is wanted
-    beside = next((other for other in names if other.lower() in wanted), None)
+            stems.append((base, sign))
+    exact: list[str] = []
+    folded: list[str] = []
+    for other in names:
+        for stem, sign in stems:
+            head, _, key = other.rpartition(sign)
+            if key.lower() in _KEYS and head.lower() == stem.lower():
+                (exact if head == stem else folded).append(other)
+    # `P` and `p` may be a power and a pressure: then a name has the unit that is spelled like it
+    if sum(other.lower() == name.lower() for other in names) > 1:
+        folded = []
+    beside = next(iter((*exact, *folded)), None)
     return () if beside is None else texts_of(get(beside))
 
 
