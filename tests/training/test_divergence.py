@@ -217,3 +217,30 @@ def test_before_any_update_no_rate_is_to_blame() -> None:
     later = TEXT.replace("init: 0.9", "init: 0.1").replace("exp(a * x)", "exp(a * x) * x")
     said = advice(later + "  - {rollout: 5, epochs: 9, optimizer: {sgd: {lr: 1e3}}}\n", series)
     assert "a smaller learning rate" in said
+
+
+LINE = """msnn: 1
+name: line
+inputs: {x: 1}
+targets: {y: 1}
+parameters: {a: 0.5, b: 0.5}
+outputs: {z: {expr: a*x + b*x*x, predicts: "y[t]"}}
+train: [{engine: torch, epochs: 100, batch: 10, optimizer: OPTIMIZER}]
+"""
+
+
+def test_a_loss_that_grows_without_bound_is_told_of_the_rate() -> None:
+    """Every value is finite, the sum of their squares is not: the steps are too long."""
+    x = np.linspace(0, 5, 60)
+    series = {"x": x, "y": 1.5 * x - 0.2 * x * x}
+    said = advice(LINE.replace("OPTIMIZER", "{sgd: {lr: 1}}"), series)
+    assert said.startswith("try a smaller learning rate, or give the losses smaller weights")
+    assert np.isfinite(trains(LINE.replace("OPTIMIZER", "{sgd: {lr: 0.001}}"), series))
+
+
+@pytest.mark.parametrize("optimizer", ["{sgd: {lr: 1}}", "levenberg_marquardt"])
+def test_a_loss_too_large_from_the_beginning_is_not_told_of_the_rate(optimizer: str) -> None:
+    x = np.linspace(1, 5, 60) * (1e19 if "sgd" in optimizer else 1e160)
+    text = LINE.replace("a*x + b*x*x", "a*x + b").replace(", batch: 10", "")
+    said = advice(text.replace("OPTIMIZER", optimizer), {"x": x, "y": -x})
+    assert said.startswith("give the losses smaller weights")

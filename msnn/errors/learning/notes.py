@@ -41,8 +41,9 @@ def validation_decided(
     stage: str,
     rollouts: int,
     watched: str,
-    epoch: int | None,
+    epoch: int,
     epochs: int,
+    is_on_the_way: bool,
     value: float,
     last: float,
     span: Span | None,
@@ -50,15 +51,15 @@ def validation_decided(
     """W0938: weights that validation chose far from what the training rows say."""
     over = f"{'the only rollout' if rollouts == 1 else f'{rollouts} rollouts'} of `{watched}`"
     # an epoch of a least-squares stage in the middle of its path, or a monitor far above
-    if epoch is not None:
+    if is_on_the_way:
         message = (
             f"stage `{stage}` keeps epoch {epoch} of {epochs}, the best over {over}: "
             f"the loss of training fell from {value:.3g} to {last:.3g} after it"
         )
     else:
         message = (
-            f"stage `{stage}`: the loss over {over} is {value:.3g}, over those of training "
-            f"{last:.3g}"
+            f"stage `{stage}`: the loss over {over} is {value:.3g} in epoch {epoch}, the best; "
+            f"over those of training it is {last:.3g} in epoch {epochs}, the last"
         )
     shorter = "a shorter `rollout.horizon`, or " if rollouts < _FEW else ""
     repair = f"{shorter}a `split:` that spreads `val` over the records (`by: block`)"

@@ -71,6 +71,8 @@ def explain_divergence(
         spans = [program.parameter(name).span for name in names]
         return no_finite_slope(plan.name, epoch, names, next(iter(spans), plan.span))
     repair = "give the losses smaller weights or units in which values are smaller"
+    if not before_updates and not plan.optimizer.needs_squares:
+        repair = f"try a smaller learning rate, or {repair}"
     return errors.diverged(plan.name, epoch, "the loss", "summed over a batch", plan.span, repair)
 
 

@@ -31,11 +31,12 @@ Weights = Mapping[str, FloatArray]
 
 
 class StageCourse:
-    """Hears of the epochs of a stage's attempts, and keeps the first, the best and the last."""
+    """Hears of the epochs of a stage's attempts: the first, the best, that after it, the last."""
 
     def __init__(self) -> None:
         self._first: dict[int, EpochEnd] = {}
         self._best: dict[int, EpochEnd] = {}
+        self._after: dict[int, EpochEnd] = {}
         self._last: dict[int, EpochEnd] = {}
 
     def epoch_ended(self, event: EpochEnd) -> None:
@@ -44,6 +45,9 @@ class StageCourse:
             self._first[event.attempt] = event
         if event.best_epoch == event.epoch:
             self._best[event.attempt] = event
+            self._after.pop(event.attempt, None)
+        elif event.best_epoch == event.epoch - 1:
+            self._after[event.attempt] = event
         self._last[event.attempt] = event
 
     def stage_ended(
@@ -51,13 +55,15 @@ class StageCourse:
     ) -> list[Diagnostic]:
         """What the stage has to say of itself; the next one begins."""
         number = result.attempt + 1
-        first, best, last = (kept.get(number) for kept in (self._first, self._best, self._last))
-        self._first, self._best, self._last = {}, {}, {}
+        first, best, after, last = (
+            kept.get(number) for kept in (self._first, self._best, self._after, self._last)
+        )
+        self._first, self._best, self._after, self._last = {}, {}, {}, {}
         found: list[Diagnostic | None] = []
         if first is not None and last is not None:
             found.append(_alone(plan, first.losses, last.losses))
             if best is not None and best.epoch == result.best_epoch:
-                found.append(_kept(plan, data, first, best, last))
+                found.append(_kept(plan, data, first, best, after, last))
         return [each for each in found if each is not None]
 
 
@@ -93,6 +99,9 @@ def _alone(
     plan: StagePlan, first: Mapping[str, float], last: Mapping[str, float]
 ) -> Diagnostic | None:
     """A loss that is nearly all of the total from the first epoch to the last."""
+    # the advice, 1/variance, is what such a stage already has
+    if plan.weighs_by_variance:
+        return None
     early, late = _shares(plan, first), _shares(plan, last)
     if len(late) < 2 or not late.keys() <= early.keys():
         return None
@@ -117,7 +126,12 @@ def _shares(plan: StagePlan, losses: Mapping[str, float]) -> dict[str, float]:
 
 
 def _kept(
-    plan: StagePlan, data: StageData, first: EpochEnd, best: EpochEnd, last: EpochEnd
+    plan: StagePlan,
+    data: StageData,
+    first: EpochEnd,
+    best: EpochEnd,
+    after: EpochEnd | None,
+    last: EpochEnd,
 ) -> Diagnostic | None:
     """An epoch that rows of validation chose, against what the rows of training say."""
     # priors are in one of the two totals, a monitor of its own is another loss
@@ -125,18 +139,22 @@ def _kept(
     nothing = NOTHING * first.total
     if data.watches_training or not alike or not nothing >= 0:
         return None
-    on_the_way = plan.optimizer.needs_squares and best.epoch < last.epoch
-    is_kept = on_the_way and best.total > max(FELL * last.total, nothing)
-    # on rows that nobody trained on the weights that are kept, against what training reaches
+    # a least-squares epoch has the total before its one step: that of the weights which the best
+    # epoch ends with stands in the epoch after it
+    at_kept = after.total if plan.optimizer.needs_squares and after is not None else 0.0
+    is_kept = at_kept > max(FELL * last.total, nothing)
+    # on rows that nobody trained on the weights that are kept, against what training reaches: with
+    # any optimizer the total of the last epoch is of weights before its end, and rather too high
     if not is_kept and not best.monitor > max(FAR_ABOVE * last.total, nothing):
         return None
     return notes.validation_decided(
         stage=plan.name,
         rollouts=len(data.watched),
         watched=data.watched_set,
-        epoch=best.epoch if is_kept else None,
+        epoch=best.epoch,
         epochs=last.epoch,
-        value=best.total if is_kept else best.monitor,
+        is_on_the_way=is_kept,
+        value=at_kept if is_kept else best.monitor,
         last=last.total,
         span=plan.span,
     )

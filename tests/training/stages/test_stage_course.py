@@ -63,6 +63,29 @@ def test_a_loss_that_decides_alone_is_named_with_those_that_hardly_count() -> No
     assert notes(SUM.replace("WEIGHT", "1e6"), pair()) == []
 
 
+def test_weights_by_variance_are_not_advised_where_they_are_in_force() -> None:
+    """A signal of noise alone stays at its variance, whatever the weights are."""
+    random = np.random.default_rng(3)
+    u = random.uniform(-3, 3, 200)
+    p = 1e5 + 250 * u + 1000 * random.normal(size=200)
+    data = dataset({"u": u, "p": p, "q": 2 * u + 0.01 * random.normal(size=200)}, train=[200])
+    text = """
+msnn: 1
+name: unlike
+inputs: {u: 1}
+targets: {p: {unit: Pa}, q: {unit: m}}
+parameters: {a: {init: 100, unit: Pa}, b: {init: 1.7, unit: m}}
+constants: {p0: 1e5 Pa}
+outputs: {ph: {expr: p0 + a*u, predicts: "p[t]"}, qh: {expr: b*u, predicts: "q[t]"}}
+LOSSES
+train: [{name: fit, engine: torch, optimizer: levenberg_marquardt}]
+"""
+    assert notes(text.replace("LOSSES", ""), data) == []
+    written = 'losses: {p: "mse(ph, p)", q: "mse(qh, q)"}'
+    (found,) = notes(text.replace("LOSSES", written), data)
+    assert found.code == "W0936"
+
+
 def test_a_penalty_beside_one_loss_decides_nothing() -> None:
     text = SUM.replace('q: {expr: "mse(qh, q)", weight: WEIGHT}', "small: l2(k)")
     assert notes(text, pair()) == []
@@ -155,6 +178,28 @@ def test_a_least_squares_stage_that_keeps_an_epoch_of_its_way_says_how_few_rollo
     assert notes(text, unlike(0.9)) == []
 
 
+def test_the_loss_of_training_after_the_epoch_that_is_kept_is_that_of_its_weights() -> None:
+    """One step finds a gain; the total of that epoch is of the weights before the step."""
+    random = np.random.default_rng(4)
+    u = random.uniform(-3, 3, 200)
+    # a gain of validation just below that of training, on the way there from 1.9
+    y = np.where(np.arange(200) < 180, 2.0, 1.99) * u + 0.01 * random.normal(size=200)
+    text = """
+msnn: 1
+name: gain
+inputs: {u: 1}
+targets: {y: 1}
+parameters: {b: 1.9}
+outputs: {z: {expr: b * u, predicts: "y[t]"}}
+train: [{name: fit, engine: torch, optimizer: levenberg_marquardt}]
+"""
+    data = dataset({"u": u, "y": y}, train=[180], val=[20])
+    program, spec = compiled(text)
+    (stage,) = train(program, data, spec.train, TrainingOptions(runs=None)).stages
+    assert stage.best_epoch == 1 < stage.epochs
+    assert notes(text, data) == []
+
+
 def test_a_monitor_far_above_the_loss_of_training_is_told() -> None:
     text = DECAY.replace("OPTIMIZER", "optimizer: {adam: {lr: 0.05}}")
     text = text.replace("epochs: 40", "epochs: 150")
@@ -162,6 +207,7 @@ def test_a_monitor_far_above_the_loss_of_training_is_told() -> None:
     noisy.series["y"][1000:] += 0.5 * np.random.default_rng(5).normal(size=100)
     (found,) = [each for each in notes(text, noisy) if each.code == "W0938"]
     assert found.message.startswith("stage `fit`: the loss over 2 rollouts of `val` is 0.")
+    assert found.message.endswith(" in epoch 150, the last")
     assert [each for each in notes(text, unlike(0.9)) if each.code == "W0938"] == []
 
 
