@@ -80,6 +80,15 @@ class FoundStarts:
             taken=taken,
         )
 
+    def doubts_of(self, runs: BoolArray) -> FoundStarts:
+        """The same without the doubts about other runs than these."""
+        undecided = {
+            name: one & runs.reshape(-1, *[1] * (one.ndim - 1))
+            for name, one in self.undecided.items()
+        }
+        unsettled, guessed = self.unsettled & runs, self.guessed & runs
+        return replace(self, undecided=undecided, unsettled=unsettled, guessed=guessed)
+
     def series(self, rows: int) -> dict[str, FloatArray]:
         """The values in the rows t0, as programs with read starts take them."""
         found: dict[str, FloatArray] = {}
