@@ -258,8 +258,14 @@ def test_a_recording_that_is_not_trained_on_raises_no_doubt_about_training(
     )
     data = {"train": late(quiet=0), "test": late(300)}
     events: list[Event] = []
-    msnn.train(model(text, tmp_path), data, runs=None, progress=events.append)
+    plant = model(text, tmp_path)
+    found = msnn.train(plant, data, runs=None, progress=events.append)
     assert not [one for one in events if isinstance(one, Diagnostic) and one.code == "W0807"]
+    report = msnn.validate(plant, found, data)
+    assert not report.warnings
+    assert report.rows[0].scored == (400 if over == "record" else 380)
+    # the starts of the other recording are not those of the training, and nothing is scored there
+    assert ("starts as trained" in report.rows[0].details) == (over == "record")
 
 
 def _of(series: dict[str, FloatArray]) -> dict[str, FloatArray]:
