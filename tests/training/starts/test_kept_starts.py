@@ -99,6 +99,20 @@ def test_starts_of_a_robust_loss_are_kept_as_training_ended_with_them(
     assert "starts as trained" in row.details
 
 
+def test_rollouts_of_a_robust_loss_that_were_not_trained_on_are_not_said_to_start_as_trained(
+    tmp_path: Path,
+) -> None:
+    """The rest of a record, of 10 rows, is no rollout to train on."""
+    require_tool("gcc", install="apt install gcc")
+    text = ROBUST.replace("[{rollout: record", "[{rollout: {horizon: 50, stride: 50}")
+    plant = model(text.replace("train, rollout: record", "train, rollout: 50"), tmp_path)
+    found = msnn.train(plant, {"train": outlying()}, runs=None)
+    assert found.starts is not None
+    assert found.starts.run[:, 1].tolist() == [*range(0, 350, 50)]
+    (row,) = msnn.validate(plant, found, {"train": outlying()}).rows
+    assert "starts as trained" not in row.details
+
+
 def test_a_resumed_training_keeps_the_starts_of_one_that_was_not_interrupted(
     tmp_path: Path,
 ) -> None:
