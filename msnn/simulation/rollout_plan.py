@@ -250,6 +250,14 @@ def counted_rows(plan: RolloutPlan, data: Dataset, name: str) -> Mapping[str, Bo
     return scored_rows(data, name if whole else None, plan.program, plan.skip_rows)
 
 
+def score_some(runs: Runs, rows: Mapping[str, BoolArray] | None) -> BoolArray:
+    """Which runs have a row that counts, by those of every loss."""
+    if rows is None:
+        return np.ones(len(runs), np.bool_)
+    before = np.concatenate([[0], np.cumsum(np.any([*rows.values()], axis=0))])
+    return before[runs.t0 + runs.steps] > before[runs.t0]
+
+
 def _with_scored_rows(plan: RolloutPlan, data: Dataset, runs: Runs, ahead: int) -> Runs:
     """Without the rollouts that end before the first row that counts in their record."""
     if not plan.skip_rows:

@@ -29,7 +29,7 @@ from msnn.data.starts import Runs
 from msnn.errors.learning import fitted_starts as errors
 from msnn.model.weights.kept_starts import KeptStarts
 from msnn.simulation.gauss_newton import RunProducts, decided_directions, descended
-from msnn.simulation.rollout_plan import RolloutPlan
+from msnn.simulation.rollout_plan import RolloutPlan, score_some
 from msnn.simulation.start_products import RunSums, StartProducts
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
@@ -79,6 +79,15 @@ class FoundStarts:
             over=over,
             taken=taken,
         )
+
+    def doubts_of(self, runs: BoolArray) -> FoundStarts:
+        """The same without the doubts about other runs than these."""
+        undecided = {
+            name: one & runs.reshape(-1, *[1] * (one.ndim - 1))
+            for name, one in self.undecided.items()
+        }
+        unsettled, guessed = self.unsettled & runs, self.guessed & runs
+        return replace(self, undecided=undecided, unsettled=unsettled, guessed=guessed)
 
     def series(self, rows: int) -> dict[str, FloatArray]:
         """The values in the rows t0, as programs with read starts take them."""
@@ -279,8 +288,10 @@ def with_starts(
         return plan, data
     scored = rows if plan.starts.over is None else None
     found = fit.find_or_take(data, runs, weights, scored, kept)
-    findings.report(*uncertain_starts(found, data, wanted_by))
-    if len(found.t0) == 0:
+    # runs through whole records are runs through those of other sets too: they score nothing
+    searched = np.isin(found.t0, runs.t0[score_some(runs, rows)])
+    findings.report(*uncertain_starts(found.doubts_of(searched), data, wanted_by))
+    if not searched.any():
         starts = replace(plan.starts, as_trained=True)
         plan = replace(plan, starts=starts, skip=starts.skip)
     return plan, replace(data, series={**data.series, **found.series(data.rows)})

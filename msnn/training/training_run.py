@@ -93,7 +93,7 @@ class TrainingRun:
         for note in unmoved([plan for plan, _ in self.stages], now.ended, self.first):
             self.progress.warned(note)
         last, rollouts = self.stages[-1]
-        kept = kept_starts(last, self.data, now.begin, self.progress.warned)
+        kept = kept_starts(last, self.data, now.ended[-1], self.progress.warned)
         # of several ranks all go on to the errors, though one alone has the folder
         if self.folder is None and self.options.ranks is None:
             return replace(self._result(now.begin, now), starts=kept)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from msnn.data.dataset import FloatArray, IntArray
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum
+from msnn.training.plans.stage_result import EstimatedStarts
 
 LossSums = dict[str, LossSum]
 
@@ -106,4 +107,13 @@ class Engine(Protocol):
 
     def restore(self, state: EngineState) -> None:
         """Goes back to a state of the same stage."""
+        ...
+
+
+@runtime_checkable
+class StartsEstimator(Protocol):
+    """An engine to which the starts of runs can be unknowns, beside the parameters."""
+
+    def starts(self) -> EstimatedStarts | None:
+        """Where the runs that it trains on start now; None where it estimates no starts."""
         ...

@@ -19,11 +19,11 @@ from msnn.errors.learning import training as errors
 from msnn.simulation.rollout import LossSum
 from msnn.training.engines.engine import EngineState, LossSums
 from msnn.training.plans.learning_rate import Reductions
-from msnn.training.plans.stage_result import StageResult
+from msnn.training.plans.stage_result import EstimatedStarts, StageResult
 from spec_schema.diagnostics.diagnostic import SpecError
 
 # goes up when what is kept changes: an older checkpoint is refused, never guessed at
-_FORMAT = 5
+_FORMAT = 6
 _RESULT = ("best_value", "best_epoch", "epochs", "reason", "seconds", "attempt")
 
 
@@ -53,6 +53,8 @@ class TrainingPosition:
     """Since the attempt began, without the time between an end and going on."""
     starts: Mapping[str, FloatArray] = field(default_factory=dict[str, FloatArray])
     """Where the runs of the epoch start that is not complete, of each state that is fitted."""
+    best_starts: EstimatedStarts | None = None
+    """Those beside the best weights, where training estimates them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +81,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     if checkpoint.leader is not None:
         results["leader"] = checkpoint.leader
     for name, result in results.items():
-        arrays |= _above(name, result.best)
+        arrays |= _above(name, result.best) | _of_starts(name, result.starts)
     record: dict[str, Any] = {
         "format": _FORMAT,
         "ended": len(checkpoint.ended),
@@ -91,7 +93,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     if checkpoint.place is not None:
         place = checkpoint.place
         arrays |= _above("best", place.best) | _above("engine", place.engine.arrays)
-        arrays |= _above("starts", place.starts)
+        arrays |= _above("starts", place.starts) | _of_starts("best", place.best_starts)
         record["place"] = {
             "epoch": place.epoch,
             "batch": place.batch,
@@ -124,7 +126,7 @@ def read_checkpoint(path: Path) -> Checkpoint:
             reason = f"{path.name} is damaged: its content is not what was written"
             raise SpecError((errors.other_checkpoint(str(path.parent), reason),))
         results = {
-            name: _result(values, _below(name, arrays))
+            name: _result(values, _below(name, arrays), _starts(name, arrays))
             for name, values in record["results"].items()
         }
         return Checkpoint(
@@ -164,7 +166,25 @@ def _place(record: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Train
         reductions=Reductions(*map(int, record["reductions"])),
         seconds=float(record["seconds"]),
         starts=_below("starts", arrays),
+        best_starts=_starts("best", arrays),
     )
+
+
+def _of_starts(name: str, starts: EstimatedStarts | None) -> dict[str, Any]:
+    """The arrays of the starts beside the weights of this name."""
+    if starts is None:
+        return {}
+    runs = {"t0": starts.t0, "steps": starts.steps}
+    return _above(f"{name} runs", runs) | _above(f"{name} starts", starts.values)
+
+
+def _starts(name: str, arrays: Mapping[str, Any]) -> EstimatedStarts | None:
+    runs = _below(f"{name} runs", arrays)
+    if not runs:
+        return None
+    values = _below(f"{name} starts", arrays)
+    t0, steps = (np.asarray(runs[key], np.int64) for key in ("t0", "steps"))
+    return EstimatedStarts(t0=t0, steps=steps, values=values)
 
 
 def _above(prefix: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
@@ -178,7 +198,9 @@ def _below(prefix: str, arrays: Mapping[str, FloatArray]) -> dict[str, FloatArra
     return {n.removeprefix(begin): a for n, a in arrays.items() if n.startswith(begin)}
 
 
-def _result(record: list[Any], best: Mapping[str, FloatArray]) -> StageResult:
+def _result(
+    record: list[Any], best: Mapping[str, FloatArray], starts: EstimatedStarts | None
+) -> StageResult:
     value, best_epoch, epochs, reason, seconds, attempt = record
     return StageResult(
         best=best,
@@ -188,4 +210,5 @@ def _result(record: list[Any], best: Mapping[str, FloatArray]) -> StageResult:
         reason=str(reason),
         seconds=float(seconds),
         attempt=int(attempt),
+        starts=starts,
     )

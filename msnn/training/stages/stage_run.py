@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 
 from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
-from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError
+from msnn.training.engines.engine import Engine, LossSums, NonFiniteLossError, StartsEstimator
 from msnn.training.plans.epoch_order import order_key
 from msnn.training.plans.known_terms_of_stage import has_priors, residuals_of
 from msnn.training.plans.learning_rate import NO_REDUCTIONS, Reductions, after_epoch, rate_factor
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
-from msnn.training.plans.stage_result import StageResult, Weights, monitor_order
+from msnn.training.plans.stage_result import EstimatedStarts, StageResult, Weights, monitor_order
 from msnn.training.ranks.training_ranks import TrainingRanks
 from msnn.training.records.checkpoint import TrainingPosition
 from msnn.training.records.progress import EpochEnd
@@ -47,6 +47,8 @@ class StageRun:
     best_value: float = float("inf")
     best_epoch: int = 0
     best: Weights | None = None
+    best_starts: EstimatedStarts | None = None
+    """Those beside the best weights, where training estimates them."""
     sums: LossSums | None = None
     left_out: int = 0
     """Batches of the present epoch without a step."""
@@ -73,6 +75,7 @@ class StageRun:
         self.epoch, self.batch = place.epoch, place.batch
         self.best_value, self.best_epoch = place.best_value, place.best_epoch
         self.best, self.sums, self.left_out = place.best, place.sums, place.left_out
+        self.best_starts = place.best_starts
         self.engine.has_left_out = place.left_out > 0  # is said when the epoch ends
         self.reductions, self.spread = place.reductions, place.spread
         self.found_rate = place.found_rate
@@ -113,6 +116,7 @@ class StageRun:
             reason=reason,
             seconds=self._seconds,
             attempt=self.attempt,
+            starts=self.best_starts,
         )
 
     def place(self) -> TrainingPosition | None:
@@ -127,6 +131,7 @@ class StageRun:
             best_value=self.best_value,
             best_epoch=self.best_epoch,
             best=self.best,
+            best_starts=self.best_starts,
             engine=self.engine.state(),
             reductions=self.reductions,
             spread=self.spread,
@@ -240,6 +245,8 @@ class StageRun:
     def _keep_if_best(self, value: float) -> None:
         if self.best is None or monitor_order(value) < monitor_order(self.best_value):
             self.best, self.best_value, self.best_epoch = self.engine.weights(), value, self.epoch
+            if isinstance(self.engine, StartsEstimator):
+                self.best_starts = self.engine.starts()
 
     def _report(self, sums: LossSums, watched: float, runs: Runs, rate: float) -> None:
         losses = loss_values(self.plan, sums)

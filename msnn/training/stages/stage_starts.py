@@ -9,6 +9,7 @@ import numpy as np
 
 from msnn.data.dataset import BoolArray, Dataset, FloatArray
 from msnn.data.starts import Runs
+from msnn.simulation.rollout_plan import score_some
 from msnn.simulation.start_fit import FoundStarts, StartFit, fit_of, uncertain_starts
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import StagePlan
@@ -49,7 +50,7 @@ class StageStarts:
 
     def kept(self, runs: Runs, values: Weights) -> dict[str, FloatArray]:
         """The series of what was found for these runs before a training was interrupted."""
-        none = np.zeros(0, np.bool_)
+        none = np.zeros(len(runs), np.bool_)
         over = self._plan.rollout.starts.over if self._plan.rollout.starts is not None else None
         self.found = FoundStarts(
             t0=runs.t0, values=values, undecided={}, unsettled=none, guessed=none, over=over
@@ -83,6 +84,8 @@ class StageStarts:
         starts = self._plan.rollout.starts
         scored = rows if starts is not None and starts.over is None else None
         found = self._fit.find(self._data.series, runs, weights, self._plan.loss_weights, scored)
+        # runs through whole records are runs through those of other sets too: they score nothing
+        found = found.doubts_of(score_some(runs, rows))
         # before the first epoch: what is trained from a guess is worth nothing
         if not self._begun and not self._plan.estimates_starts and found.guessed.any():
             raise SpecError(uncertain_starts(found, self._data, f"stage `{self._plan.name}`"))

@@ -18,7 +18,7 @@ from msnn.training.plans.epoch_order import shuffled
 from msnn.training.plans.learning_rate import Reductions
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import plan_stages
-from msnn.training.plans.stage_result import StageResult, Weights
+from msnn.training.plans.stage_result import EstimatedStarts, StageResult, Weights
 from msnn.training.records import checkpoint
 from msnn.training.records.checkpoint import (
     Checkpoint,
@@ -46,6 +46,9 @@ PLACE = TrainingPosition(
     found_rate=0.03125,
     seconds=12.5,
     starts={"x": np.array([[6.0], [7.0]])},
+    best_starts=EstimatedStarts(
+        t0=np.array([31, 32]), steps=np.array([33, 34]), values={"x": np.array([[8.0], [9.0]])}
+    ),
 )
 """No two numbers are alike, so that one in the place of another shows."""
 
@@ -59,6 +62,11 @@ def result(number: int) -> StageResult:
         reason=f"reason {number}",
         seconds=400.0 + number,
         attempt=500 + number,
+        starts=EstimatedStarts(
+            t0=np.array([600 + number]),
+            steps=np.array([700 + number]),
+            values={"x": np.array([800.0 + number])},
+        ),
     )
 
 
@@ -224,7 +232,7 @@ def test_the_best_of_the_attempts_before_an_interruption_still_counts() -> None:
     assert opened == [0, 1]
 
 
-@pytest.mark.parametrize("other", [4, 6])
+@pytest.mark.parametrize("other", [5, 7])
 def test_a_checkpoint_of_another_version_is_refused(
     other: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import msnn
+from msnn.api.shown_progress import Event
 from msnn.data.dataset import FloatArray
 from msnn.model.saved_run import WEIGHTS
 from msnn.model.weights.kept_starts import STARTS
-from spec_schema.diagnostics.diagnostic import SpecError
+from msnn.training.records.progress import EpochEnd
+from msnn.training.training_result import TrainingInterruptedError
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from tests.conditions import require_tool
 from tests.training.oscillator import FITTED, records
 
@@ -61,6 +66,74 @@ def test_validation_of_the_training_rows_gives_the_figure_of_the_training(
     assert row.value == pytest.approx(0.01, rel=0.05)
     assert row.rows == "rows 0…399 of 400"
     assert "starts as trained" in row.details
+
+
+ROBUST = OVER_RECORD.replace(
+    "train: [", 'losses: {fit: "huber(y_hat, y, delta=0.02)"}\ntrain: ['
+).replace("of: y_hat", "of: fit")
+
+
+def outlying() -> dict[str, FloatArray]:
+    """With rows that are far off on one side, which move the start by least squares."""
+    data = late(360, quiet=10)
+    data["y"][60::7] += 1.0
+    return data
+
+
+@pytest.mark.parametrize("rollout", ["record", "{horizon: 60, stride: 60}"])
+@pytest.mark.parametrize("epochs", ["2", "40"])
+def test_starts_of_a_robust_loss_are_kept_as_training_ended_with_them(
+    rollout: str, epochs: str, tmp_path: Path
+) -> None:
+    """Those by least squares gave another figure, said to be of starts as trained."""
+    require_tool("gcc", install="apt install gcc")
+    text = ROBUST.replace("epochs: 20", f"epochs: {epochs}")
+    text = text.replace("train: [{rollout: record", f"train: [{{rollout: {rollout}")
+    check = rollout.replace(", stride: 60", "")
+    text = text.replace("data: train, rollout: record", f"data: train, rollout: {check}")
+    plant, data = model(text, tmp_path), {"train": outlying()}
+    found = msnn.train(plant, data, runs=tmp_path / "runs")
+    assert found.folder is not None
+    (row,) = msnn.validate(plant, found.folder / WEIGHTS, data).rows
+    assert row.value == pytest.approx(found.stages[-1].best_value, rel=1e-9)
+    assert "starts as trained" in row.details
+
+
+def test_rollouts_of_a_robust_loss_that_were_not_trained_on_are_not_said_to_start_as_trained(
+    tmp_path: Path,
+) -> None:
+    """The rest of a record, of 10 rows, is no rollout to train on."""
+    require_tool("gcc", install="apt install gcc")
+    text = ROBUST.replace("[{rollout: record", "[{rollout: {horizon: 50, stride: 50}")
+    plant = model(text.replace("train, rollout: record", "train, rollout: 50"), tmp_path)
+    found = msnn.train(plant, {"train": outlying()}, runs=None)
+    assert found.starts is not None
+    assert found.starts.run[:, 1].tolist() == [*range(0, 350, 50)]
+    (row,) = msnn.validate(plant, found, {"train": outlying()}).rows
+    assert "starts as trained" not in row.details
+
+
+def test_a_resumed_training_keeps_the_starts_of_one_that_was_not_interrupted(
+    tmp_path: Path,
+) -> None:
+    """The first attempt is over, and keeps its starts, when the second one is interrupted."""
+    require_tool("gcc", install="apt install gcc")
+    plant = model(ROBUST.replace("epochs: 20", "epochs: 20, starts: 2"), tmp_path)
+    data, runs = {"train": outlying()}, tmp_path / "runs"
+
+    def interrupting(event: Event) -> None:
+        if isinstance(event, EpochEnd) and (event.attempt, event.epoch) == (2, 1):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    whole = msnn.train(plant, data, runs=None)
+    with pytest.raises(TrainingInterruptedError):
+        msnn.train(plant, data, runs=runs, progress=interrupting)
+    found = msnn.train(plant, data, runs=runs, resume=True)
+    assert whole.starts is not None
+    assert found.starts is not None
+    np.testing.assert_array_equal(found.starts.values["x"], whole.starts.values["x"])
+    (row,) = msnn.validate(plant, found, data).rows
+    assert row.value == pytest.approx(found.stages[-1].best_value, rel=1e-9)
 
 
 @pytest.mark.parametrize("stage", [ADAM, "optimizer: {levenberg_marquardt: {}}"])
@@ -186,6 +259,27 @@ def test_short_rollouts_start_as_trained(tmp_path: Path) -> None:
     (row,) = msnn.validate(plant, found, data).rows
     assert row.value**2 == pytest.approx(found.stages[-1].best_value, rel=1e-6)
     assert row.scored == 240
+
+
+@pytest.mark.parametrize("over", ["record", "20"])
+def test_a_recording_that_is_not_trained_on_raises_no_doubt_about_training(
+    over: str, tmp_path: Path
+) -> None:
+    """Runs through whole records go through it, and nothing there decides where they start."""
+    require_tool("gcc", install="apt install gcc")
+    text = OVER_RECORD.replace("over: record", f"over: {over}").replace(
+        "optimizer: {levenberg_marquardt: {}}", ADAM
+    )
+    data = {"train": late(quiet=0), "test": late(300)}
+    events: list[Event] = []
+    plant = model(text, tmp_path)
+    found = msnn.train(plant, data, runs=None, progress=events.append)
+    assert not [one for one in events if isinstance(one, Diagnostic) and one.code == "W0807"]
+    report = msnn.validate(plant, found, data)
+    assert not report.warnings
+    assert report.rows[0].scored == (400 if over == "record" else 380)
+    # the starts of the other recording are not those of the training, and nothing is scored there
+    assert ("starts as trained" in report.rows[0].details) == (over == "record")
 
 
 def _of(series: dict[str, FloatArray]) -> dict[str, FloatArray]:

@@ -61,15 +61,21 @@ class JointStarts:
 
     def series(self, flat: FloatArray, t0: IntArray) -> dict[str, FloatArray]:
         """The series that runs read these starts from."""
-        parts = np.split(flat.reshape(len(t0), -1), np.cumsum(self._sizes)[:-1], axis=1)
         found: dict[str, FloatArray] = {}
-        for state, part in zip(self._states, parts, strict=True):
-            shape = Type(state.axes).shape
+        for name, values in self.values(flat, len(t0)).items():
             # runs read their start at row t0 of a series; the other rows are never read
-            whole = np.zeros((self._rows, *shape))
-            whole[t0] = part.reshape(len(t0), *shape)
-            found[start_signal(state.name)] = whole
+            whole = np.zeros((self._rows, *values.shape[1:]))
+            whole[t0] = values
+            found[start_signal(name)] = whole
         return found
+
+    def values(self, flat: FloatArray, runs: int) -> dict[str, FloatArray]:
+        """These starts as (runs, *shape) of each state."""
+        parts = np.split(flat.reshape(runs, -1), np.cumsum(self._sizes)[:-1], axis=1)
+        return {
+            state.name: part.reshape(runs, *Type(state.axes).shape)
+            for state, part in zip(self._states, parts, strict=True)
+        }
 
     def products(self, squares: SlopedSquares, runs: Runs, weights: Weights) -> dict[str, Products]:
         """The products of every loss, the slopes in the start of each run apart."""

@@ -42,6 +42,7 @@ from msnn.training.engines.second_order.quadratic_terms import (
 from msnn.training.engines.second_order.squares import Squares, loss_sums_of
 from msnn.training.plans.known_terms_of_stage import known_of
 from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.plans.stage_result import EstimatedStarts
 from spec_schema.sections.training.optimizers import LevenbergMarquardt
 
 NAME = "levenberg_marquardt in physical units"
@@ -103,6 +104,14 @@ class LevenbergMarquardtEngine:
     def weights(self) -> dict[str, FloatArray]:
         """Physical values; parameters that are not trained are exactly those given."""
         return self._numbers.weights(self._raw)
+
+    def starts(self) -> EstimatedStarts | None:
+        """Where the runs start that were trained on last; None where starts are no variables."""
+        if self._joint is None or self._started is None:
+            return None
+        runs = self._started
+        values = self._joint.values(self._raw[self._learned :].copy(), len(runs))
+        return EstimatedStarts(t0=runs.t0, steps=runs.steps, values=values)
 
     def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
         """Takes how priors count; it leaves nothing out, as its steps compare totals."""

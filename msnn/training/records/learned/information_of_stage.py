@@ -13,15 +13,16 @@ from msnn.data.dataset import BoolArray, Dataset, FloatArray
 from msnn.data.reads import reads
 from msnn.data.starts import Runs
 from msnn.model.weights.kept_starts import KeptStarts
-from msnn.simulation.rollout_plan import counted_rows, set_rollouts
+from msnn.simulation.rollout_plan import counted_rows, score_some, set_rollouts
 from msnn.simulation.start_fit import FoundStarts, StartFit, uncertain_starts
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_slopes import NativeSlopes
 from msnn.training.engines.second_order.joint_starts import JointStarts, without_starts
 from msnn.training.engines.second_order.squares import SlopedSquares
-from msnn.training.plans.squared_losses import BREAD_OF
+from msnn.training.plans.squared_losses import BREAD_OF, is_all_squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.plans.stage_result import EstimatedStarts, StageResult
 from msnn.training.records.learned.held_starts import HeldStarts
 from msnn.training.records.learned.information import (
     Information,
@@ -93,12 +94,13 @@ def starts_at_the_end(
 def kept_starts(
     plan: StagePlan,
     data: Dataset,
-    weights: Mapping[str, FloatArray],
+    result: StageResult,
     warned: Callable[[Diagnostic], None],
 ) -> KeptStarts | None:
     """Where the recordings of a stage start; None where others find that by the same rule.
 
-    Of rollouts that overlap those a horizon apart.
+    Of rollouts that overlap those a horizon apart. Starts that were unknowns of training are those
+    that it ended with; only where all losses are squares others are as good, found at the end.
     """
     starts = plan.rollout.starts
     if starts is None or not plan.fits_starts_to_all:
@@ -109,8 +111,14 @@ def kept_starts(
         return None
     rows = counted_rows(plan.rollout, data, TRAIN)
     # runs through whole records are runs through those of other sets too
-    runs = runs.take(np.flatnonzero(_score_some(runs, rows)))
-    found = starts_at_the_end(plan, data, rows, runs, weights)
+    runs = runs.take(np.flatnonzero(score_some(runs, rows)))
+    found = starts_at_the_end(plan, data, rows, runs, result.best)
+    known = np.ones(len(runs), np.bool_)
+    if plan.estimates_starts:
+        found, estimated = _as_estimated(found, runs, result.starts)
+        if not is_all_squared(plan.program, plan.loss_weights):
+            # others minimise squares, not the total
+            known = estimated
     for warning in uncertain_starts(found, data, wanted_by):
         warned(warning)
     program = starts.program
@@ -120,19 +128,29 @@ def kept_starts(
         *reads(program.step, wanted),
         *reads(program.start, [s.start for s in program.states]),
     }
-    decided = ~np.any([*found.undecided.values()], axis=0)
+    decided = known & ~np.any([*found.undecided.values()], axis=0)
     if not decided.any():
         return None
     values = {name: value[decided] for name, value in found.values.items()}
-    return KeptStarts.of(data, signals, found.t0[decided], values, weights)
+    return KeptStarts.of(data, signals, found.t0[decided], values, result.best)
 
 
-def _score_some(runs: Runs, rows: Mapping[str, BoolArray] | None) -> BoolArray:
-    """Which runs have a row that counts."""
-    if rows is None:
-        return np.ones(len(runs), np.bool_)
-    before = np.concatenate([[0], np.cumsum(np.any([*rows.values()], axis=0))])
-    return before[runs.t0 + runs.steps] > before[runs.t0]
+def _as_estimated(
+    found: FoundStarts, runs: Runs, estimated: EstimatedStarts | None
+) -> tuple[FoundStarts, BoolArray]:
+    """The starts of runs as training has estimated them, and of which it has."""
+    known = np.zeros(len(runs), np.bool_)
+    if estimated is None:
+        return found, known
+    _, here, there = np.intersect1d(runs.t0, estimated.t0, return_indices=True)
+    # shorter rollouts on the way to whole ones have other starts
+    same = runs.steps[here] == estimated.steps[there]
+    here, there = here[same], there[same]
+    known[here] = True
+    values = {name: value.copy() for name, value in found.values.items()}
+    for name, value in values.items():
+        value[here] = estimated.values[name][there]
+    return replace(found, values=values, unsettled=found.unsettled & ~known), known
 
 
 def _overlapping_runs(plan: StagePlan, data: Dataset) -> Runs | None:
