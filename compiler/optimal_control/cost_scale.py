@@ -41,7 +41,7 @@ def cost_scale(problem: ControlProblem) -> float:
     an error of the control of about 1e-8 to 1e-7 of its range. Rounded sizes leave σ 1 for costs
     that are about as usual, whose digits it then does not change. A plant that runs away goes on
     from its start: a plan never costs what it costs far out. A reference without a range is as far
-    from the plant as the ranges of the states allow (`_compared`).
+    from the plant as the ranges of the states allow (`compared`).
     """
     program = problem.program
     # the same points each time: an exported controller must not depend on chance
@@ -57,7 +57,7 @@ def cost_scale(problem: ControlProblem) -> float:
         )
         for state in program.states
     }
-    later = _compared(problem, later, starts)
+    later = compared(problem, later, starts, _DRAWS)
     far = {
         name: _FAR * np.maximum(problem.state_scales[name], np.abs(values))
         for name, values in starts.items()
@@ -119,25 +119,19 @@ def with_scaled_cost(problem: ControlProblem) -> ControlProblem:
     return replace(problem, program=program, path_limits=paths, cost_scale=1.0)
 
 
-def drawn(
-    random: np.random.Generator, rows: int, axes: tuple[Axis, ...], limits: tuple[float, float]
-) -> NDArray[np.float64]:
-    """Numbers of a quantity between limits, (rows, *shape)."""
-    return random.uniform(*limits, (rows, *Type(axes).shape))
-
-
-def _compared(
-    problem: ControlProblem, log: Mapping[str, NDArray[np.float64]], states: States
+def compared(
+    problem: ControlProblem, log: Mapping[str, NDArray[np.float64]], states: States, draws: int
 ) -> Mapping[str, NDArray[np.float64]]:
     """The log, with signals without a range kept within what the cost compares them with.
 
     Setpoints between -1 and 1 of a state of ±2e-6 would make the cost change some 1e5 times as far
-    as any plan does. A quadratic cost is least over r where r is what it is compared with: at the vertex of the
-    parabola through three values of r. Of the draws, the middle 80 % of these are the range. Where
-    there is no parabola, as for weights, or the vertex is one number, the signal stays as it is.
+    as any plan does. A quadratic cost is least over r where r is what it is compared with: at the
+    vertex of the parabola through three values of r. Of the draws, the middle 80 % of these are the
+    range. Where there is no parabola, as for weights, or the vertex is one number, the signal stays
+    as it is. Shapes: (rows, *shape) of the log, (draws, *shape) of the states.
     """
     kept = {name: values.copy() for name, values in log.items()}
-    interpreter, at = Interpreter(problem.program), np.arange(_DRAWS)
+    interpreter, at = Interpreter(problem.program), np.arange(draws)
     outputs = [name for name in (problem.stage, problem.terminal) if name is not None]
     read = problem.reads(*map(problem.node, outputs)).signals - _names(problem)
     free = [s for s in problem.program.signals if s.range is None and s.name in read]
@@ -163,6 +157,13 @@ def _compared(
     return kept
 
 
+def drawn(
+    random: np.random.Generator, rows: int, axes: tuple[Axis, ...], limits: tuple[float, float]
+) -> NDArray[np.float64]:
+    """Numbers of a quantity between limits, (rows, *shape)."""
+    return random.uniform(*limits, (rows, *Type(axes).shape))
+
+
 def _middle_of_vertices(
     before: NDArray[np.float64], at_0: NDArray[np.float64], after: NDArray[np.float64]
 ) -> tuple[float, float] | None:
@@ -173,7 +174,7 @@ def _middle_of_vertices(
         shown = (np.abs(slope) > least) & (np.abs(curvature) > least)
         vertices = -slope[shown] / (2 * curvature[shown])
     vertices = vertices[np.isfinite(vertices)]
-    if 2 * vertices.size < _DRAWS:
+    if 2 * vertices.size < before.size:
         return None
     low, high = (float(end) for end in np.quantile(vertices, (0.1, 0.9)))
     return (low, high) if high - low > _ONE_NUMBER * max(abs(low), abs(high)) else None

@@ -235,6 +235,23 @@ def test_a_setpoint_in_the_unit_of_its_state_is_kept(
         assert solution.control["F"] == pytest.approx(2.0, abs=1e-4)
 
 
+def test_soft_limits_do_not_cost_more_beside_a_setpoint_in_a_large_unit(tmp_path: Path) -> None:
+    """Penalties 1e11 times too steep, of setpoints of ±1 m, once ended at the cap."""
+    found: list[float] = []
+    for unit in (1.0, 1e-2, 1e-4, 1e-6):
+        text = placed(unit, "setpoint").replace(
+            "max: 2}}\n",
+            f"max: 2}}, x: {{min: {-0.4 * unit!r}, max: {0.4 * unit!r}, soft: {{}}}}}}\n",
+        )
+        told = controller(tmp_path, text, "python").solve(
+            {"x": 0.6 * unit, "v": 0.0}, references={"r": 0.5 * unit}
+        )
+        assert told.status is Status.SOLVED
+        assert told.control["F"] == pytest.approx(-2.0, abs=1e-4)
+        found.append(told.cost)
+    assert max(found) < 2 * min(found)
+
+
 # ---- a second start
 
 
