@@ -26,6 +26,10 @@ _TRIES = 3
 _STEPS = 16
 _FAR = 10.0
 """How far a plant is followed, by the scales of its states or its start."""
+_ROUNDING = 1e-12
+"""Of a sum of three costs; a smaller difference of them says nothing."""
+_ONE_NUMBER = 1e-6
+"""Of a number; values that are closer to each other are no range."""
 
 
 def cost_scale(problem: ControlProblem) -> float:
@@ -36,7 +40,8 @@ def cost_scale(problem: ControlProblem) -> float:
     drawn from the declared ranges. A gradient of σJ of 1e-6 by a control, over its scale, is then
     an error of the control of about 1e-8 to 1e-7 of its range. Rounded sizes leave σ 1 for costs
     that are about as usual, whose digits it then does not change. A plant that runs away goes on
-    from its start: a plan never costs what it costs far out.
+    from its start: a plan never costs what it costs far out. A reference without a range is as far
+    from the plant as the ranges of the states allow (`compared`).
     """
     program = problem.program
     # the same points each time: an exported controller must not depend on chance
@@ -52,6 +57,7 @@ def cost_scale(problem: ControlProblem) -> float:
         )
         for state in program.states
     }
+    later = compared(problem, later, starts, _DRAWS)
     far = {
         name: _FAR * np.maximum(problem.state_scales[name], np.abs(values))
         for name, values in starts.items()
@@ -113,11 +119,65 @@ def with_scaled_cost(problem: ControlProblem) -> ControlProblem:
     return replace(problem, program=program, path_limits=paths, cost_scale=1.0)
 
 
+def compared(
+    problem: ControlProblem, log: Mapping[str, NDArray[np.float64]], states: States, draws: int
+) -> Mapping[str, NDArray[np.float64]]:
+    """The log, with signals without a range kept within what the cost compares them with.
+
+    Setpoints between -1 and 1 of a state of ±2e-6 would make the cost change some 1e5 times as far
+    as any plan does. A quadratic cost is least over r where r is what it is compared with: at the
+    vertex of the parabola through three values of r. Of the draws, the middle 80 % of these are the
+    range. Where there is no parabola, as for weights, or the vertex is one number, the signal stays
+    as it is. Shapes: (rows, *shape) of the log, (draws, *shape) of the states.
+    """
+    kept = {name: values.copy() for name, values in log.items()}
+    interpreter, at = Interpreter(problem.program), np.arange(draws)
+    outputs = [name for name in (problem.stage, problem.terminal) if name is not None]
+    read = problem.reads(*map(problem.node, outputs)).signals - _names(problem)
+    free = [s for s in problem.program.signals if s.range is None and s.name in read]
+
+    def costs(values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+        found = interpreter.step(values, at, states, losses=False)
+        return np.sum([found.outputs[name] for name in outputs], axis=0)
+
+    # first beside others at 0: of x + d - r with two of them, neither else shows the size of x
+    for others in (0.0, 1.0):
+        for signal in free:
+            for place in np.ndindex(*Type(signal.axes).shape):
+                around = {s.name: others * kept[s.name] for s in free}
+                element = (slice(None), *place)
+                parabola: list[NDArray[np.float64]] = []
+                for value in (-1.0, 0.0, 1.0):
+                    around[signal.name][element] = value
+                    with np.errstate(all="ignore"):
+                        parabola.append(costs({**kept, **around}))
+                limits = _middle_of_vertices(*parabola)
+                if limits is not None:
+                    kept[signal.name][element] = np.clip(kept[signal.name][element], *limits)
+    return kept
+
+
 def drawn(
     random: np.random.Generator, rows: int, axes: tuple[Axis, ...], limits: tuple[float, float]
 ) -> NDArray[np.float64]:
     """Numbers of a quantity between limits, (rows, *shape)."""
     return random.uniform(*limits, (rows, *Type(axes).shape))
+
+
+def _middle_of_vertices(
+    before: NDArray[np.float64], at_0: NDArray[np.float64], after: NDArray[np.float64]
+) -> tuple[float, float] | None:
+    """Where parabolas through (-1, before), (0, at_0) and (1, after) are level, by the draws."""
+    with np.errstate(all="ignore"):
+        slope, curvature = after - before, before - 2 * at_0 + after
+        least = _ROUNDING * (np.abs(before) + np.abs(at_0) + np.abs(after))
+        shown = (np.abs(slope) > least) & (np.abs(curvature) > least)
+        vertices = -slope[shown] / (2 * curvature[shown])
+    vertices = vertices[np.isfinite(vertices)]
+    if 2 * vertices.size < before.size:
+        return None
+    low, high = (float(end) for end in np.quantile(vertices, (0.1, 0.9)))
+    return (low, high) if high - low > _ONE_NUMBER * max(abs(low), abs(high)) else None
 
 
 def _spread(costs: list[NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compiler.interpreter.interpreter import Interpreter
-from compiler.optimal_control.cost_scale import cost_scale, drawn
+from compiler.optimal_control.cost_scale import compared, cost_scale, drawn
 from compiler.optimal_control.problem import ControlProblem, PathLimits
 from compiler.passes.simplify.inline_parameters import inline_parameters
 
@@ -66,6 +66,7 @@ def size_of_cost(problem: ControlProblem) -> float:
         )
         for state in program.states
     }
+    log = compared(problem, log, states, DRAWS)
     found = Interpreter(program).step(log, np.arange(DRAWS), states, losses=False)
     costs = np.abs(found.outputs[problem.stage])
     # costs that are 0 everywhere say nothing of how steep they are

@@ -165,6 +165,93 @@ def test_other_units_change_no_bit_of_a_solve(number: int) -> None:
     assert sum(wrong.values()) <= 1
 
 
+# ---- setpoints, which have no range
+
+PLACED = """
+msnn: 1
+name: placed
+sample_time: 0.1 s
+dims: {{axis: 2}}
+inputs:
+  F: {{unit: N, range: [-3, 3], between: hold}}
+  d: {{unit: m}}
+constants:
+  um: {{value: {unit!r}, unit: m}}
+  newton: 1 N
+  second: 1 s
+states:
+  x: {{der: v, unit: m, range: [{near!r}, {far!r}], init: {near!r}}}
+  v: {{der: F / newton * um / second**2, unit: m/s, range: [{back!r}, {forth!r}], init: 0}}
+outputs: {{place: 1 * x}}
+mpc:
+  horizon: 20
+  controls: [F]
+  references: {{{references}}}
+  cost:
+    stage: "{error} + 0.1 * (v * second / um)**2 + 0.001 * (F / newton)**2"
+    terminal: "10 * {error}"
+  bounds: {{F: {{min: -2, max: 2}}}}
+  solver: {{interior_point: {{structure: {structure}}}}}
+"""
+"""A mass whose place is in units of `um`, between `near` and `far`."""
+
+ERRORS = {
+    "setpoint": ("r: {unit: m}", "((x - r) / um)**2", {}),
+    "weight": ("r: {unit: m}, q: {}", "q * ((x - r) / um)**2", {"q": 1.0}),
+    "disturbance": ("r: {unit: m}", "((x + d - r) / um)**2", {}),
+    "distance": ("r: {unit: m}", "(sqrt(((x - r) / um)**2 + 1) - 1) * 2", {}),
+    "vector": ("r: {unit: m, dims: axis}", "sum(((x - r) / um)**2) / 2", {}),
+}
+"""References, what a wrong place costs, and the weights among the references."""
+
+
+def placed(unit: float, error: str, structure: str = "staged", offset: float = 0.0) -> str:
+    references, cost, _ = ERRORS[error]
+    near, far = ((offset + end) * unit for end in (-2, 2))
+    speeds = {"back": -4 * unit, "forth": 4 * unit}
+    own = {"unit": unit, "near": near, "far": far, "references": references, "error": cost}
+    return PLACED.format(structure=structure, **own, **speeds)
+
+
+@pytest.mark.parametrize("structure", ["staged", "condensed"])
+@pytest.mark.parametrize("error", ERRORS)
+@pytest.mark.parametrize("offset", [0.0, 1e3])
+def test_a_setpoint_in_the_unit_of_its_state_is_kept(
+    offset: float, error: str, structure: str, tmp_path: Path
+) -> None:
+    """Setpoints between -1 m and 1 m, of ±2 µm, once made 1.2256 N of 2 N count as solved."""
+    for unit in (1.0, 1e-2, 1e-4, 1e-6):
+        found = controller(tmp_path, placed(unit, error, structure, offset), "python")
+        wanted: float | np.ndarray = (offset + 0.5) * unit
+        if error == "vector":
+            wanted = np.full(2, wanted)
+        solution = found.solve(
+            {"x": (offset + 0.3) * unit, "v": 0.0},
+            references={"r": wanted, **ERRORS[error][2]},
+            disturbances={"d": 0.0} if error == "disturbance" else {},
+        )
+        assert solution.status is Status.SOLVED
+        # a limit: the barrier keeps a distance, the larger one where a usual cost is 9 and not 144
+        assert solution.control["F"] == pytest.approx(2.0, abs=1e-4)
+
+
+def test_soft_limits_do_not_cost_more_beside_a_setpoint_in_a_large_unit(tmp_path: Path) -> None:
+    """Penalties 1e11 times too steep, of setpoints of ±1 m, once ended at the cap."""
+    found: list[float] = []
+    for unit in (1.0, 1e-2, 1e-4, 1e-6):
+        text = placed(unit, "setpoint").replace(
+            "max: 2}}\n",
+            f"max: 2}}, x: {{min: {-0.4 * unit!r}, max: {0.4 * unit!r}, soft: {{}}}}}}\n",
+        )
+        told = controller(tmp_path, text, "python").solve(
+            {"x": 0.6 * unit, "v": 0.0}, references={"r": 0.5 * unit}
+        )
+        assert told.status is Status.SOLVED
+        assert told.control["F"] == pytest.approx(-2.0, abs=1e-4)
+        found.append(told.cost)
+    assert max(found) < 2 * min(found)
+
+
 # ---- a second start
 
 
