@@ -154,6 +154,15 @@ ranks.most([1.0])
 """
 """A program that ends right after the ranks have exchanged something."""
 
+SLOW_QUESTION = """
+import os, time
+from msnn.training.ranks.gloo_ranks import GlooRanks
+ranks = GlooRanks()
+time.sleep(2 * int(os.environ["RANK"]))
+print(ranks.is_speaker())
+"""
+"""A program whose second rank asks who speaks long after the first."""
+
 LONG = 200
 """Epochs of a training that is there to be killed: some seconds of two ranks."""
 
@@ -214,6 +223,12 @@ def test_ranks_end_well_where_a_thread_of_gloo_ends_late(tmp_path: Path) -> None
     )
     found = [ranks.ended(rank) for rank in range(2)]
     assert [code for code, _ in found] == [0, 0], found
+
+
+def test_the_first_rank_stays_until_all_have_asked_who_speaks(tmp_path: Path) -> None:
+    ranks = Started([sys.executable, "-c", SLOW_QUESTION], (tmp_path, tmp_path))
+    found = [ranks.ended(rank) for rank in range(2)]
+    assert found == [(0, "True\n"), (0, "False\n")]
 
 
 def test_a_rank_that_is_killed_ends_the_other_which_keeps_the_state(

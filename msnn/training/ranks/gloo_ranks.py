@@ -5,7 +5,7 @@ from __future__ import annotations
 import atexit
 import hashlib
 from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import timedelta
 
 import numpy as np
@@ -20,6 +20,9 @@ PATIENCE = timedelta(minutes=10)
 """How much longer than the others a process may take before it counts as lost."""
 
 _SPEAKER = "msnn speaker"
+
+_LAST_QUESTIONS = timedelta(seconds=10)
+"""How long the process that has the store waits for the others to ask who speaks."""
 
 
 class GlooRanks:
@@ -92,9 +95,18 @@ class GlooRanks:
         """Whether this process is the first that has to say why the training ends."""
         try:
             said = self._store.compare_set(_SPEAKER, "", str(self.rank))
+            self._store.set(f"{_SPEAKER} {self.rank}", "has asked")
         except RuntimeError:  # the process that has the store is lost too
             return True
+        if self.is_first:
+            # the store ends with this process: one that asked later would take it for lost
+            atexit.register(self._answer_the_others)
         return said.decode() == str(self.rank)
+
+    def _answer_the_others(self) -> None:
+        asked = [f"{_SPEAKER} {rank}" for rank in range(self.count)]
+        with suppress(RuntimeError):  # one that is lost never asks
+            self._store.wait(asked, _LAST_QUESTIONS)
 
 
 @contextmanager
