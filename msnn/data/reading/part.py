@@ -10,7 +10,7 @@ import numpy as np
 
 from compiler.ir.program import Program, Role, Signal
 from msnn.data.dataset import BoolArray, FileRows, FloatArray, IntArray
-from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, WantedColumns
+from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.reading.columns import (
     Feed,
@@ -27,7 +27,7 @@ from msnn.errors.data import formats as data_formats
 from msnn.errors.data.files import no_column_read
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.expressions.moments import Moment
-from spec_schema.sections.data.data import Csv, Data
+from spec_schema.sections.data.data import Csv, Data, TimeColumn
 
 _TO = " … "
 
@@ -226,7 +226,7 @@ def _read(
         optional -= {time.column.column}
         spare -= {time.column.column}
     try:
-        wanted = WantedColumns(users, optional, spare, moments, time if file.keeps_time else None)
+        wanted = WantedColumns(users, optional, spare, moments, _time_source(file, time))
         if file.arrays is not None:
             return file.arrays.table(wanted)
         dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")
@@ -234,6 +234,13 @@ def _read(
     except SpecError as error:
         findings.report(*error.diagnostics)
         return None
+
+
+def _time_source(file: DataFile, time: TimeColumn | None) -> TimeSource | None:
+    """The column that the spec names, for files whose reader finds the times of values itself."""
+    if time is None or not file.keeps_time:
+        return None
+    return TimeSource(time.column.column, time.place.value, time.unit)
 
 
 def _dialect(csv: Csv | None, *, tabs: bool) -> Dialect:

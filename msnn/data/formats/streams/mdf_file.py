@@ -16,13 +16,12 @@ from asammdf.blocks.utils import MdfException
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.streams.stream_columns import stream_columns
-from msnn.data.formats.table import ColumnKey, Streams, WantedColumns
+from msnn.data.formats.table import ColumnKey, Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.written_units import StatedUnit
 from msnn.errors.data import files as errors
 from msnn.errors.data import formats
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.sections.data.data import TimeColumn
 
 # it prints lines of its own beside the message of the command
 logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
@@ -62,7 +61,7 @@ def _masters(file: Any) -> set[str]:
 def _times(
     file: Any,
     shown: str,
-    column: TimeColumn | None,
+    column: TimeSource | None,
     names: Sequence[str],
     units: dict[ColumnKey, StatedUnit],
 ) -> Callable[[str], FloatArray] | None:
@@ -72,10 +71,10 @@ def _times(
     """
     if column is None:
         return None
-    key = column.column.column
+    key = column.column
     wanted = key if isinstance(key, str) else names[key] if key < len(names) else None
     if wanted is None or not _places(file, wanted):
-        known, place = tuple(file.channels_db), column.place.value
+        known, place = tuple(file.channels_db), column.place
         missing = errors.missing_columns({str(key): "`time`"}, shown, known, place, numbers=False)
         raise SpecError((missing,))
 
@@ -83,7 +82,7 @@ def _times(
         ((group, _),) = _places(file, name)
         place = next((place for place in _places(file, wanted) if place[0] == group), None)
         if place is None:
-            span = column.place.value
+            span = column.place
             raise SpecError((formats.time_of_another_group(wanted, shown, name, span),))
         signal = file.get(None, group=group, index=place[1])
         unit = (str(signal.unit or ""),)
