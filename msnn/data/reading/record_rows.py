@@ -47,7 +47,11 @@ class RecordRows:
     begins: Moment | None = None
     """Time 0, where times are dates."""
     moments: Mapping[ColumnKey, IntArray] = field(default_factory=dict[ColumnKey, IntArray])
-    """Of resampled columns that are only scored: the row of each measured value, or −1."""
+    """Of resampled columns that are compared: the row of each measured value, or −1."""
+    measured: Mapping[ColumnKey, FloatArray] = field(default_factory=dict[ColumnKey, FloatArray])
+    """Of those that are only scored: the values in these rows, NaN in all others."""
+    offsets: Mapping[ColumnKey, float] = field(default_factory=dict[ColumnKey, float])
+    """Of those the most seconds between a measured value and its row."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,6 +61,8 @@ class ColumnUses:
     beside: frozenset[ColumnKey] = frozenset()
     """They have no say in which rows there are."""
     scored: frozenset[ColumnKey] = frozenset()
+    """Predictions alone are compared with them: values between the measured ones are not needed."""
+    compared: frozenset[ColumnKey] = frozenset()
     """Predictions are compared with them: a value that was not measured is not compared."""
 
 
@@ -298,7 +304,7 @@ def _on_grid(
     span: tuple[float, float] | None,
     uses: ColumnUses,
 ) -> RecordRows:
-    found = resample(columns, sample_time, method, span, uses.beside, uses.scored)
+    found = resample(columns, sample_time, method, span, uses.beside, uses.scored, uses.compared)
     count = len(found.time)
     rows = np.full(count, BETWEEN_ROWS, dtype=np.int64)
     return RecordRows(
@@ -308,6 +314,8 @@ def _on_grid(
         continues=_unbroken(count),
         covered=found.covered,
         moments=found.moments,
+        measured=found.measured,
+        offsets=found.offsets,
     )
 
 
