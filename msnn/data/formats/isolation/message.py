@@ -10,6 +10,7 @@ from typing import IO, Any, cast
 import numpy as np
 
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.table import ColumnTable, Streams
 from msnn.data.formats.written_units import TwoUnits, UnknownUnit
 from spec_schema.diagnostics.diagnostic import Diagnostic
@@ -20,7 +21,7 @@ from spec_schema.units.unit import Unit
 
 _CLASSES = {
     kind.__name__: kind
-    for kind in (ColumnTable, Streams, Diagnostic, Span, Moment, UnknownUnit, TwoUnits)
+    for kind in (ColumnTable, Streams, Diagnostic, Span, Moment, CapitalUnit, UnknownUnit, TwoUnits)
 }
 _LENGTH = 8
 """Bytes that say how long the JSON is."""
@@ -76,6 +77,7 @@ def _encoded(value: object, arrays: list[FloatArray]) -> object:
             | Diagnostic()
             | Span()
             | Moment()
+            | CapitalUnit()
             | UnknownUnit()
             | TwoUnits()
         ):
