@@ -10,7 +10,7 @@ import numpy as np
 from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
 from msnn.data.formats.written_units import StatedUnit
-from msnn.data.reading.columns import file_unit
+from msnn.data.reading.columns import file_unit, misfit
 from msnn.data.reading.converted_cells import converted_cells
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.resample import Method, Samples, lost_values, resample
@@ -176,11 +176,7 @@ def _seconds_line(
         unit = file_unit(stated, file, "time", key, SECOND, place, findings) or SECOND
     if unit.same_dimension(SECOND):
         return unit.line_to(SECOND)
-    findings.report(
-        data_units.misfitting_file_unit(
-            signal="time", column=key, found=unit.text, declared="s", span=place
-        )
-    )
+    findings.report(misfit("time", key, unit, SECOND, place))
     return None
 
 

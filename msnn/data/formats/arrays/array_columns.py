@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.arrays.array_dates import dates_of, has_dates
+from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
 from msnn.data.formats.written_units import (
     StatedUnit,
     column_and_unit,
     joint_unit,
     stated_unit,
+    with_case,
 )
 from msnn.errors.data import cells as cell_errors
 from msnn.errors.data import files as errors
@@ -45,6 +47,9 @@ class NamedArrays:
     unit_texts: Callable[[str], Sequence[str]] = _no_texts
     """The unit that the file states of an array apart from its name; one for each column of a
     matrix, or one for all."""
+    other_names: Sequence[str] = ()
+    other_units: Callable[[], Sequence[str]] = tuple
+    """Names and units of other arrays of the file: they show whether it has small letters."""
 
     def table(self, wanted: WantedColumns) -> ColumnTable:
         """The wanted columns. An array of one dimension is a column by its name; `name[2]` is the
@@ -113,7 +118,12 @@ class NamedArrays:
         texts = self.unit_texts(name)
         at = 0 if len(texts) == 1 else index
         text = texts[at] if at is not None and at < len(texts) else ""
-        return joint_unit(name, stated_unit(text))
+        unit = joint_unit(name, stated_unit(text))
+        if not isinstance(unit, CapitalUnit):
+            return unit
+        # only for a unit in doubt: of all columns they are many
+        others = [text for other in self.names for text in self.unit_texts(other)]
+        return with_case(unit, (*self.names, *self.other_names), (*others, *self.other_units()))
 
     def _before_units(self, key: ColumnKey) -> list[str]:
         """The names of which the key is what stands before a unit."""

@@ -11,6 +11,7 @@ from typing import IO, Any, cast
 import numpy as np
 
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.table import ColumnTable, Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.written_units import TwoUnits, UnknownUnit
@@ -38,7 +39,7 @@ class ReadRequest:
 
 
 _REQUEST = (ReadRequest, WantedColumns, TimeSource, Located, Dialect)
-_RESULT = (ColumnTable, Streams, Diagnostic, Span, Moment, UnknownUnit, TwoUnits)
+_RESULT = (ColumnTable, Streams, Diagnostic, Span, Moment, CapitalUnit, UnknownUnit, TwoUnits)
 _KINDS = (*_REQUEST, *_RESULT)
 _CLASSES: dict[str, type[Any]] = {kind.__name__: kind for kind in _KINDS}
 _LENGTH = 8

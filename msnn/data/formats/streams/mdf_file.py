@@ -6,6 +6,7 @@ import logging
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
     try:
         with MDF(path) as file:
             # an index counts along the values, not the channels that hold times
-            names = [name for name in file.channels_db if name not in _masters(file)]
+            names = _names(file)
             units: dict[ColumnKey, StatedUnit] = {}
             times = _times(file, shown, wanted.time, names, units)
 
@@ -53,9 +54,10 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
         raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
 
 
-def _masters(file: Any) -> set[str]:
-    """The names of the channels that hold the times of the others."""
-    return {file.groups[g].channels[i].name for g, i in file.masters_db.items()}
+def _names(file: Any) -> list[str]:
+    """The names of the channels, without those that hold the times of the others."""
+    masters = {file.groups[g].channels[i].name for g, i in file.masters_db.items()}
+    return [name for name in file.channels_db if name not in masters]
 
 
 def _times(
@@ -87,7 +89,12 @@ def _times(
         signal = file.get(None, group=group, index=place[1])
         unit = (str(signal.unit or ""),)
         arrays = NamedArrays(
-            shown, (wanted,), lambda _: np.asarray(signal.samples), unit_texts=lambda _: unit
+            shown,
+            (wanted,),
+            lambda _: np.asarray(signal.samples),
+            unit_texts=lambda _: unit,
+            other_names=_names(file),
+            other_units=partial(_units, file),
         )
         table = arrays.table(WantedColumns({wanted: "`time`"}))
         if wanted in table.units:
@@ -95,6 +102,18 @@ def _times(
         return table.columns[wanted]
 
     return times
+
+
+def _units(file: Any) -> list[str]:
+    """The units of the same channels, as far as they state one."""
+    found: list[str] = []
+    for number, group in enumerate(file.groups):
+        for index, channel in enumerate(group.channels):
+            # the program that writes the file gives times their `s`
+            if index != file.masters_db.get(number):
+                unit = channel.unit or (channel.conversion.unit if channel.conversion else "")
+                found += [str(unit)] if unit else []
+    return found
 
 
 def _places(file: Any, key: str) -> list[tuple[int, int]]:
@@ -119,5 +138,12 @@ def _channel(file: Any, shown: str, key: str) -> tuple[FloatArray, NamedArrays] 
     signal = file.get(None, group=group, index=index)
     values = np.asarray(signal.samples)
     unit = (str(signal.unit or ""),)
-    arrays = NamedArrays(shown, (key,), lambda _: values, unit_texts=lambda _: unit)
+    arrays = NamedArrays(
+        shown,
+        (key,),
+        lambda _: values,
+        unit_texts=lambda _: unit,
+        other_names=_names(file),
+        other_units=partial(_units, file),
+    )
     return np.asarray(signal.timestamps, np.float64), arrays

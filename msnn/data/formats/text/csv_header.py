@@ -18,7 +18,10 @@ from msnn.data.formats.written_units import (
     column_and_unit,
     is_number,
     joint_unit,
+    one_unit,
     units_line,
+    with_case,
+    written_unit,
 )
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
@@ -64,7 +67,8 @@ class Header:
     lines: int
     below: int = 0
     """The number of the line of units, where there is one."""
-    below_units: tuple[Unit | None, ...] = ()
+    below_units: tuple[str, ...] = ()
+    """The texts in that line."""
     shown_units: Mapping[int, Unit | UnknownUnit] = field(
         default_factory=dict[int, Unit | UnknownUnit]
     )
@@ -142,11 +146,11 @@ class Header:
         """The units that the file states of columns."""
         found: dict[int, StatedUnit] = {}
         for index in places if self.lines else ():
-            below = self.below_units[index] if self.below_units else None
+            below = written_unit(self.below_units[index]) if self.below_units else None
             shown = self.shown_units.get(index)
-            unit = joint_unit(self.names[index], below or shown)
-            if below is not None and isinstance(shown, Unit) and not below.same_as(shown):
-                unit = TwoUnits(below, shown)
+            stated = shown if below is None else one_unit(below, shown)
+            unit = joint_unit(self.names[index], stated)
+            unit = with_case(unit, self.names, self.below_units)
             if unit is not None:
                 found[index] = (
                     replace(unit, place=self.place) if isinstance(unit, TwoUnits) else unit
