@@ -103,26 +103,28 @@ StatedUnit: TypeAlias = Unit | CapitalUnit | UnknownUnit | TwoUnits
 def joint_unit(label: str, stated: StatedUnit | None) -> StatedUnit | None:
     """The unit of a column with this header, of which the file states another unit apart."""
     named = column_and_unit(label)[1]
-    if named is None:
-        return stated or unknown_unit(label)
-    return one_unit(named, stated)
+    return (stated or unknown_unit(label)) if named is None else one_unit(named, stated)
 
 
-def one_unit(named: Unit | CapitalUnit, stated: StatedUnit | None) -> StatedUnit:
-    """The unit that two texts of a file agree on, or both units."""
-    match stated:
-        case None | UnknownUnit():
-            return named
-        case TwoUnits():
-            return stated
+def one_unit(first: StatedUnit | None, second: StatedUnit | None) -> StatedUnit | None:
+    """The unit on which two statements of a file agree, or both; a known one before others."""
+    match first, second:
+        case (None, found) | (found, None):
+            return found
+        case (TwoUnits() as both, _) | (_, TwoUnits() as both):
+            return both
+        case (UnknownUnit(), UnknownUnit()):
+            return first
+        case (UnknownUnit(), known) | (known, UnknownUnit()):
+            return known
         case _:
             pass
-    for unit in _readings(named):
-        for other in _readings(stated):
+    for unit in _readings(first):
+        for other in _readings(second):
             if unit.same_as(other):
                 # capitals have many readings: the other text decides
-                return stated if isinstance(named, CapitalUnit) else named
-    return TwoUnits(_readings(named)[0], _readings(stated)[0])
+                return second if isinstance(first, CapitalUnit) else first
+    return TwoUnits(_readings(first)[0], _readings(second)[0])
 
 
 def _readings(unit: Unit | CapitalUnit) -> tuple[Unit, ...]:

@@ -148,8 +148,7 @@ class Header:
         for index in places if self.lines else ():
             below = written_unit(self.below_units[index]) if self.below_units else None
             shown = self.shown_units.get(index)
-            stated = shown if below is None else one_unit(below, shown)
-            unit = joint_unit(self.names[index], stated)
+            unit = joint_unit(self.names[index], one_unit(below, shown))
             unit = with_case(unit, self.names, self.below_units)
             if unit is not None:
                 found[index] = (
