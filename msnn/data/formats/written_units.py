@@ -97,7 +97,24 @@ class TwoUnits:
     place: Span | None = None
 
 
-StatedUnit: TypeAlias = Unit | CapitalUnit | UnknownUnit | TwoUnits
+@dataclass(frozen=True, slots=True)
+class ShownUnit:
+    """The unit with which a workbook shows cells, or None; the first of these cells, and how many
+    they are."""
+
+    unit: Unit | CapitalUnit | UnknownUnit | None
+    cell: str
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class MixedUnits:
+    """Units with which a workbook shows the cells of one column."""
+
+    shown: tuple[ShownUnit, ...]
+
+
+StatedUnit: TypeAlias = Unit | CapitalUnit | UnknownUnit | TwoUnits | MixedUnits
 
 
 def joint_unit(label: str, stated: StatedUnit | None) -> StatedUnit | None:
@@ -111,7 +128,7 @@ def one_unit(first: StatedUnit | None, second: StatedUnit | None) -> StatedUnit 
     match first, second:
         case (None, found) | (found, None):
             return found
-        case (TwoUnits() as both, _) | (_, TwoUnits() as both):
+        case (TwoUnits() | MixedUnits() as both, _) | (_, TwoUnits() | MixedUnits() as both):
             return both
         case (UnknownUnit(), UnknownUnit()):
             return first
@@ -125,6 +142,30 @@ def one_unit(first: StatedUnit | None, second: StatedUnit | None) -> StatedUnit 
                 # capitals have many readings: the other text decides
                 return second if isinstance(first, CapitalUnit) else first
     return TwoUnits(_readings(first)[0], _readings(second)[0])
+
+
+def unit_of_cells(shown: Sequence[ShownUnit], stated: StatedUnit | None) -> StatedUnit | None:
+    """The unit of cells that a workbook shows, with that which the file states of the column.
+
+    Cells that are shown without a unit are in the stated one.
+    """
+    known = stated if isinstance(stated, Unit | CapitalUnit) else None
+    different: list[ShownUnit] = []
+    for one in shown:
+        mine = replace(one, unit=one.unit or known)
+        if not any(_is_same(mine.unit, other.unit) for other in different):
+            different.append(mine)
+    if len(different) > 1:
+        return MixedUnits(tuple(different))
+    return one_unit(stated, different[0].unit if different else None)
+
+
+def _is_same(
+    unit: Unit | CapitalUnit | UnknownUnit | None, other: Unit | CapitalUnit | UnknownUnit | None
+) -> bool:
+    if isinstance(unit, Unit) and isinstance(other, Unit):
+        return unit.same_as(other)
+    return unit == other
 
 
 def _readings(unit: Unit | CapitalUnit) -> tuple[Unit, ...]:
