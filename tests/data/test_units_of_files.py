@@ -279,7 +279,7 @@ def test_names_that_differ_in_case_have_units_of_their_own(
     for name, unit in ((f"I{ending}", of_current), (f"i{ending}", of_phase)):
         if name in names:
             found = unit_beside(names, name, texts.__getitem__)
-            assert found == ((unit,) if unit else ())
+            assert found == ([(unit,)] if unit else [])
 
 
 @pytest.mark.parametrize(

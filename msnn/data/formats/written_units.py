@@ -97,32 +97,75 @@ class TwoUnits:
     place: Span | None = None
 
 
-StatedUnit: TypeAlias = Unit | CapitalUnit | UnknownUnit | TwoUnits
+@dataclass(frozen=True, slots=True)
+class ShownUnit:
+    """The unit with which a workbook shows cells, or None; the first of these cells, and how many
+    they are."""
+
+    unit: Unit | CapitalUnit | UnknownUnit | None
+    cell: str
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class MixedUnits:
+    """Units with which a workbook shows the cells of one column."""
+
+    shown: tuple[ShownUnit, ...]
+
+
+StatedUnit: TypeAlias = Unit | CapitalUnit | UnknownUnit | TwoUnits | MixedUnits
 
 
 def joint_unit(label: str, stated: StatedUnit | None) -> StatedUnit | None:
     """The unit of a column with this header, of which the file states another unit apart."""
     named = column_and_unit(label)[1]
-    if named is None:
-        return stated or unknown_unit(label)
-    return one_unit(named, stated)
+    return (stated or unknown_unit(label)) if named is None else one_unit(named, stated)
 
 
-def one_unit(named: Unit | CapitalUnit, stated: StatedUnit | None) -> StatedUnit:
-    """The unit that two texts of a file agree on, or both units."""
-    match stated:
-        case None | UnknownUnit():
-            return named
-        case TwoUnits():
-            return stated
+def one_unit(first: StatedUnit | None, second: StatedUnit | None) -> StatedUnit | None:
+    """The unit on which two statements of a file agree, or both; a known one before others."""
+    match first, second:
+        case (None, found) | (found, None):
+            return found
+        case (TwoUnits() | MixedUnits() as both, _) | (_, TwoUnits() | MixedUnits() as both):
+            return both
+        case (UnknownUnit(), UnknownUnit()):
+            return first
+        case (UnknownUnit(), known) | (known, UnknownUnit()):
+            return known
         case _:
             pass
-    for unit in _readings(named):
-        for other in _readings(stated):
+    for unit in _readings(first):
+        for other in _readings(second):
             if unit.same_as(other):
                 # capitals have many readings: the other text decides
-                return stated if isinstance(named, CapitalUnit) else named
-    return TwoUnits(_readings(named)[0], _readings(stated)[0])
+                return second if isinstance(first, CapitalUnit) else first
+    return TwoUnits(_readings(first)[0], _readings(second)[0])
+
+
+def unit_of_cells(shown: Sequence[ShownUnit], stated: StatedUnit | None) -> StatedUnit | None:
+    """The unit of cells that a workbook shows, with that which the file states of the column.
+
+    Cells that are shown without a unit are in the stated one.
+    """
+    known = stated if isinstance(stated, Unit | CapitalUnit) else None
+    different: list[ShownUnit] = []
+    for one in shown:
+        mine = replace(one, unit=one.unit or known)
+        if not any(_is_same(mine.unit, other.unit) for other in different):
+            different.append(mine)
+    if len(different) > 1:
+        return MixedUnits(tuple(different))
+    return one_unit(stated, different[0].unit if different else None)
+
+
+def _is_same(
+    unit: Unit | CapitalUnit | UnknownUnit | None, other: Unit | CapitalUnit | UnknownUnit | None
+) -> bool:
+    if isinstance(unit, Unit) and isinstance(other, Unit):
+        return unit.same_as(other)
+    return unit == other
 
 
 def _readings(unit: Unit | CapitalUnit) -> tuple[Unit, ...]:

@@ -12,7 +12,7 @@ from compiler.ir.program import Signal
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.table import ColumnKey
-from msnn.data.formats.written_units import StatedUnit, TwoUnits, UnknownUnit
+from msnn.data.formats.written_units import MixedUnits, StatedUnit, TwoUnits, UnknownUnit
 from msnn.data.reading.converted_cells import converted_cells
 from msnn.errors.data import files as errors
 from msnn.errors.data import units as data_units
@@ -143,6 +143,19 @@ def file_unit(
                     named=named.text,
                     stated=other.text,
                     place=place or span,
+                )
+            )
+            return None
+        case MixedUnits(shown=shown):
+            cells = [(one.unit and one.unit.text, one.cell, one.count) for one in shown]
+            findings.report(
+                data_units.mixed_cells(
+                    file=file,
+                    signal=signal,
+                    column=column,
+                    cells=cells,
+                    declared=declared.text,
+                    span=span,
                 )
             )
             return None

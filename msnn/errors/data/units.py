@@ -1,4 +1,6 @@
-"""E0508, E0512, E0979, E0989-91, E0997-99, E1319, W0511, W0831: dates and units of files."""
+"""E0508, E0512, E0878, E0979, E0989-91, E0997-99, E1319, W0511, W0831: dates and units of files."""
+
+from collections.abc import Sequence
 
 from msnn.errors.data.lists import and_more
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
@@ -63,6 +65,28 @@ def doubtful_capitals(
     repair = f"write the true one: `{_key_with_unit(signal, column, first)}`, or {rest}"
     notes = ("the file does not show whether it tells small from capital letters",)
     return error("E0512", span, message, "which one is right?", notes=notes, help=repair)
+
+
+def mixed_cells(
+    *,
+    file: str,
+    signal: str,
+    column: str,
+    cells: Sequence[tuple[str | None, str, int]],
+    declared: str,
+    span: Span | None,
+) -> Diagnostic:
+    """E0878: a column of a workbook whose number formats show different units."""
+    message = f"the cells of column `{column}` in {file} are shown in different units"
+    notes = tuple(
+        f"{'no unit' if unit is None else unit}: cell {cell}"
+        + (f" and {count - 1} more" if count > 1 else "")
+        for unit, cell, count in cells
+    )
+    unit = next((unit for unit, _, _ in cells if unit is not None), declared)
+    key = _key_with_unit(signal, column, unit)
+    repair = f"give all its cells one number format, or write the unit of all: `{key}`"
+    return error("E0878", span, message, "in which unit is it?", notes=notes, help=repair)
 
 
 def unit_beside_scale(

@@ -87,7 +87,7 @@ def _times(
             span = column.place
             raise SpecError((formats.time_of_another_group(wanted, shown, name, span),))
         signal = file.get(None, group=group, index=place[1])
-        unit = (str(signal.unit or ""),)
+        unit = [(str(signal.unit or ""),)]
         arrays = NamedArrays(
             shown,
             (wanted,),
@@ -137,7 +137,7 @@ def _channel(file: Any, shown: str, key: str) -> tuple[FloatArray, NamedArrays] 
     ((group, index),) = places
     signal = file.get(None, group=group, index=index)
     values = np.asarray(signal.samples)
-    unit = (str(signal.unit or ""),)
+    unit = [(str(signal.unit or ""),)]
     arrays = NamedArrays(
         shown,
         (key,),

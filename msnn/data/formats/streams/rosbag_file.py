@@ -112,7 +112,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
         if channel is None:
             return None
         values = np.array(channel.values)
-        unit = (channel.unit,)
+        unit = [(channel.unit,)]
         arrays = NamedArrays(shown, (key,), lambda _: values, unit_texts=lambda _: unit)
         return np.array(channel.time), arrays
 

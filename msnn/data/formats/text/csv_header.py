@@ -12,13 +12,13 @@ from typing import TypeAlias
 
 from msnn.data.formats.table import ColumnKey, WantedColumns
 from msnn.data.formats.written_units import (
+    ShownUnit,
     StatedUnit,
     TwoUnits,
-    UnknownUnit,
     column_and_unit,
     is_number,
     joint_unit,
-    one_unit,
+    unit_of_cells,
     units_line,
     with_case,
     written_unit,
@@ -26,7 +26,6 @@ from msnn.data.formats.written_units import (
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
-from spec_schema.units.unit import Unit
 from spec_schema.yaml_tree.writer import scalar_text
 
 BLANKS = " "
@@ -69,8 +68,8 @@ class Header:
     """The number of the line of units, where there is one."""
     below_units: tuple[str, ...] = ()
     """The texts in that line."""
-    shown_units: Mapping[int, Unit | UnknownUnit] = field(
-        default_factory=dict[int, Unit | UnknownUnit]
+    shown_units: Mapping[int, tuple[ShownUnit, ...]] = field(
+        default_factory=dict[int, tuple[ShownUnit, ...]]
     )
     """Units with which a workbook shows the numbers of columns, by index."""
 
@@ -147,9 +146,8 @@ class Header:
         found: dict[int, StatedUnit] = {}
         for index in places if self.lines else ():
             below = written_unit(self.below_units[index]) if self.below_units else None
-            shown = self.shown_units.get(index)
-            stated = shown if below is None else one_unit(below, shown)
-            unit = joint_unit(self.names[index], stated)
+            unit = joint_unit(self.names[index], below)
+            unit = unit_of_cells(self.shown_units.get(index, ()), unit)
             unit = with_case(unit, self.names, self.below_units)
             if unit is not None:
                 found[index] = (
