@@ -118,10 +118,8 @@ def unknown_code(code: str, meant: str | None) -> Diagnostic:
 
 
 def not_exported_c(folder: str, target: str, damaged: str | None = None) -> Diagnostic:
-    """E1046: `msnn verify` of a folder that holds no C export of this version.
-
-    `damaged` is the description that it has of one, `target` what exports such.
-    """
+    """E1046: `msnn verify` of a folder that holds no C export of this version."""
+    # `damaged` is the description that it has of one, `target` what exports such
     message = f"{folder} holds no C that this version of msnn exported"
     if damaged is not None:
         message += f": `{damaged}` is missing, damaged or of another version"
