@@ -28,7 +28,7 @@ def find_compiler() -> tuple[str, ...]:
     Raises CompilerMissingError.
     """
     try:
-        chosen = shlex.split(os.environ.get("CC", ""))
+        chosen = words_of(os.environ.get("CC", ""), on_windows=os.name == "nt")
     except ValueError as error:
         why = f"`CC` cannot be split into words ({error})"
         raise CompilerMissingError(why, "write it as in a shell, quotation marks closed") from None
@@ -44,6 +44,12 @@ def find_compiler() -> tuple[str, ...]:
     if zig is not None:
         return (str(zig), "cc")
     raise CompilerMissingError
+
+
+def words_of(command: str, *, on_windows: bool) -> list[str]:
+    """The words of a command; on Windows a backslash is a part of a path."""
+    words = shlex.split(command, posix=not on_windows)
+    return [word.strip('"') for word in words] if on_windows else words
 
 
 def zig_program() -> Path | None:

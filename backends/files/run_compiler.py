@@ -6,6 +6,7 @@ import math
 import os
 import signal
 import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
@@ -100,7 +101,10 @@ def compiler_limit() -> float:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    with suppress(ProcessLookupError):
-        # the group: gcc is a driver, and its compiler proper would go on
-        os.killpg(process.pid, signal.SIGKILL)
+    if sys.platform == "win32":  # which has no groups of processes
+        process.kill()
+    else:
+        with suppress(ProcessLookupError):
+            # the group: gcc is a driver, and its compiler proper would go on
+            os.killpg(process.pid, signal.SIGKILL)
     process.wait()

@@ -50,7 +50,8 @@ def measured_errors(
         # the C of `reals` would ask its caller for fitted starts or future samples, which nobody
         # has here
         return output_errors(program, weights, integers)
-    with TemporaryDirectory(prefix="msnn_") as place:
+    # Windows does not remove a library that is loaded
+    with TemporaryDirectory(prefix="msnn_", ignore_cleanup_errors=True) as place:
         try:
             words = _built(step_texts(integers, _PREFIX), Path(place) / "words")
             reals = _built(model_texts(exact, interface, weights), Path(place) / "reals")

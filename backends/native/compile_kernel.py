@@ -115,8 +115,10 @@ def compiled_kernel(source: str, *, on_lanes: bool = False, briefly: bool = Fals
             if reason is None:
                 return _loaded(StoredKernel(real, key), build)
     try:
-        # what is loaded stays in memory when its file is gone
-        with tempfile.TemporaryDirectory(prefix="msnn-kernel-") as place:
+        # what is loaded stays in memory when its file is gone; Windows leaves the file
+        with tempfile.TemporaryDirectory(
+            prefix="msnn-kernel-", ignore_cleanup_errors=True
+        ) as place:
             return _loaded(StoredKernel(Path(place), key), build)
     except OSError as error:
         raise CompilerMissingError(

@@ -49,7 +49,7 @@ def schedules(epochs: int) -> dict[str, str]:
         "cosine": "{cosine: {}}",
         "cosine to 0.1": "{cosine: {to: 0.1}}",
         "exponential to 0.01": f"{{exponential: {{factor: {LEFT ** (1 / epochs):.6f}}}}}",
-        "plateau": "{plateau: {patience: 10, factor: 0.3, least: 0.001}}",
+        "plateau": "{plateau: {patience: 10, factor: 0.3, min: 0.001}}",
     }
 
 

@@ -41,9 +41,10 @@ TOOLS = {
         Tool("JAX jit + scan", "jax_scan.py", environment="jax", epochs_a_round=5),
         Tool("torch by hand", "torch_by_hand.py", ("eager",)),
         Tool("torch.compile by hand", "torch_by_hand.py", ("compiled",)),
+        Tool("NeuroMANCER 1.5.6", "neuromancer_peer.py", environment="neuromancer"),
     )
 }
-PEER, NATIVE, KERNEL, TORCH, JAX, *_ = TOOLS
+PEER, NATIVE, KERNEL, TORCH, JAX, _, _, NEUROMANCER = TOOLS
 
 
 class Worker:

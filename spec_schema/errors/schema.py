@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from spec_schema.diagnostics.decimal_commas import with_decimal_point
-from spec_schema.diagnostics.diagnostic import Diagnostic, error
+from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
 from spec_schema.errors.keys_elsewhere import FORMS_ELSEWHERE, KEYS_ELSEWHERE
@@ -36,6 +36,14 @@ def key_not_yet(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagn
     message = f"`{key}` in {owner} is not in this version of msnn"
     notes = (f"available here: {', '.join(known)}",) if len(known) <= _SHORT_LIST else ()
     return error("E0202", span, message, "planned, not available yet", notes=notes)
+
+
+def former_key(key: str, present: str, span: Span, owner: str) -> Diagnostic:
+    """W0220: a key by the name that it had in an older version."""
+    message = f"`{key}` in {owner} is called `{present}` now"
+    return warning(
+        "W0220", span, message, "old name", help=f"write `{present}`", replacement=present
+    )
 
 
 def missing_key(key: str, span: Span, owner: str) -> Diagnostic:

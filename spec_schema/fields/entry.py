@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import (
@@ -41,14 +42,16 @@ class Entry(BaseModel):
     Keys that start with `x-` are left to other tools.
 
     Subclasses say what they are called (`noun`), which key a lone value stands for (`shorthand`)
-    which keys of the full language are not read yet (`later`), and what one looks like where a
-    list of its keys says little (`example`).
+    which keys of the full language are not read yet (`later`), which keys had another name
+    (`former`: the old name, the present one), and what one looks like where a list of its keys says
+    little (`example`).
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
     noun: ClassVar[str] = "this section"
     shorthand: ClassVar[str | None] = None
     later: ClassVar[frozenset[str]] = frozenset()
+    former: ClassVar[Mapping[str, str]] = MappingProxyType({})
     example: ClassVar[str | None] = None
 
     place: Annotated[KeyAndValueSpan, LeafField(_as_given)] = Field(alias=_PLACE, repr=False)
@@ -116,6 +119,10 @@ class Entry(BaseModel):
                 admitted[name] = value
             elif name in cls.later:
                 findings.report(errors.key_not_yet(name, node.keys[name], cls.noun, known))
+            elif cls.former.get(name, name) not in {name, *node.entries}:
+                present = cls.former[name]
+                findings.report(errors.former_key(name, present, node.keys[name], cls.noun))
+                admitted[present] = value
             # editors and other tools keep their own things in a spec
             elif not name.startswith("x-"):
                 findings.report(errors.unknown_key(name, node.keys[name], cls.noun, known))

@@ -62,11 +62,39 @@ static void *member_life(void *argument)
     }
 }
 
+#ifdef _WIN32
+/* Windows sends threads no signals. */
+typedef int signal_mask;
+
+static void block_signals(signal_mask *before)
+{
+    *before = 0;
+}
+
+static void restore_signals(const signal_mask *before)
+{
+    (void)before;
+}
+#else
+typedef sigset_t signal_mask;
+
+static void block_signals(signal_mask *before)
+{
+    sigset_t all_signals;
+    sigfillset(&all_signals);
+    pthread_sigmask(SIG_SETMASK, &all_signals, before);
+}
+
+static void restore_signals(const signal_mask *before)
+{
+    pthread_sigmask(SIG_SETMASK, before, NULL);
+}
+#endif
+
 /* Starts the members; signals stay with the caller. Where the system has no more, there are fewer. */
 static void open_team(struct team *team, int threads)
 {
-    sigset_t all_signals;
-    sigset_t before;
+    signal_mask before;
     team->threads = 1;
     team->ends = 0;
     atomic_init(&team->next, 0);
@@ -75,8 +103,7 @@ static void open_team(struct team *team, int threads)
     if (threads <= 1) {
         return;
     }
-    sigfillset(&all_signals);
-    pthread_sigmask(SIG_SETMASK, &all_signals, &before);
+    block_signals(&before);
     for (int seat = 1; seat < threads && seat < MOST_THREADS; seat++) {
         struct member *const member = &team->members[seat];
         member->team = team;
@@ -86,7 +113,7 @@ static void open_team(struct team *team, int threads)
         }
         team->threads = seat + 1;
     }
-    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    restore_signals(&before);
 }
 
 /* Does jobs 0 … count−1, each once, by whoever is free; returns when all are done. */

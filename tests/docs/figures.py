@@ -5,6 +5,7 @@ A comment stands above a paragraph, a list or a table, and speaks of all of it:
 | comment | its figures |
 |---|---|
 | `<!-- figures of: FILE -->` | are in the file that the measurement writes, relative to the page |
+| `<!-- figures of: links -->` | of each row of a table are in the files that the row links to |
 | `<!-- figures by: FILE -->` | are compared by that test, which names the page |
 | `<!-- figures given: WHAT -->` | were not measured: limits, settings, definitions |
 

@@ -6,6 +6,8 @@ says nothing is refused: it would stay when what it tells of has changed.
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -32,6 +34,9 @@ def test_every_figure_says_where_it_is_from(page: Path):
 def _faults(page: Path, passage: Passage) -> list[str]:
     place = f"{page.relative_to(ROOT)}:{passage.line}"
     match passage.kind:
+        case "of" if passage.about == "links":
+            rows = [replace(passage, text=row) for row in passage.text.split("\n")]
+            return [fault for row in rows if row.figures for fault in _row_faults(page, row, place)]
         case "of":
             results = (page.parent / passage.about).read_text(encoding="utf-8")
             unknown = not_measured(passage.text, results)
@@ -46,6 +51,24 @@ def _faults(page: Path, passage: Passage) -> list[str]:
         case _:
             unsaid = passage.figures
             return [f"{place}: where are {unsaid} from? (tests/docs/figures.py)"] if unsaid else []
+
+
+def _row_faults(page: Path, row: Passage, place: str) -> list[str]:
+    """Figures of a row of a table are in the files that the row links to."""
+    linked = re.findall(r"\]\(([^)#:]+\.(?:md|json))(?:#[^)]*)?\)", row.text)
+    results = "\n".join((page.parent / file).read_text(encoding="utf-8") for file in linked)
+    unknown = not_measured(row.text, results)
+    return [f"{place}: {linked or 'no file'} does not have {unknown}"] if unknown else []
+
+
+def test_a_row_has_the_figures_of_the_file_that_it_links(tmp_path: Path):
+    (tmp_path / "a.md").write_text("1.5 ms\n", encoding="utf-8")
+    (tmp_path / "b.md").write_text("2.5 ms\n", encoding="utf-8")
+    page = tmp_path / "page.md"
+    row = Passage("| [one](a.md#x) | 1.5 ms |\n| [two](b.md) | 1.5 ms |", 1, "of", "links")
+    rows = [replace(row, text=text) for text in row.text.split("\n")]
+    assert [bool(_row_faults(page, each, "page.md")) for each in rows] == [False, True]
+    assert _row_faults(page, replace(row, text="| no link | 1.5 ms |"), "page.md")
 
 
 def test_a_figure_that_was_not_measured_is_named():

@@ -261,3 +261,16 @@ def _text(source: SourceText, span: Span) -> str:
 
 def _anywhere() -> Span:
     return Span(file="", line=1, column=1, end_line=1, end_column=1)
+
+
+def test_a_key_is_read_by_its_old_name_in_files_and_in_settings():
+    path = Path(__file__).parents[1] / "bad_specs" / "W0220_former_key.yaml"
+    read = read_spec(path, settings=("train.0.schedule.plateau.least=0.5",))
+    assert [each.code for each in read.warnings] == ["W0220"]
+    (stage,) = read.spec.train
+    assert stage.schedule is not None
+    assert stage.schedule.plateau is not None
+    assert stage.schedule.plateau.min == 0.5
+    both = path.read_text(encoding="utf-8").replace("least: 0.01", "least: 0.01, min: 0.02")
+    with pytest.raises(SpecError, match="unknown key `least`"):
+        read_spec(path, both)

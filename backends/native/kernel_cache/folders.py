@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
@@ -91,7 +92,9 @@ def _folder_of_the_user() -> Path:
 
 
 def _temporary_folder() -> Path:
-    return Path(tempfile.gettempdir()) / f"msnn-kernels-{os.geteuid()}"
+    # Windows has a temporary folder for each user
+    name = "msnn-kernels" if sys.platform == "win32" else f"msnn-kernels-{os.geteuid()}"
+    return Path(tempfile.gettempdir()) / name
 
 
 def _refusal(folder: Path) -> Refusal | None:

@@ -6,6 +6,7 @@ import ctypes
 import hashlib
 import os
 import shutil
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -13,12 +14,18 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from backends.files.atomic_write import replacing
+from backends.files.atomic_write import replacing, sync
 from backends.files.run_compiler import compiler_limit
 from backends.native.kernel_cache.lock import locked
 from backends.native.kernel_cache.trust import is_trusted_file
 
 _A_DAY = 86_400.0
+
+if sys.platform == "win32":
+    _ALONE = os.O_BINARY | os.O_NOINHERIT
+else:
+    # a link would lead past the trusted folder, and a pipe of that name would wait for a writer
+    _ALONE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +109,7 @@ class StoredKernel:
 def _read(path: Path) -> bytes | None:
     """The bytes of a file that only this user could write, or None."""
     try:
-        # a link would lead past the trusted folder, and a pipe of that name would wait for a writer
-        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        descriptor = os.open(path, os.O_RDONLY | _ALONE)
     except OSError:
         return None
     with open(descriptor, "rb") as file:  # noqa: PTH123  (there is a descriptor, not a path)
@@ -116,14 +122,9 @@ def _read(path: Path) -> bytes | None:
 def _write(path: Path, data: bytes) -> None:
     """Puts the bytes on the disk, then under their name, then the name on the disk."""
     with replacing(path, takes_streams=False) as temporary:
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
-        descriptor = os.open(temporary, flags, 0o600)
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | _ALONE, 0o600)
         with open(descriptor, "wb") as file:  # noqa: PTH123  (there is a descriptor, not a path)
             file.write(data)
             file.flush()
             os.fsync(descriptor)
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    sync(path.parent)

@@ -29,7 +29,8 @@ def recorded_windows(
     golden: GoldenSteps, texts: Mapping[str, str], name: str
 ) -> RecordedWindows | None:
     """The results that every build gives; None where nothing compiles."""
-    with tempfile.TemporaryDirectory() as place:
+    # Windows does not remove a library that is loaded
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
         # the estimator is of three sources that do not go into one
         folder = Path(place)
         for path, text in texts.items():

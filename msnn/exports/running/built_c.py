@@ -31,7 +31,8 @@ def built_folder(written: Written, library: str) -> Generator[Path]:
 
     Raises MissingExtraError without a C compiler that builds it.
     """
-    with tempfile.TemporaryDirectory() as place:
+    # Windows does not remove a library that is loaded
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
         alone = Path(place)
         # the folder of an export may hold files of others, which would be compiled too
         for file in written.files:

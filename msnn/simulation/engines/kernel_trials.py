@@ -83,7 +83,7 @@ def cases(
         if drawn:
             log = _without_some_targets(program, _drawn_rows(program, series, random), t0)
             few = replace(few, log=log)
-        yield Case(few, _nearby(program, weights, random) if drawn else weights)
+        yield Case(few, nearby(program, weights, random) if drawn else weights)
 
 
 def _first_rows(program: Program, series: Weights, runs: Runs) -> tuple[Weights, Runs]:
@@ -163,7 +163,7 @@ def _with_gaps(values: FloatArray, gaps: BoolArray) -> FloatArray:
     return found
 
 
-def _nearby(program: Program, weights: Weights, random: np.random.Generator) -> Weights:
+def nearby(program: Program, weights: Weights, random: np.random.Generator) -> Weights:
     """Weights near the given ones, inside their bounds; those that are 0 are not any more."""
     found: dict[str, FloatArray] = {}
     for parameter in program.parameters:
@@ -172,7 +172,9 @@ def _nearby(program: Program, weights: Weights, random: np.random.Generator) -> 
         size = np.where(value == 0.0, parameter.scale, value)
         moved = value + _NEARBY * size * random.uniform(-1.0, 1.0, value.shape)
         # beyond their bounds weights mean nothing to a program
-        found[parameter.name] = np.clip(moved, parameter.minimum, parameter.maximum)
+        low = -np.inf if parameter.minimum is None else parameter.minimum
+        high = np.inf if parameter.maximum is None else parameter.maximum
+        found[parameter.name] = np.clip(moved, low, high)  # numpy 1 takes no two None
     return found
 
 

@@ -42,7 +42,7 @@ def rate_factor(rule: Rule, epoch: int, epochs: int, reductions: Reductions) -> 
             return _kernel("pow", factor, epoch)
         case Step(every=every, factor=factor):
             return _kernel("pow", factor, epoch // every)
-        case Plateau(factor=factor, least=least):
+        case Plateau(factor=factor, min=least):
             return max(_kernel("pow", factor, reductions.count), least)
         case _:
             assert_never(rule)

@@ -1,5 +1,7 @@
 """Changes the learning rate of a stage from epoch to epoch."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Annotated, ClassVar
 
 from spec_schema.fields.entry import Entry, OneOf
@@ -42,17 +44,18 @@ class Step(Entry):
 
 class Plateau(Entry):
     """The rate times `factor` after `patience` epochs without a better monitor, but not below
-    `least` times the rate.
+    `min` times the rate.
     """
 
     noun: ClassVar[str] = "the plateau schedule"
+    former: ClassVar[Mapping[str, str]] = MappingProxyType({"least": "min"})
 
     patience: PositiveCount = 10
     """Epochs without a better monitor."""
     factor: _Factor = 0.1
     """What the rate is multiplied by."""
-    least: _Share = 0.0
-    """Share of the rate below which it never goes."""
+    min: _Share = 0.0
+    """Lower limit of the rate, as a share of its value at the start."""
 
 
 class Schedule(OneOf):

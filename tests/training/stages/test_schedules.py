@@ -23,7 +23,7 @@ SCHEDULES = {
     "cosine": "{cosine: {to: 0.1}}",
     "exponential": "{exponential: {factor: 0.8}}",
     "step": "{step: {every: 5, factor: 0.3}}",
-    "plateau": "{plateau: {patience: 1, factor: 0.5, least: 0.2}}",
+    "plateau": "{plateau: {patience: 1, factor: 0.5, min: 0.2}}",
 }
 
 
@@ -68,7 +68,7 @@ def test_rates_are_those_of_torch(kind: str) -> None:
 
 
 def test_a_plateau_lowers_the_rate_after_its_patience_and_not_below_the_least() -> None:
-    plateau = rule("{plateau: {patience: 3, factor: 0.5, least: 0.2}}")
+    plateau = rule("{plateau: {patience: 3, factor: 0.5, min: 0.2}}")
     reductions, found = NO_REDUCTIONS, list[float]()
     for epoch in range(EPOCHS):
         found.append(rate_factor(plateau, epoch, EPOCHS, reductions))
