@@ -373,6 +373,68 @@ def test_dates_that_do_not_compare_are_refused(
     assert {found.code for found in caught.value.diagnostics} == {code}
 
 
+@pytest.mark.parametrize(
+    ("text", "date"),
+    [
+        (MINUTES, "2026-11-22 17:04Z"),
+        (MINUTES, "2026-11-22T17:04:00.5+01:00"),
+        (MINUTES, "2026-11-22 17:04 -0130"),
+        (MINUTES.replace(".000,", "Z,"), "2026-11-22 17:04"),
+        # a day alone takes no offset
+        (MINUTES.replace(".000,", "Z,"), "2026-11-22"),
+        (MINUTES.replace(".000,", "+01:00,"), "2026-11-22"),
+        ("time,F,x\n0,1,0\n60,2,0\n", "2026-11-22"),
+    ],
+)
+def test_the_date_that_is_advised_is_read(tmp_path: Path, text: str, date: str) -> None:
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text, spec=BY_MINUTES, **{"from": date})
+    (fault,) = caught.value.diagnostics
+    assert fault.code == "E0979"
+    advised = str(fault.help).split("`")[-2]
+    assert len(output(read(tmp_path, text, spec=BY_MINUTES, **{"from": advised}))) > 0
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        ("0", "0.5", ""),
+        ("", "0.5", "1"),
+        ("0", "0.5", "nan"),
+        ("2026-11-22 17:00", "2026-11-22 17:00:00.5", "NA"),
+    ],
+)
+@pytest.mark.parametrize("nan", ["error", "split", "drop"])
+def test_a_time_that_is_missing_is_told_how_to_mend(
+    tmp_path: Path, cells: tuple[str, ...], nan: str
+) -> None:
+    """`nan:` says nothing of times, so that it is no advice."""
+    rows = [f"{cell},{i},{i}\n" for i, cell in enumerate(cells)]
+    text = "".join(["time,F,x\n", *rows])
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text, nan=nan)
+    (fault,) = caught.value.diagnostics
+    assert fault.code == "E0809"
+    assert "`nan:" not in str(fault.help)
+    # the advice: without these rows, or without `time:`
+    kept = [row for row, cell in zip(rows, cells, strict=True) if cell not in ("", "nan", "NA")]
+    assert len(output(read(tmp_path, "".join(["time,F,x\n", *kept]), nan=nan))) == 2
+    untimed = SPEC.replace("  time: time\n", "")
+    assert len(output(read(tmp_path, text, spec=untimed, nan=nan))) == 3
+
+
+@pytest.mark.parametrize("kind", ["a.npz", "a.parquet"])
+def test_a_time_that_arrays_lack_is_told_how_to_mend(tmp_path: Path, kind: str) -> None:
+    columns = {"time": [0, np.nan, 1.0], "F": [1.0, 2, 3], "x": [1.0, 2, 3]}
+    if kind == "a.npz":
+        np.savez(tmp_path / kind, **{name: np.array(cells) for name, cells in columns.items()})
+    else:
+        pd.DataFrame(columns).to_parquet(tmp_path / kind)
+    with pytest.raises(SpecError) as caught:
+        simulated(tmp_path, kind)
+    assert "remove `time:`" in str(caught.value.diagnostics[0].help)
+
+
 @pytest.mark.parametrize("resample", [None, "linear"])
 def test_a_clock_that_is_set_back_by_an_hour_asks_for_offsets(
     tmp_path: Path, resample: str | None

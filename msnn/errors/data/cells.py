@@ -47,14 +47,25 @@ def decimal_comma(
 
 
 def missing_value(
-    file: str, row: int, column: str, text: str, more: int, place: Span | None
+    file: str,
+    row: int,
+    column: str,
+    text: str,
+    more: int,
+    place: Span | None,
+    *,
+    is_time: bool = False,
 ) -> Diagnostic:
-    """E0809: an empty or NaN cell of an input while `nan: error` holds."""
+    """E0809: an empty or NaN cell of an input while `nan: error` holds, or of a time."""
     found = f"`{text}`" if text else "no value"
     message = f"column `{column}` has {found} in row {row} of {file}"
     notes = and_more(more, "cell")
     repair = "`nan: split` ends the episode here, `nan: drop` leaves the record out"
-    return error("E0809", place, message, "an input is missing here", notes=notes, help=repair)
+    label = "an input is missing here"
+    if is_time:
+        repair = "write the time, or remove the row; if rows are one step apart, remove `time:`"
+        label = "every row needs its time"
+    return error("E0809", place, message, label, notes=notes, help=repair)
 
 
 def infinite_value(

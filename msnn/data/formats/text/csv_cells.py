@@ -29,6 +29,7 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 """`1.500`, which is fifteen hundred where commas are decimal, and 1.5 where they are not."""
 _LONGEST_SHOWN = 40
+_MISSING_TIME: CellFault = partial(cell_errors.missing_value, is_time=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,14 +121,13 @@ class _Times(_Numbers):
     def fault_of(self, cell: str) -> CellFault | None:
         # the first cell decides what the column is; a date further down in numbers is a fault of
         # that cell
-        if not self.nanoseconds and self.values:
-            return _Numbers.fault_of(self, cell)
-        moment = read_moment(cell)
+        moment = None if self.values else read_moment(cell)
         if moment is None:
-            if not self.nanoseconds:
-                return _Numbers.fault_of(self, cell)
-            is_missing = cell.lower() in MISSING
-            return cell_errors.missing_value if is_missing else data_units.not_a_moment
+            if self.nanoseconds:
+                is_missing = cell.lower() in MISSING
+                return _MISSING_TIME if is_missing else data_units.not_a_moment
+            fault = _Numbers.fault_of(self, cell)
+            return _MISSING_TIME if fault == cell_errors.missing_value else fault
         if not self.nanoseconds:
             self.has_zone = moment.has_zone
         self.nanoseconds.append(moment.nanoseconds)
