@@ -9,13 +9,23 @@ from spec_schema.diagnostics.source import Span
 
 
 def ragged_row(
-    file: str, row: int, found: int, expected: int, more: int, place: Span, *, commas: bool
+    file: str,
+    row: int,
+    found: int,
+    expected: int,
+    more: int,
+    place: Span,
+    *,
+    commas: bool,
+    ends_empty: bool = False,
 ) -> Diagnostic:
     """E0806: a row with more or fewer cells than the header; `more` rows are like it."""
     message = f"row {row} of {file} has {found} cells, the header has {expected} columns"
     notes = and_more(more, "row")
     if commas:
         repair = _COMMA_HELP
+    elif ends_empty:
+        repair = "put the separator behind the header too: the rows end with one"
     elif found < expected:
         repair = "write a cell for each column, empty where there is no value, or remove the line"
     else:
@@ -55,6 +65,7 @@ def missing_value(
     place: Span | None,
     *,
     is_time: bool = False,
+    is_all: bool = False,
 ) -> Diagnostic:
     """E0809: an empty or NaN cell of an input while `nan: error` holds, or of a time."""
     found = f"`{text}`" if text else "no value"
@@ -62,7 +73,11 @@ def missing_value(
     notes = and_more(more, "cell")
     repair = "`nan: split` ends the episode here, `nan: drop` leaves the record out"
     label = "an input is missing here"
-    if is_time:
+    if is_all:
+        message = f"column `{column}` of {file} has no value at all"
+        notes = ()
+        repair = f"name another column for what reads `{column}`, under `data:`"
+    elif is_time:
         repair = "write the time, or remove the row; if rows are one step apart, remove `time:`"
         label = "every row needs its time"
     return error("E0809", place, message, label, notes=notes, help=repair)
@@ -95,6 +110,8 @@ def _repair_of(text: str, column: str) -> str | None:
     if united := _WITH_UNIT.fullmatch(text):
         number, unit = united.groups()
         return f"write `{number}` and the unit in the header: `{column} [{unit}]`"
+    if (plain := _plain_number(text)) is not None:
+        return f"write it as `{plain}`"
     if _DATE.match(text):
         return "write times as `2026-11-22 17:00:00.25` (ISO 8601), or as numbers"
     if text.upper() in _NOT_MEASURED:
@@ -110,6 +127,18 @@ def _repair_of(text: str, column: str) -> str | None:
     return None
 
 
+def _plain_number(text: str) -> str | None:
+    """The number that another notation means: `1,234.5`, `0x1F`, `1.5D+01`, `−5`."""
+    if _THOUSANDS.fullmatch(text):
+        return text.replace(",", "")
+    if _HEXADECIMAL.fullmatch(text):
+        return str(int(text, 16))
+    plain = text.replace("\u2212", "-").replace("D", "E").replace("d", "e")
+    return plain if plain != text and _NUMBER.fullmatch(plain) else None
+
+
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+([.]\d*)?")
+_HEXADECIMAL = re.compile(r"0[xX][0-9a-fA-F]{1,16}")
 _DATE = re.compile(r"\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d\d(:\d\d)?")
 _NOT_MEASURED = frozenset(
     ["N/A", "#N/A", "NONE", "#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "-", "--"]
@@ -118,4 +147,7 @@ _TRUTHS = {"TRUE": "1", "ON": "1", "YES": "1", "FALSE": "0", "OFF": "0", "NO": "
 _WITH_UNIT = re.compile(r"([+-]?\d+(?:[.]\d*)?(?:[eE][+-]?\d+)?)\s*([A-Za-zµμΩ°%][^\s\d]*)")
 _BLANKS = re.compile(r"[\s\u00a0\u2009\u202f]")
 _NUMBER = re.compile(r"[+-]?\d+([.]\d*)?([eE][+-]?\d+)?")
-_COMMA_HELP = 'a file with decimal commas needs `csv: {delimiter: ";", decimal: ","}`'
+_COMMA_HELP = (
+    "if its numbers have decimal commas, nothing tells them from separators: save it with `;` "
+    'between cells, and write `csv: {delimiter: ";", decimal: ","}`'
+)

@@ -172,7 +172,16 @@ def value_faults(
     missing, infinite = np.isnan(column), np.isinf(column)
     if missing.any() and not may_miss:
         row, more = int(np.argmax(missing)), int(missing.sum()) - 1
-        missed = cell_errors.missing_value(file, row, str(key), "NaN", more, None, is_time=is_time)
+        missed = cell_errors.missing_value(
+            file,
+            row,
+            str(key),
+            "NaN",
+            more,
+            None,
+            is_time=is_time,
+            is_all=bool(missing.all()) and not is_time,
+        )
         faults.append(missed)
     if infinite.any():
         row, more = int(np.argmax(infinite)), int(infinite.sum()) - 1

@@ -26,7 +26,6 @@ from msnn.data.formats.written_units import (
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
-from spec_schema.yaml_tree.writer import scalar_text
 
 BLANKS = " "
 """The delimiter of tables whose cells stand apart by one or more blanks or tabs."""
@@ -126,15 +125,22 @@ class Header:
             if len(alike) == 1:
                 found[key] = alike[0]
             elif alike:
-                first = f"columns: {{{scalar_text(key, in_flow=True)}: {alike[0]}}}"
-                repair = f"choose one by its index: `{first}`; {alike[1]} is the next"
+                named = errors.key_of_column(user, str(alike[0]))
+                repair = f"choose one by its index: `{named}`; {alike[1]} is the next"
                 faults.append(errors.duplicate_column(key, self.file, self.place, repair))
             elif key not in wanted.spare:
                 missing[key] = user
         if missing:
             numbers = self.lines > 0 and self.holds_numbers
             faults.append(
-                errors.missing_columns(missing, self.file, names, self.place, numbers=numbers)
+                errors.missing_columns(
+                    missing,
+                    self.file,
+                    names,
+                    self.place,
+                    numbers=numbers,
+                    width=0 if self.lines else self.width,
+                )
             )
         if faults:
             raise SpecError(faults)
