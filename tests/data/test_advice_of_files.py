@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+from asammdf import MDF, Signal
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from tests.data.unit_files import load
@@ -125,3 +127,42 @@ def test_a_unit_of_the_spec_that_does_not_convert_is_advised(
     assert f"`unit: {advised}`" in str(fault.help)
     data = load(tmp_path, "a.csv", declared, layout.replace("UNIT", advised))
     assert len(data.series["v"]) == 3
+
+
+@pytest.mark.parametrize("suffix", [".xlsx", ".h5", ".mat", ".parquet", ".npz", ".mf4", ".bag"])
+def test_text_under_another_name_is_read_after_the_advice(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.write_text(f"time,v\n{ROWS * 100}")
+    time = "" if suffix in (".mf4", ".bag") else TIME
+    fault = fault_of(tmp_path, time, name=path.name)
+    assert fault.code == "E0802"
+    assert fault.help == "it is text: give it a name that ends in `.csv`"
+
+
+def test_hdf5_under_another_name_is_read_after_the_advice(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["time"], file["v"] = [0.0, 0.1], [1.0, 2.0]
+    (tmp_path / "a.npz").write_bytes((tmp_path / "a.h5").read_bytes())
+    fault = fault_of(tmp_path, TIME, name="a.npz")
+    assert "its format is HDF5: give it a name that ends in `.h5`" in str(fault.help)
+
+
+def test_times_of_a_measurement_that_nobody_edits_are_no_rows_to_remove(tmp_path: Path) -> None:
+    with MDF(version="4.10") as file:
+        file.append([Signal(np.arange(4.0), np.array([0, 0.1, 0.1, 0.2]), name="v")])
+        file.save(tmp_path / "a.mf4", overwrite=True)
+    for layout in ("", "  resample: linear\n"):
+        fault = fault_of(tmp_path, layout, name="a.mf4")
+        assert fault.code == "E0813"
+        assert "keep one" not in str(fault.help)
+    with MDF(version="4.10") as file:
+        clock = Signal(np.array([0, 0.1, 0.2, 0.3]), np.array([0, 0.1, 0.1, 0.2]), name="clock")
+        file.append([Signal(np.arange(4.0), clock.timestamps, name="v"), clock])
+        file.save(tmp_path / "a.mf4", overwrite=True)
+    data = load(tmp_path, "a.mf4", "m/s", "  time: clock\n")
+    assert data.series["v"].tolist() == [0, 1, 2, 3]
+
+
+def test_a_clock_that_was_not_set_is_no_matter_of_spelling(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time,v\n0001-01-01 00:00:00,1\n2026-11-22 17:00:00,2\n")
+    assert "clock was not set" in str(fault_of(tmp_path, TIME).help)

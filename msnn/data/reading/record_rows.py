@@ -396,5 +396,11 @@ def _time_fault(
             is_local = begins is not None and not begins.has_zone
             set_back = is_local and -_HOUR <= fault.step <= -_HOUR / 2
             return errors.time_not_increasing(
-                file.shown, fault.row, fault.step, fault.more, place, set_back=set_back
+                file.shown,
+                fault.row,
+                fault.step,
+                fault.more,
+                place,
+                set_back=set_back,
+                is_stream=file.keeps_time,
             )

@@ -6,6 +6,7 @@ from msnn.errors.data.lists import and_more
 from spec_schema.diagnostics.decimal_commas import with_point_or_joined
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.moments import read_moment
 
 
 def ragged_row(
@@ -112,6 +113,8 @@ def _repair_of(text: str, column: str) -> str | None:
         return f"write `{number}` and the unit in the header: `{column} [{unit}]`"
     if (plain := _plain_number(text)) is not None:
         return f"write it as `{plain}`"
+    if _ISO_DATE.match(text) and read_moment(text) is None:
+        return "dates reach from 1823 to 2116: leave rows out whose clock was not set"
     if _DATE.match(text):
         return "write times as `2026-11-22 17:00:00.25` (ISO 8601), or as numbers"
     if text.upper() in _NOT_MEASURED:
@@ -139,6 +142,7 @@ def _plain_number(text: str) -> str | None:
 
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+([.]\d*)?")
 _HEXADECIMAL = re.compile(r"0[xX][0-9a-fA-F]{1,16}")
+_ISO_DATE = re.compile(r"\d{4}-\d\d-\d\d")
 _DATE = re.compile(r"\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d\d(:\d\d)?")
 _NOT_MEASURED = frozenset(
     ["N/A", "#N/A", "NONE", "#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "-", "--"]

@@ -62,6 +62,25 @@ def refuse_other_formats(path: Path, shown: str) -> None:
             raise SpecError((unreadable_file(shown, f"its format is {format}", repair),))
 
 
+def other_name(path: Path) -> str | None:
+    """The repair of a file that no reader of its suffix understands: the name for its format.
+
+    None where nothing tells its format.
+    """
+    try:
+        with path.open("rb") as file:
+            begin = file.read(1024)
+    except OSError:
+        return None
+    for magic, (format, suffix) in _OTHERS.items():
+        if begin.startswith(magic):
+            return f"its format is {format}: give it a name that ends in `{suffix}`"
+    if begin.startswith(_ZIP):
+        return None
+    is_text = bool(begin) and all(byte >= 32 or byte in b"\t\r\n" for byte in begin)
+    return "it is text: give it a name that ends in `.csv`" if is_text else None
+
+
 def not_utf8(path: Path, shown: str, error: UnicodeDecodeError) -> Diagnostic:
     """E0802, with the line that converts the file."""
     with path.open("rb") as file:
