@@ -12,6 +12,7 @@ from compiler.ir.program import Program, Role, Signal
 from msnn.data.dataset import BoolArray, FileRows, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
+from msnn.data.formats.text.text_encoding import other_name
 from msnn.data.reading.columns import (
     Feed,
     columns_of_only,
@@ -25,7 +26,7 @@ from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reads import compared_signals, signals_only_compared
 from msnn.errors.data import formats as data_formats
 from msnn.errors.data.files import no_column_read
-from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.data import Csv, Data, TimeColumn
 
@@ -253,7 +254,7 @@ def _read(
         dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")
         return file.format.reader(file.path, file.shown, wanted, dialect)
     except SpecError as error:
-        findings.report(*error.diagnostics)
+        findings.report(*(_with_name(fault, file) for fault in error.diagnostics))
         return None
 
 
@@ -262,6 +263,14 @@ def _time_source(file: DataFile, time: TimeColumn | None) -> TimeSource | None:
     if time is None or not file.keeps_time:
         return None
     return TimeSource(time.column.column, time.place.value, time.unit)
+
+
+def _with_name(fault: Diagnostic, file: DataFile) -> Diagnostic:
+    """The fault; if the file has another format than its name says, with the name for that."""
+    is_unread = fault.code == "E0802" and fault.help is None and not file.is_text
+    return (
+        replace(fault, help=other_name(file.path)) if is_unread and file.arrays is None else fault
+    )
 
 
 def _dialect(csv: Csv | None, *, tabs: bool) -> Dialect:

@@ -276,7 +276,9 @@ def _streams(
     for key, (time, _) in streams.columns.items():
         if not (np.diff(time) > 0).all():
             row = int(np.argmin(np.diff(time) > 0)) + 1
-            findings.report(errors.time_not_increasing(f"`{key}` in {file.shown}", row, 0, None))
+            shown, step = f"`{key}` in {file.shown}", float(time[row] - time[row - 1])
+            fault = errors.time_not_increasing(shown, row, step, 0, None, is_stream=True)
+            findings.report(fault)
             return None
     whole = RowRange(0, 0, 1)
     if data.nan == "error" and not _complete(
@@ -402,5 +404,11 @@ def _time_fault(
             is_local = begins is not None and not begins.has_zone
             set_back = is_local and -_HOUR <= fault.step <= -_HOUR / 2
             return errors.time_not_increasing(
-                file.shown, fault.row, fault.more, place, set_back=set_back
+                file.shown,
+                fault.row,
+                fault.step,
+                fault.more,
+                place,
+                set_back=set_back,
+                is_stream=file.keeps_time,
             )

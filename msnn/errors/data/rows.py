@@ -71,17 +71,43 @@ def _seconds(value: float) -> str:
 
 
 def time_not_increasing(
-    file: str, row: int, more: int, place: Span | None, *, set_back: bool = False
+    file: str,
+    row: int,
+    step: float,
+    more: int,
+    place: Span | None,
+    *,
+    set_back: bool = False,
+    is_stream: bool = False,
+    is_picked: bool = False,
 ) -> Diagnostic:
     """E0813: a time that is not later than the one before."""
     message = f"the time in row {row} of {file} is not later than in the row before"
     notes = and_more(more, "row")
-    repair = "sort the rows by time, and of rows with the same time keep one"
     if set_back:
         # sorted, the rows of two hours would be mixed
         repair = (
             "the clock was set back by an hour, as at the end of summer time: write times with "
             "their offset from UTC, `02:50+02:00` and then `02:00+01:00`"
+        )
+    elif is_stream:
+        # nobody edits the rows of such a file
+        repair = "name another time with `time:`, or export the signals to a table of one time"
+    elif is_picked:
+        repair = (
+            "give `from` and `to` as numbers of rows, such as `from: 0`, beside `resample: none`; "
+            "if rows are out of order, sort them by time"
+        )
+    elif step < 0.0:
+        # sorted, the rows of two recordings would be mixed
+        repair = (
+            "if another recording begins there, `resample: none` makes an episode of each; if rows "
+            "are out of order, sort them by time"
+        )
+    else:
+        repair = (
+            "of rows with the same time keep one; if the time was rounded, remove `time:`, and "
+            "rows are one sample apart"
         )
     return error("E0813", place, message, "time does not increase", notes=notes, help=repair)
 
