@@ -79,8 +79,9 @@ def _encoded(value: object, arrays: list[FloatArray]) -> object:
             | UnknownUnit()
             | TwoUnits()
         ):
-            # rows of these files stand nowhere: `place` is that of any table
-            names = [field.name for field in fields(value) if field.init and field.name != "place"]
+            # cells of these files stand nowhere: their places are those of any table
+            names = [field.name for field in fields(value) if field.init]
+            names = [name for name in names if name not in ("place", "cell")]
             held = {name: _encoded(getattr(value, name), arrays) for name in names}
             return {"class": type(value).__name__, "fields": held}
         case _:
