@@ -102,7 +102,8 @@ def joined_files(
     _report_kept(parts, program.sample_time, findings)
     sets = data.sets
     rows = _sets(data, parts, sets, program.sample_time, findings)
-    _report_shared(parts, files, data, findings)
+    if not findings.failed:
+        _report_shared(parts, files, data, findings)
     signals = (*program.signals, *beside)
     _report_ranges(signals, parts, findings)
     findings.raise_errors()
@@ -174,7 +175,7 @@ def _recordings(
     read = [read_file(program, data, file, condition, own, beside) for file in group]
     findings.report(*own.since(0))
     found = [file for file in read if file is not None]
-    if len(group) == 1 or len(found) < len(group):
+    if len(group) == 1 or len(found) < len(group) or findings.failed:
         return found
     return recordings(found, data, program.sample_time, findings)
 

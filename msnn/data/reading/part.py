@@ -106,7 +106,7 @@ def part_of(
         key: _kept_values(moments, usable, offsets.get(key, 0.0))
         for key, moments in rows.moments.items()
         # of a signal that the model reads, rows that were not measured are worth a word
-        if key in single or not _marked(key, rows)[usable].all()
+        if key in single or (key in uses.counted and not _marked(key, rows)[usable].all())
     }
     left_out = np.zeros(len(usable), np.bool_)
     if row_filter is not None:

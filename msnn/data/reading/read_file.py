@@ -41,7 +41,9 @@ class ColumnUses:
     measured: frozenset[ColumnKey] = frozenset()
     """Those of which nobody needs the values between the measured ones."""
     compared: frozenset[ColumnKey] = frozenset()
-    """Predictions are compared with them: a value that was not measured is not compared."""
+    """Predictions may be compared with them: a value that was not measured is not compared."""
+    counted: frozenset[ColumnKey] = frozenset()
+    """Those with which predictions of the program are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,12 +143,14 @@ def _uses(program: Program, found: Sequence[Feed], more: Sequence[Feed]) -> Colu
     # a column that a signal of the program needs as well may not be missing
     spare = wanted_columns(more).keys() - wanted_columns(found).keys()
     targets = {feed.signal.name for feed in found if feed.signal.role is Role.TARGET}
-    keys = frozenset(key for feed in found if feed.signal.name in compared for key in feed.keys)
+    # `validate` may compare with any of them
+    keys = frozenset(wanted_columns(found))
     return ColumnUses(
         beside=frozenset(spare),
         scored=columns_of_only(found, targets | lone),
         measured=columns_of_only(found, lone),
-        compared=keys - spare,
+        compared=keys,
+        counted=frozenset(k for f in found if f.signal.name in compared for k in f.keys),
     )
 
 

@@ -48,3 +48,9 @@ def measured_as(row: ValidationRow) -> tuple[str, str, str]:
 def unit_text(unit: Unit | None) -> str:
     """The unit as it was written, empty without one."""
     return "" if unit is None else unit.text
+
+
+def difference_text(number: str, unit: Unit | None) -> str:
+    """A difference in a row with a unit, with its own where that is another: K in a row of degC."""
+    own = unit_text(unit and unit.difference)
+    return f"{number} {own}" if number and own != unit_text(unit) else number
