@@ -44,7 +44,7 @@ class CheckPlan:
     unit: Unit | None
     """Of the metric or loss."""
     error_unit: Unit | None
-    """Of the errors of the output."""
+    """Of the errors of the output; None for a loss."""
     minimum: float | None
     maximum: float | None
     span: Span | None

@@ -17,7 +17,7 @@ from msnn.training.records.learned.parameters_record import has_unidentified
 from msnn.training.records.run_log import Cost
 from msnn.validation.measurement import Measurement
 from msnn.validation.reports.report import limits
-from msnn.validation.reports.words import difference_text, rollout_text, unit_text
+from msnn.validation.reports.words import difference_text, rollout_text, unit_of_record, unit_text
 from msnn.validation.validate import MetricRow
 
 _MOST_NUMBERS = 6
@@ -100,7 +100,6 @@ def measurements_table(measurements: Sequence[Measurement]) -> PageTable:
 def parameters_table(record: Mapping[str, Any], program: Program) -> PageTable:
     """Learned values with units, standard errors and docs; long arrays open on demand."""
     docs = {parameter.name: parameter.doc for parameter in program.parameters}
-    units = {parameter.name: parameter.unit for parameter in program.parameters}
     rows: list[PageRow] = []
     for found in record["parameters"]:
         values, errors = found["values"], found["standard_errors"]
@@ -114,7 +113,7 @@ def parameters_table(record: Mapping[str, Any], program: Program) -> PageTable:
                 (
                     found["name"],
                     _numbers(values),
-                    difference_text(_errors(errors), units.get(found["name"])),
+                    difference_text(_errors(errors), unit_of_record(found["unit"])),
                     found["unit"] or "",
                     _numbers(found["initial"]),
                     remark,
