@@ -10,6 +10,7 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.starts import Runs
 from msnn.errors.learning import run_ends, second_order
 from msnn.errors.learning import stages as stage_errors
 from msnn.errors.learning import training as errors
@@ -227,6 +228,7 @@ class TrainingRun:
                 weights=plan.loss_weights if plan.weighs_by_variance else None,
                 fed_back=plan.rollout.fed_back,
                 epoch=epoch,
+                counted=_counted(plan, data.train),
             )
         )
 
@@ -246,3 +248,12 @@ class TrainingRun:
         return TrainingResult(
             weights=weights, stages=now.ended, folder=path, warnings=self.progress.said
         )
+
+
+def _counted(plan: StagePlan, runs: Runs) -> int:
+    """The most rollouts of a stage that score the same row (R2)."""
+    rollout = plan.rollout
+    if isinstance(rollout.horizon, str):
+        return 1
+    scored = int(runs.steps.max(initial=1)) - rollout.skip
+    return min(-(-scored // rollout.stride), len(runs))

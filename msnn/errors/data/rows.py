@@ -56,7 +56,7 @@ def _repair_of_step(found: float, expected: float, column: str) -> str:
         return f"`every: {every}` takes one row in {every}"
     if unit := next((u for u, f in _TIME_UNITS.items() if abs(ratio * f - 1) < 0.01), None):
         return f"if the time is in {unit}, write `time: {{column: {column}, unit: {unit}}}`"
-    return f"write `sample_time: {_seconds(found)}`, or bring the rows to it by `resample:`"
+    return f"write `sample_time: {seconds_text(found)}`, or bring the rows to it by `resample:`"
 
 
 _TIME_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}
@@ -66,7 +66,8 @@ _TIME_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}
 _DAY = 86400.0
 
 
-def _seconds(value: float) -> str:
+def seconds_text(value: float) -> str:
+    """A duration in s, below one second in ms."""
     return f"{value:.6g} s" if value >= 1 else f"{value * 1000:.6g} ms"
 
 
@@ -209,9 +210,10 @@ def episodes_skipped(
     return warning("W0802", None, message)
 
 
-def record_dropped(file: str, row: int) -> Diagnostic:
+def record_dropped(record: str, file: str, row: int) -> Diagnostic:
     """W0803: a record left out because an input is missing in it."""
-    return warning("W0803", None, f"{file} is left out: an input is missing in row {row}")
+    of = "" if file == record else f" of {file}"
+    return warning("W0803", None, f"{record} is left out: an input is missing in row {row}{of}")
 
 
 def kept_values(
@@ -228,6 +230,6 @@ def kept_values(
     if lost:
         notes.append(f"{lost} are nearest to a row without inputs, or to none")
     if offset:
-        notes.append(f"values are up to {_seconds(offset)} away from their rows")
+        notes.append(f"values are up to {seconds_text(offset)} away from their rows")
     make = warning if lost else remark
     return make("W0830", None, message, notes=tuple(notes))

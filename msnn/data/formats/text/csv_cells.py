@@ -96,6 +96,11 @@ def line_of_row(lines: Lines, header: Header, row: int) -> int:
     raise IndexError("the file has fewer rows")
 
 
+def cell_of_row(lines: Lines, header: Header, row: int, index: int) -> tuple[str, Span]:
+    """The text of a cell in a data row, and where it stands."""
+    return next(line for line in _lines(lines, header) if line.row == row).cell(index)
+
+
 @dataclass(slots=True, kw_only=True)
 class _Numbers:
     """Reads a column of numbers."""
@@ -218,14 +223,18 @@ class _Line:
             ends_empty=found == expected + 1 and not self.cells[-1].strip(),
         )
 
-    def cell_fault(self, fault: CellFault, index: int) -> Callable[[int], Diagnostic]:
+    def cell(self, index: int) -> tuple[str, Span]:
+        """The text of a cell, and where it stands."""
         # cells lost their quotes when they were split: with quotes the whole line is underlined
         start = sum(len(cell) + 1 for cell in self.cells[:index])
         end = start + max(len(self.cells[index]), 1)
         if '"' in self.text:
             start, end = 0, len(self.text)
-        label, text = self.header.label(index), self.cells[index].strip()[:_LONGEST_SHOWN]
-        place = self._place(start, end)
+        return self.cells[index].strip()[:_LONGEST_SHOWN], self._place(start, end)
+
+    def cell_fault(self, fault: CellFault, index: int) -> Callable[[int], Diagnostic]:
+        label = self.header.label(index)
+        text, place = self.cell(index)
         return lambda more: fault(self.header.file, self.row, label, text, more, place)
 
 

@@ -12,7 +12,12 @@ import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
-from msnn.data.formats.text.csv_cells import CheckedColumns, checked_columns, line_of_row
+from msnn.data.formats.text.csv_cells import (
+    CheckedColumns,
+    cell_of_row,
+    checked_columns,
+    line_of_row,
+)
 from msnn.data.formats.text.csv_header import (
     BLANKS,
     Dialect,
@@ -82,10 +87,14 @@ def named_table(
         line = line_of_row(lines, header, row)
         return Span(file=header.file, line=line, column=1, end_line=line, end_column=1)
 
+    def cell(row: int, key: ColumnKey) -> tuple[str, Span]:
+        return cell_of_row(lines, header, row, places[key])
+
     units = header.units(places.values())
     return ColumnTable(
         columns=dict(zip(places, found.columns, strict=True)),
         place=place,
+        cell=cell,
         units={key: units[index] for key, index in places.items() if index in units},
         begins=found.begins,
     )
