@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -62,8 +63,11 @@ class StageCourse:
         found: list[Diagnostic | None] = []
         if first is not None and last is not None:
             found.append(_alone(plan, first.losses, last.losses))
-            if best is not None and best.epoch == result.best_epoch:
-                found.append(_kept(plan, data, first, best, after, last))
+            # epoch 0 ends without an event: it is what the first epoch begins with
+            known = after if not result.best_epoch else best
+            if known is not None and known.best_epoch == result.best_epoch:
+                kept = _Kept(result.best_epoch, result.best_value, known.horizon)
+                found.append(_kept(plan, data, first, kept, after, last))
         return [each for each in found if each is not None]
 
 
@@ -125,11 +129,20 @@ def _shares(plan: StagePlan, losses: Mapping[str, float]) -> dict[str, float]:
     return {name: part / total for name, part in parts.items()}
 
 
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """The epoch whose weights a stage keeps: its monitored loss, the horizon beside it."""
+
+    epoch: int
+    monitor: float
+    horizon: int
+
+
 def _kept(
     plan: StagePlan,
     data: StageData,
     first: EpochEnd,
-    best: EpochEnd,
+    best: _Kept,
     after: EpochEnd | None,
     last: EpochEnd,
 ) -> Diagnostic | None:

@@ -239,3 +239,25 @@ def test_the_line_of_a_stage_names_what_is_fed_back(
     train(program, data, spec.train, TrainingOptions(runs=None), found)
     (line,) = found.lines
     assert ("predictions fed back into x" in line) == named
+
+
+@pytest.mark.parametrize("optimizer", ["levenberg_marquardt", "{adam: {lr: 0.05}}"])
+def test_a_stage_that_keeps_what_it_began_with_says_how_few_rollouts_decide(
+    optimizer: str,
+) -> None:
+    """The initial values are those of the validation rows; every step leads away from them."""
+    text = DECAY.replace("OPTIMIZER", f"optimizer: {optimizer}").replace("0.2}", "0.6}")
+    text = text.replace("{init: 0.1}", "{init: 0.5}").replace("epochs: 40", "epochs: 150")
+    data = unlike(0.6)
+    data.series["y"][1000:] += 0.5 * np.random.default_rng(5).normal(size=100)
+    said = heard(text, data).said
+    (kept,) = [each for each in said if each.code == "W0938"]
+    (learned,) = [each for each in said if each.code == "W0912"]
+    advice = learned.help or ""
+    if optimizer == "levenberg_marquardt":
+        assert kept.message.startswith("stage `fit` keeps epoch 0 of ")
+        # it has no rate that could be smaller
+        assert advice.startswith("try other initial values;")
+    else:
+        assert " in epoch 0, the best; over those of training it is " in kept.message
+        assert advice.startswith("try a smaller learning rate;")

@@ -12,6 +12,7 @@ every row with w > 0 once. Starts that were estimated with the parameters are el
 JₗᵀJₗ first, and count among the pₗ; what starts add that were found apart, `held_starts` says.
 Of `huber` H is c/2 Σ ψ' jjᵀ and the middle (c/2)² Σ ψ² jjᵀ · n/(n − p), with ψ the clipped residual
 and j its slope (`squared_losses`): noise may differ from row to row there (Huber 1967, White 1980).
+Starts that were estimated with the parameters of a `huber` follow these by its H.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from msnn.training.plans.known_terms_of_stage import known_of, square_by_count
 from msnn.training.plans.squared_losses import is_all_squared, squared
 from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
+from msnn.training.plans.stage_result import EstimatedStarts
 from msnn.training.records.learned.beside_bounds import (
     BesideBounds,
     beside_bounds,
@@ -48,7 +50,7 @@ from msnn.training.records.learned.identified import (
     number_names,
 )
 from msnn.training.records.learned.information import Information, numbers, shares_of
-from msnn.training.records.learned.information_of_stage import information_of
+from msnn.training.records.learned.information_of_stage import information_of, trained_runs
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
 MOST_NUMBERS = 300
@@ -91,9 +93,15 @@ class StandardErrors:
 
 
 def standard_errors(
-    plan: StagePlan, data: Dataset, weights: Mapping[str, FloatArray]
+    plan: StagePlan,
+    data: Dataset,
+    weights: Mapping[str, FloatArray],
+    estimated: EstimatedStarts | None = None,
 ) -> StandardErrors:
     """The standard errors of the parameters that a stage trained, from its train rows.
+
+    `estimated` are the starts that training ended with, where they were its unknowns. Beside
+    `huber` they are needed: starts found again would minimise squares, not the total.
 
     Rollouts are those of the stage, a horizon apart, so that each row counts once. `rmse` counts as
     mse with the weight that it has near its minimum. There are none beside a loss whose curvature
@@ -116,20 +124,30 @@ def standard_errors(
             f"slopes of {operations} operations in {learned} numbers are more than {MOST_SLOPES}"
         )
     starts = plan.rollout.starts
+    robust = [loss.name for loss in program.losses if loss.measure is Measure.HUBER]
     if starts is not None:
-        starts = replace(starts, program=squared(starts.program, plan.loss_weights))
-        robust = [loss.name for loss in program.losses if loss.measure is Measure.HUBER]
-        if robust:
-            return without_errors(f"`{robust[0]}` is huber, and its starts are those of squares")
+        as_squares = squared(starts.program, plan.loss_weights, robust=bool(robust))
+        starts = replace(starts, program=as_squares)
+        if robust and not plan.estimates_starts:
+            return without_errors(
+                f"`{robust[0]}` is huber, and its starts minimise squares; `levenberg_marquardt` "
+                "estimates them together with the parameters"
+            )
     rollout = replace(plan.rollout, program=program, starts=starts)
     runs = set_rollouts(rollout, data, TRAIN, None, "standard errors", plan.span, Findings())
     if runs is None:
         return without_errors("no rollout fits the data")
     rows = counted_rows(rollout, data, TRAIN)
     plan = replace(plan, rollout=rollout)
-    said, products, notes = information_of(plan, data, rows, runs, weights)
-    found = _estimated(plan, parameters, weights, said, products, is_whole=is_whole)
-    return replace(found, notes=notes)
+    trained = None
+    if robust and starts is not None:
+        found = trained_runs(runs, estimated)
+        if found is None:
+            return without_errors(f"the starts that `{robust[0]}`, a huber, ended with are unknown")
+        runs, trained = found
+    said, products, notes = information_of(plan, data, rows, runs, weights, trained)
+    errors = _estimated(plan, parameters, weights, said, products, is_whole=is_whole)
+    return replace(errors, notes=notes)
 
 
 def _unknown_curvature(plan: StagePlan) -> str | None:
@@ -179,10 +197,11 @@ def _estimated(
     names = [n for p in parameters for n in number_names(p.name, weights[p.name].shape)]
     said = said.of(free)
     for name, one in said.robust.items():
-        if one.within < _WITHIN + 2 * len(free):
+        learned = len(free) + round(said.used_up.get(name, 0.0))
+        if one.within < _WITHIN + 2 * learned:
             return without_errors(
                 f"only {one.within:.0f} of {numbers(products, name):.0f} residuals of `{name}` are "
-                f"within its delta, too few for {len(free)} learned numbers"
+                f"within its delta, too few for {learned} learned numbers"
             )
     prior = _prior_curvature(plan, known, products)[free]
     total, equations = said.curvature() + np.diag(prior[:, 0]), said.equations()
