@@ -93,7 +93,8 @@ class TrainingRun:
             self.reached.checkpoint = now
             if self.safe.is_stale:
                 self.safe.save(now, now.begin)
-        for note in unmoved([plan for plan, _ in self.stages], now.ended, self.first):
+        plans = [plan for plan, _ in self.stages]
+        for note in unmoved(plans, now.ended, self.first, self.data):
             self.progress.warned(note)
         last, rollouts = self.stages[-1]
         kept = kept_starts(last, self.data, now.ended[-1], self.progress.warned)

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msnn.data.dataset import FloatArray
+from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.learning import notes
 from msnn.training.plans.known_terms_of_stage import has_priors
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import TOTAL, StagePlan
 from msnn.training.plans.stage_result import StageResult
+from msnn.training.records.learned.standard_errors import ways_alone
 from msnn.training.records.progress import EpochEnd
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
@@ -72,10 +73,14 @@ class StageCourse:
 
 
 def unmoved(
-    plans: Sequence[StagePlan], results: Sequence[StageResult], first: Weights
+    plans: Sequence[StagePlan], results: Sequence[StageResult], first: Weights, data: Dataset
 ) -> list[Diagnostic]:
-    """One line of the parameters that no stage has moved by a part of their scale."""
+    """One line of the parameters that no stage has moved by a part of their scale.
+
+    Not of those that went most of their way: 1 K is little of a level of 294 K, and may be all.
+    """
     moved: dict[str, bool] = {}
+    trained_by: dict[str, StagePlan] = {}
     begin = first
     for plan, result in zip(plans, results, strict=True):
         # a step of least squares is as long as it has to be; nothing better moves nothing
@@ -84,8 +89,15 @@ def unmoved(
             if plan.lr_factors.get(name) != 0.0:
                 found = stays or _has_moved(plan, name, begin[name], result.best[name])
                 moved[name] = moved.get(name, False) or found
+                trained_by[name] = plan
         begin = result.best
     names = [name for name, found in moved.items() if not found]
+    for plan in {id(trained_by[name]): trained_by[name] for name in names}.values():
+        ways = ways_alone(plan, data, begin)
+        for name in [one for one in names if trained_by[one] is plan] if ways else ():
+            assert ways is not None
+            if np.all(np.abs(ways[name]) <= np.abs(begin[name] - first[name])):
+                names.remove(name)
     if not names:
         return []
     return [notes.hardly_moved(names, plans[-1].program.parameter(names[0]).span)]

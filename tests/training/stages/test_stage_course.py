@@ -118,6 +118,23 @@ def test_a_parameter_that_hardly_moved_is_named() -> None:
     assert slow("1e-4", "1", "12000", "lr: {far: 1e-3}") == []
 
 
+@pytest.mark.parametrize("loss", ["mse(z, y)", "rmse(z, y)", "huber(z, y, delta=0.5)"])
+@pytest.mark.parametrize(("level", "named"), [(295.0, False), (294.0, False), (310.0, True)])
+def test_a_level_that_went_its_way_is_none_that_hardly_moved(
+    loss: str, level: float, named: bool
+) -> None:
+    """1 K is a third of a percent of 294 K, and all that was missing; of 16 K 2 are not."""
+    text = SLOW.replace("lr: 0.02", "lr: 0.013")
+    text = text.replace("near: 1", "near: {init: 1, unit: K}").replace('predicts: "y[t]"', "")
+    text = text.replace("{init: INIT, scale: SCALE}", "{init: 294, unit: K}").replace(", }", "}")
+    text = text.replace("targets: {y: 1}", "targets: {y: {unit: K}}").replace("FACTOR * ", "")
+    text = text.replace("train:", f"losses: {{fit: '{loss}'}}\ntrain:").replace("MORE", "seed: 1")
+    u = np.linspace(-1, 1, 100)
+    y = 2 * u + level + 0.1 * np.random.default_rng(6).normal(size=100)
+    found = notes(text, dataset({"u": u, "y": y}, train=[100]))
+    assert [each.message.partition(" moved")[0] for each in found] == ["`far`"] * named
+
+
 def test_what_is_held_or_solved_for_is_no_parameter_that_hardly_moved() -> None:
     assert slow("5000", "1", "1e-4", "lr: {far: 0}") == []
     assert slow("5000", "1", "1e-4", "freeze: [far]") == []
