@@ -78,8 +78,11 @@ class TrainingRun:
             result = self._stage(plan, data, now, stop_asked)
             # epoch 0 counts (decision 0022): nothing was better than the weights before it
             if not result.best_epoch:
+                has_rate = not plan.optimizer.needs_squares
                 self.progress.warned(
-                    run_ends.nothing_learned(plan.name, result.best_value, plan.span)
+                    run_ends.nothing_learned(
+                        plan.name, result.best_value, plan.span, has_rate=has_rate
+                    )
                 )
             hint = self.jumps.hint(plan)
             if hint is not None:
@@ -91,7 +94,8 @@ class TrainingRun:
             self.reached.checkpoint = now
             if self.safe.is_stale:
                 self.safe.save(now, now.begin)
-        for note in unmoved([plan for plan, _ in self.stages], now.ended, self.first):
+        plans = [plan for plan, _ in self.stages]
+        for note in unmoved(plans, now.ended, self.first, self.data):
             self.progress.warned(note)
         last, rollouts = self.stages[-1]
         kept = kept_starts(last, self.data, now.ended[-1], self.progress.warned)
@@ -101,7 +105,11 @@ class TrainingRun:
         self._finish(now)
         spread = (
             with_bounds(
-                standard_errors(last, self.data, now.begin), last, self.data, rollouts, now.begin
+                standard_errors(last, self.data, now.begin, now.ended[-1].starts),
+                last,
+                self.data,
+                rollouts,
+                now.begin,
             )
             if self.options.has_errors
             else without_errors("not estimated in a comparison")
