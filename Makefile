@@ -9,7 +9,7 @@ help:
 	@echo "make demo       train the mass-spring-damper example and export every target"
 	@echo "make test       every check and the whole test suite"
 	@echo "make setup      the environment in .venv, from requirements.lock"
-	@echo "make lint       ruff, pyright and the import rules"
+	@echo "make lint       ruff, pyright, the import rules and the words of new prose"
 	@echo "make format     rewrite the code in the project's format"
 	@echo "make benchmark  measure, side by side with a peer"
 	@echo "make site       the documentation as a site, in build/site"
@@ -39,6 +39,7 @@ lint: setup
 	.venv/bin/ruff format --check
 	.venv/bin/pyright --pythonpath $(PY)
 	.venv/bin/lint-imports
+	$(PY) .ci/prose.py
 
 format: setup
 	.venv/bin/ruff check --fix
