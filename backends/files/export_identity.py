@@ -51,8 +51,14 @@ def manifest_text(contents: Mapping[str, bytes]) -> str:
 
 
 def read_manifest(folder: Path) -> dict[str, str]:
-    """The SHA-256 of each file by its path. Raises OSError, ValueError for another text."""
+    """The SHA-256 of each file by its path. Raises OSError, ValueError for another text.
+
+    What a line names may be anywhere: the text may be anybody's.
+    """
     lines = (folder / MANIFEST).read_text(encoding="utf-8").splitlines()
     # ValueError where a line has no two blanks
     pairs = [line.split("  ", 1) for line in lines]
-    return {path: digest for digest, path in pairs}
+    listed = {path: digest for digest, path in pairs}
+    if len(listed) < len(pairs):
+        raise ValueError(MANIFEST)  # of one path with two hashes, one would not be looked at
+    return listed

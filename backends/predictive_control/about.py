@@ -44,7 +44,8 @@ def about_text(
             "plan": {"places": list(plan.places), "step": plan.step},
             "iterations": problem.iterations,
             # after a plan that leads nowhere it takes as many again
-            "starts_again": problem.mode == "converged",
+            "starts_again": problem.starts_again,
+            "most_iterations": problem.most_iterations,
             "tolerance": problem.tolerance,
             # of what it solves: multipliers and adjoints of the struct are so many times as large
             "cost_scale": cost_scale,

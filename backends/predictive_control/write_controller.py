@@ -180,8 +180,8 @@ def solver_texts(
         "resting": resting_controls(rows, nu),
         "can_be_infinite": stage.can_be_infinite or terminal.can_be_infinite,
         "lacks_steady": stage.lacks_steady,
-        # in the mode `fixed` a second solve would take twice the time that was promised
-        "starts_again": problem.mode == "converged",
+        "starts_again": problem.starts_again,
+        "most_iterations": problem.most_iterations,
         "gauss_newton": problem.hessian == "gauss_newton",
         "iterations": problem.iterations,
         "log_terms": 15 if dtype == "float64" else 7,

@@ -146,6 +146,17 @@ class ControlProblem:
     """Next values and outputs whose curvature the solver leaves out, as `step_derivatives` does."""
 
     @property
+    def starts_again(self) -> bool:
+        """Whether a solve that leads nowhere from the plan before begins once more, from rest."""
+        # in the mode `fixed` a second solve would take twice the time that was promised
+        return self.mode == "converged"
+
+    @property
+    def most_iterations(self) -> int:
+        """The maximum of iterations of one sample: those of a second start among them."""
+        return self.iterations * (2 if self.starts_again else 1)
+
+    @property
     def sample_time(self) -> float:
         """Seconds from one k to the next."""
         assert self.program.sample_time is not None

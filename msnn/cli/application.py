@@ -94,11 +94,14 @@ def run(arguments: Sequence[str]) -> int:
     forget_manners()
     LINE_WIDTH.set(terminal_width())
     code = _ended(arguments)
+    NOW.outputs.forget()
     # after a wrong command line or a bug there is no log: an empty one would read as "nothing
     # found"
     if NOW.messages == "sarif" and code not in (ExitCode.USAGE, ExitCode.BUG):
         _tell_kept_messages()
-    if NOW.output is not None and code not in (ExitCode.USAGE, ExitCode.BUG):
+    # a command that failed before it said anything leaves the file as it was
+    says = NOW.results or code == ExitCode.OK
+    if NOW.output is not None and says and code not in (ExitCode.USAGE, ExitCode.BUG):
         # a file that cannot be written fails a command that went well, and hides no worse end of
         # another
         code = max(code, _ended_writing(NOW.output, NOW.results))

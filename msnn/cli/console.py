@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, cast
 
-from msnn.cli.manners import NOW, refuse_to_overwrite
+from msnn.cli.manners import NOW
 from msnn.errors.failures import ReaderGoneError
 from msnn.terminals import is_live
 from spec_schema.diagnostics.diagnostic import Diagnostic
@@ -126,8 +126,8 @@ def report_model(model: Model) -> None:
 
 def spare_files_of(model: Model) -> None:
     """A usage error where the command would overwrite a file of the model or of its data."""
-    if any(isinstance(path, Path) and path.is_file() for path in NOW.written.values()):
-        refuse_to_overwrite(NOW.written, _files_of(model))
+    if NOW.outputs:
+        NOW.outputs.spare(_files_of(model))
 
 
 def _files_of(model: Model) -> Iterator[Path]:

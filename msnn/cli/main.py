@@ -17,6 +17,7 @@ from msnn.cli.interrupts import (
     is_interrupt,
     was_interrupted,
 )
+from msnn.project.away_from_folder import load_away_from_folder
 from msnn.project.late_metadata import load_metadata_when_asked
 
 _LOOKING = frozenset({"check", "compile", "diff", "show"})
@@ -29,6 +30,7 @@ def main() -> NoReturn:
     gc.set_threshold(100_000, 20, 20)
     # numpy would start a thread for each core, which take their time to wait: see decision 0380
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    load_away_from_folder()
     looks = not _LOOKING.isdisjoint(sys.argv[1:2])
     if looks:
         # what a spec of a megabyte leaves is small: the end of the process is soon enough

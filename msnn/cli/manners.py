@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, cast
 
 import typer
 
+from msnn.cli.outputs import Outputs
 from msnn.tables import LINE_WIDTH
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.late_dataclass import dataclass
@@ -33,8 +34,8 @@ class Manners:
     results: list[str] = field(default_factory=list[str])
     """What goes to `output` when the command is over."""
     messages: Messages = "full"
-    written: dict[str, object] = field(default_factory=dict[str, object])
-    """The options that name what is replaced or added to."""
+    outputs: Outputs = field(default_factory=Outputs)
+    """The files that its options replace or add to."""
     data_root: Path | None = None
     kept: list[Diagnostic] = field(default_factory=list[Diagnostic])
     """Messages of the log of SARIF, which is the only result then."""
@@ -53,7 +54,6 @@ def forget_manners() -> None:
     NOW.messages, NOW.is_silent = "full", False
     NOW.data_root = None
     NOW.results.clear()
-    NOW.written.clear()
     NOW.kept.clear()
 
 
@@ -86,7 +86,7 @@ STANDARD_OUTPUT = Path("-")
 _OWN_PLACES = {"out", "output"}
 """Parameters of verbs that have a place of their own for what they write."""
 
-_WRITTEN = {*_OWN_PLACES, "write_to", "plot", "junit", "summary", "json", "report"}
+WRITTEN = {*_OWN_PLACES, "write_to", "plot", "junit", "summary", "json", "report"}
 """Parameters of verbs that name what is replaced or added to."""
 
 
@@ -104,8 +104,9 @@ def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
     # typer takes help and name from what wraps copies
     @wraps(verb)
     def mannered(**arguments: Any) -> None:
-        refuse_to_overwrite(arguments)
-        NOW.written |= {name: arguments[name] for name in _WRITTEN & arguments.keys()}
+        written, read = _paths(arguments, WRITTEN), _paths(arguments, arguments.keys() - WRITTEN)
+        NOW.outputs.protect(*written)
+        NOW.outputs.spare(read)
         NOW.data_root = arguments.get("data_root")
         asked = [arguments.pop(option) for option in options]
         _behave(*asked)
@@ -124,25 +125,11 @@ def with_manners(verb: Callable[..., None]) -> Callable[..., None]:
     return mannered
 
 
-def refuse_to_overwrite(arguments: Mapping[str, object], read: Iterable[Path] = ()) -> None:
-    """A usage error where a file that a command writes is one that it reads.
-
-    These are paths among the values of its options, and those of `read`.
-    """
-    others = [*read]
-    for name, given in arguments.items():
-        several = cast("list[object]", given) if isinstance(given, list) else [given]
-        if name not in _WRITTEN:
-            others += [one for one in several if isinstance(one, Path)]
-    for name in _WRITTEN & arguments.keys():
-        path = arguments[name]
-        if isinstance(path, Path) and any(_is_one_file(path, other) for other in others):
-            raise typer.BadParameter(f"`{path}` is read here and would be overwritten")
-
-
-def _is_one_file(path: Path, other: Path) -> bool:
-    # neither a folder, into which much is written, nor a device or a pipe
-    return path.is_file() and other.is_file() and path.samefile(other)
+def _paths(arguments: Mapping[str, object], names: Iterable[str]) -> list[Path]:
+    """The paths among values of options, in their order."""
+    chosen = [arguments[name] for name in arguments if name in set(names)]
+    several = [cast("list[object]", one) if isinstance(one, list) else [one] for one in chosen]
+    return [path for each in several for path in each if isinstance(path, Path)]
 
 
 def _behave(is_quiet: bool, is_verbose: bool, output: Path | None = None) -> None:

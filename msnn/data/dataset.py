@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +93,17 @@ class Dataset:
     usable: BoolArray
     """Whether a row has all inputs."""
     warnings: tuple[Diagnostic, ...] = ()
+    measured: Mapping[str, BoolArray] = field(default_factory=dict[str, BoolArray])
+    """The rows with a measured value, of signals that have values of resampling in others."""
+
+    def measured_values(self, name: str) -> FloatArray:
+        """(rows, *shape) of a signal: NaN where a value was not measured but drawn between some."""
+        values = self.series[name]
+        if name not in self.measured:
+            return values
+        found = np.array(values)
+        found[~self.measured[name]] = np.nan
+        return found
 
     @property
     def rows(self) -> int:

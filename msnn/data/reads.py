@@ -27,24 +27,34 @@ def reads(graph: Graph, wanted: Iterable[NodeId]) -> dict[str, Extent]:
 
 
 def compared_signals(program: Program) -> frozenset[str]:
-    """The signals of which predictions are compared with one row at a time, and that no step reads.
+    """The signals of which predictions are compared with one row at a time, and all targets."""
+    targets = {signal.name for signal in program.signals if signal.role is Role.TARGET}
+    compared = {o.predicts.signal for o in program.outputs if o.predicts is not None} | targets
+    return frozenset(compared.union(*_sides(program)))
+
+
+def signals_only_compared(program: Program) -> frozenset[str]:
+    """Those of `compared_signals` that no step reads: only their measured values are needed.
 
     A loss that reads several rows of a signal, as for its derivative, needs the values between
     those that were measured; so does an initial state. Of a target it may read one row.
     """
     targets = {signal.name for signal in program.signals if signal.role is Role.TARGET}
-    compared = {o.predicts.signal for o in program.outputs if o.predicts is not None} | targets
-    sides = [
-        reads(program.step, [loss.target]) for loss in program.losses if loss.target is not None
-    ]
-    compared |= {name for side in sides for name in side}
     nodes = [output.node for output in program.outputs]
     nodes += [state.next for state in program.states]
     nodes += [loss.prediction for loss in program.losses]
     starts = reads(program.start, [state.start for state in program.states])
     needed = reads(program.step, nodes).keys() | (starts.keys() - targets)
-    needed |= {n for side in (*sides, starts) for n, at in side.items() if at.first != at.last}
-    return frozenset(compared - needed)
+    sides = (*_sides(program), starts)
+    needed |= {n for side in sides for n, at in side.items() if at.first != at.last}
+    return compared_signals(program) - needed
+
+
+def _sides(program: Program) -> list[dict[str, Extent]]:
+    """The samples around t that the target of each loss reads."""
+    return [
+        reads(program.step, [loss.target]) for loss in program.losses if loss.target is not None
+    ]
 
 
 def span(extents: Iterable[Extent]) -> Extent | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -13,15 +13,22 @@ from msnn.data.reads import reads, span
 
 
 def rows_that_count(
-    dataset: Dataset, name: str | None, extent: Extent, skip_rows: int = 0
+    dataset: Dataset,
+    name: str | None,
+    extent: Extent,
+    skip_rows: int = 0,
+    measured: Iterable[BoolArray] = (),
 ) -> BoolArray:
     """For every row t whether all of t+first … t+last belong to the set, any for None.
 
-    The first `skip_rows` rows of each record do not count.
+    The first `skip_rows` rows of each record do not count, nor do those that are not among the
+    `measured` ones.
     """
     member = np.ones(dataset.rows, dtype=np.bool_) if name is None else dataset.in_set(name)
     for record in dataset.records if skip_rows else ():
         member[record.start : min(record.start + skip_rows, record.stop)] = False
+    for rows in measured:
+        member &= rows
     found = np.ones(len(member), dtype=np.bool_)
     # shifted and joined: windows of targets are short, rows are many
     for offset in range(extent.first, extent.last + 1):
@@ -37,9 +44,34 @@ def scored_rows(
 ) -> Mapping[str, BoolArray]:
     """For every loss of the program the rows t at which its target counts."""
     return {
-        loss.name: rows_that_count(dataset, name, target_extent(program.step, loss), skip_rows)
+        loss.name: rows_that_count(
+            dataset,
+            name,
+            target_extent(program.step, loss),
+            skip_rows,
+            (dataset.measured[signal] for signal in _lacking(dataset, program.step, loss)),
+        )
         for loss in program.losses
     }
+
+
+def has_unmeasured(dataset: Dataset, program: Program) -> bool:
+    """Whether a loss of the program compares with a row that has no measured value."""
+    return any(_lacking(dataset, program.step, loss) for loss in program.losses)
+
+
+def _lacking(dataset: Dataset, step: Graph, loss: Loss) -> list[str]:
+    """The signals that the target of a loss reads and that have no measured value in some rows.
+
+    A target that reads several rows, as a derivative does, is one of the values between them too.
+    """
+    if loss.target is None or not dataset.measured:
+        return []
+    found = reads(step, [loss.target])
+    around = span(found.values())
+    if around is None or around.first != around.last:
+        return []
+    return [signal for signal in found if signal in dataset.measured]
 
 
 def target_extent(step: Graph, loss: Loss) -> Extent:

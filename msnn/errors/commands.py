@@ -117,8 +117,12 @@ def unknown_code(code: str, meant: str | None) -> Diagnostic:
     return error("E1041", None, f"`{code}` is not a diagnostic code", help=repair)
 
 
-def not_exported_c(folder: str) -> Diagnostic:
+def not_exported_c(folder: str, target: str, damaged: str | None = None) -> Diagnostic:
     """E1046: `msnn verify` of a folder that holds no C export of this version."""
+    # `damaged` is the description that it has of one, `target` what exports such
     message = f"{folder} holds no C that this version of msnn exported"
-    repair = "export it again: `msnn export SPEC --to c`, then name the folder `build/export/c`"
+    if damaged is not None:
+        message += f": `{damaged}` is missing, damaged or of another version"
+    named = f"then name the folder `build/export/{target}`"
+    repair = f"export it again: `msnn export SPEC --to {target}`, {named}"
     return error("E1046", None, message, help=repair)

@@ -29,12 +29,10 @@ from spec_schema.reading.reader import read_spec
 from spec_schema.reading.settings import model_settings, settings_source
 
 
-def write_program_file(model: Model, out: Path) -> Path:
-    """Writes `<name>.program.json`: the program, and the spec's text for the workflow sections.
+def program_place(model: Model, out: Path) -> Path:
+    """Where the program of a model is written: in the folder `out`, or as the file of that name.
 
-    `out` is the folder of the file, or a file of such a name. The texts of sub-models stand there
-    too; of their weights the program has what it needs. Raises SpecError for a name that no other
-    verb would take for a program's.
+    Raises SpecError for a name that no other verb would take for a program's.
     """
     file = out / f"{model.name}{PROGRAM_SUFFIX}"
     # any other name is a folder that may not be there yet
@@ -43,6 +41,16 @@ def write_program_file(model: Model, out: Path) -> Path:
             meant = out.with_name(out.stem + PROGRAM_SUFFIX)
             raise SpecError([no_program_name(str(out), str(meant))])
         file = out
+    return file
+
+
+def write_program_file(model: Model, out: Path) -> Path:
+    """Writes `<name>.program.json`: the program, and the spec's text for the workflow sections.
+
+    The texts of sub-models stand there too; of their weights the program has what it needs. Raises
+    as `program_place`, which says where.
+    """
+    file = program_place(model, out)
     folder = file.parent
     spec: dict[str, Any] = {"path": _seen_from(folder, model.path), "text": model.text}
     if model.settings:

@@ -22,6 +22,7 @@ CHECKPOINT = "checkpoint.safetensors"
 SPEC = "spec.msnn.yaml"
 DESCRIPTION = "run.json"
 PARAMETERS = "parameters.json"
+METRICS = "metrics.jsonl"
 PARTS = "parts"
 FOLD = "fold_"
 FOLD_SETTING = "data.split.fold="
@@ -74,6 +75,15 @@ def run_of(path: Path) -> Path | None:
             raise SpecError((no_run(str(path), named[-RUNS_SHOWN:]),))
         return path
     return path.parent if path.name == SPEC and (path.parent / DESCRIPTION).is_file() else None
+
+
+def is_kept(file: Path) -> bool:
+    """Whether a file is part of a run, and not what somebody has put beside it."""
+    if file.parent.name == PARTS:
+        return (file.parent.parent / DESCRIPTION).is_file()
+    named = (DESCRIPTION, SPEC, PARAMETERS, METRICS)
+    is_named = file.name in named or file.suffix == Path(WEIGHTS).suffix
+    return is_named and (file.parent / DESCRIPTION).is_file()
 
 
 def kept_spec(run: Path) -> KeptSpec:

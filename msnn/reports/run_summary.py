@@ -15,6 +15,8 @@ from msnn.model.saved_run import (
     DESCRIPTION,
     FOLD,
     FOLD_SETTING,
+    METRICS,
+    PARAMETERS,
     SPEC,
     WEIGHTS,
     has_checkpoint,
@@ -30,7 +32,6 @@ from msnn.reports.training_summary import (
 )
 from msnn.tables import count, table_text
 from msnn.training.records.progress import EpochEnd, StageEnd, leading_epochs
-from msnn.training.records.run_folder import METRICS, PARAMETERS
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.reading.settings import model_settings
 from spec_schema.version import __version__

@@ -103,9 +103,13 @@ def _ends(problem: ControlProblem, limits: Limits) -> tuple[str, str]:
 def _solver(problem: ControlProblem) -> str:
     end = (
         f"until the residual is at most {problem.tolerance:g}, "
-        f"{count(problem.iterations, 'iteration')} at most"
+        f"{count(problem.most_iterations, 'iteration')} a sample at most"
     )
-    if problem.mode == "fixed":
+    if problem.starts_again:
+        end += (
+            f": {problem.iterations} from the plan before, {problem.iterations} of a second start"
+        )
+    else:
         end += ", from the plan before alone"
     curvature = {
         "exact": "exact curvature of cost, plant and bounds",

@@ -63,11 +63,13 @@ def _solver(problem: EstimationProblem) -> str:
     assert window is not None
     control = window_problem(problem).control
     if window.is_fixed:
-        end = f"{count(window.iterations, 'iteration')} at most, from the window before alone"
+        most = f"{count(window.iterations, 'iteration')} a sample at most"
+        end = f"{most}, from the window before alone"
     else:
         end = (
             f"until the residual is at most {window.tolerance:g}, "
-            f"{count(window.iterations, 'iteration')} at most"
+            f"{count(control.most_iterations, 'iteration')} a sample at most: {window.iterations} "
+            f"from the window before, {window.iterations} of a second start"
         )
     return (
         f"solver: that of controllers, interior point, {end}\n"

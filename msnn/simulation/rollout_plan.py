@@ -17,7 +17,7 @@ from compiler.ir.program import Program, Role
 from compiler.passes.close_loop import LoopError, close_loop
 from msnn.data.dataset import BoolArray, Dataset, IntArray
 from msnn.data.reads import reads
-from msnn.data.scored import scored_rows
+from msnn.data.scored import has_unmeasured, scored_rows
 from msnn.data.starts import Horizon, Runs, reach, rollouts
 from msnn.errors.data import rows as data_rows
 from msnn.errors.learning import training as errors
@@ -245,7 +245,7 @@ def set_rollouts(
 def counted_rows(plan: RolloutPlan, data: Dataset, name: str) -> Mapping[str, BoolArray] | None:
     """For every loss the rows t that count in a set, as the plan says; None where all do."""
     whole = plan.horizon == "record"
-    if not whole and not plan.skip_rows:
+    if not whole and not plan.skip_rows and not has_unmeasured(data, plan.program):
         return None
     return scored_rows(data, name if whole else None, plan.program, plan.skip_rows)
 

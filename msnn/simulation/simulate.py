@@ -265,7 +265,7 @@ def _simulation(
     logged: dict[str, FloatArray] = {}
     for out in program.outputs:
         if out.predicts is not None and out.predicts.signal in data.series:
-            series = data.series[out.predicts.signal]
+            series = data.measured_values(out.predicts.signal)
             values = np.full((steps, *series.shape[1:]), np.nan)
             first = t0 + out.predicts.ahead
             # a prediction k samples ahead of the last rows has nothing to be compared with: NaN

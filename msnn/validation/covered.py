@@ -115,16 +115,15 @@ def coverages(
         )
         opened = open_rollouts(engine, spread.program, spread.weights, first.series, first.runs)
         counts = {index: Counts(variances[index]) for index in group}
+        targets = {index: _target(checks[index]) for index in group}
         for part in rollout_parts(first.runs, _STEPS):
             outputs = opened.engine.outputs(part, advance)
             for index, count in counts.items():
-                check = checks[index]
-                assert check.plan.target is not None
-                counting = Counted(check).among(part)
+                counting, of = Counted(checks[index]).among(part), checks[index].plan.of
                 count.add(
-                    outputs[check.plan.of][counting.steps],
-                    spread.variance(check.plan.of, outputs)[counting.steps],
-                    check.data.series[check.plan.target.signal][counting.rows],
+                    outputs[of][counting.steps],
+                    spread.variance(of, outputs)[counting.steps],
+                    targets[index][counting.rows],
                 )
         for index, count in counts.items():
             residuals = measured[index].judged.residuals
@@ -132,3 +131,9 @@ def coverages(
                 each.itself.values for each in residuals if each.itself is not None
             )
     return [found[index] for index in range(len(checks))]
+
+
+def _target(check: ReadyCheck) -> FloatArray:
+    """The measured values that an entry compares with."""
+    assert check.plan.target is not None, "entries that are losses have no intervals"
+    return check.data.measured_values(check.plan.target.signal)

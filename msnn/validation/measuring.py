@@ -31,7 +31,7 @@ class Measuring:
         self.of = check.plan.of
         self._check, self._counted, self._learned = check, Counted(check), learned
         assert check.plan.target is not None
-        self._target = check.data.series[check.plan.target.signal]
+        self._target = check.data.measured_values(check.plan.target.signal)
         begin, steps, samples = np.iinfo(np.int64).max, 0, 0
         for part in parts:
             number = self._counted.among(part).number

@@ -12,8 +12,9 @@ from types import MappingProxyType
 from typing import Any
 
 from msnn.errors.commands import not_exported_c
-from msnn.verification.sources import CFolder, plain_name
+from msnn.verification.sources import CFolder, plain_hash, plain_name
 from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.reading.endless_files import refuse_endless
 
 Range = tuple[float, float]
 
@@ -60,6 +61,11 @@ class ExportedC(CFolder):
     of vectors knows what is to be done before each."""
     status: dict[str, int]
     """What each bit of a status is named in C."""
+
+    @property
+    def identities(self) -> dict[str, str]:
+        """Its identity, which is of all its files."""
+        return {"*": self.identity}
 
     @property
     def fixed_point(self) -> bool:
@@ -116,16 +122,35 @@ def _reals(members: tuple[RangedField, ...]) -> int:
     return sum(m.size or 1 for m in members if not m.unsigned)
 
 
+UNREADABLE = (
+    OSError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+)
+"""What reading a description that anybody may have written can raise."""
+
+
+def described(path: Path) -> Any:
+    """The description in a file, of whatever shape; raises one of UNREADABLE."""
+    refuse_endless(path)
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
 def read_exported_c(folder: Path) -> ExportedC:
     """The export in a folder; SpecError (E1046) where there is none that this version wrote."""
+    damaged: str | None = None
     for path in sorted(folder.glob("*.json")):
         try:
-            about = json.loads(path.read_text(encoding="utf-8"))
-            return _read(folder, about)
+            return _read(folder, described(path))
         # files of other tools may lie beside ours; whatever shape they have, the next one is tried
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            continue
-    raise SpecError([not_exported_c(str(folder))])
+        except UNREADABLE:
+            if (folder / "include" / f"{path.stem}.h").is_file():
+                damaged = damaged or path.name
+    raise SpecError([not_exported_c(str(folder), "c", damaged)])
 
 
 def _read(folder: Path, about: dict[str, Any]) -> ExportedC:
@@ -136,7 +161,7 @@ def _read(folder: Path, about: dict[str, Any]) -> ExportedC:
     return ExportedC(
         folder=folder.resolve(),
         prefix=prefix,
-        identity=about["export_sha256"],
+        identity=plain_hash(about["export_sha256"]),
         dtype=layout["dtype"],
         takes_parameters=bool(layout["takes_parameters"]),
         calibration=layout.get("calibration", {}).get("variable"),

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from backends.files.export_identity import MANIFEST, OPEN, identity_of, read_manifest
 from msnn.verification.proof_step import ProofStep, Result
 from msnn.verification.sources import Sources
+from spec_schema.reading.endless_files import refuse_endless
 
 _BUILT = ("include", "src", "test")
 """Folders of which builds take every file."""
 
 
-def files_check(model: Sources, identities: Sequence[str]) -> ProofStep:
+def files_check(model: Sources, identities: Mapping[str, str]) -> ProofStep:
     """No file of the export was changed, left out or added since it was written.
 
-    `identities` are the hashes of its parts, as their descriptions have them.
+    `identities` are the hashes of its parts, as their descriptions have them, by a pattern of the
+    names of their files.
     """
 
     def run(folder: Path) -> Result:
@@ -25,42 +28,62 @@ def files_check(model: Sources, identities: Sequence[str]) -> ProofStep:
             listed = read_manifest(model.folder)
         except (OSError, ValueError):
             return check.of([f"{MANIFEST} is missing or damaged: export again"], "no manifest")
-        found = _differences(model.folder, listed) or _of_another_export(
-            model, identities[0], listed
-        )
-        names = ", ".join(identity[:12] for identity in identities)
+        if outside := [path for path in listed if _leads_out(model.folder, path)]:
+            found = [f"{MANIFEST} names {path}, which is outside of the export" for path in outside]
+            return check.of(found, "no files of the export")
+        found = _differences(model.folder, listed)
+        if not found:
+            parts = identities.items()
+            found = [line for names, told in parts for line in _another(model, listed, names, told)]
+        names = ", ".join(identity[:12] for identity in identities.values())
         return check.of(found, f"{len(listed)} files of the export {names}")
 
     check = ProofStep("files", "all", (), run)
     return check
 
 
+def _leads_out(folder: Path, path: str) -> bool:
+    """Whether a path of the manifest leads out of the folder, also by a link or on Windows."""
+    parts = {*PurePosixPath(path).parts, *PureWindowsPath(path).parts}
+    is_absolute = PurePosixPath(path).is_absolute() or PureWindowsPath(path).anchor != ""
+    if is_absolute or ".." in parts:
+        return True
+    return not (folder / path).resolve().is_relative_to(folder.resolve())
+
+
 def _differences(folder: Path, listed: dict[str, str]) -> list[str]:
     found: list[str] = []
+    converted: list[str] = []
     for path, digest in listed.items():
         content = _content(folder / path)
         if content is None:
             found.append(f"{path} is missing")
-        # version control may have changed the ends of lines
-        elif digest not in (_hash(content), _hash(content.replace(b"\r\n", b"\n"))):
+        elif digest == _hash(content):
+            continue
+        elif digest == _hash(content.replace(b"\r\n", b"\n")):
+            converted.append(path)
+        else:
             found.append(f"{path} was changed after it was exported")
-    there = [path for name in _BUILT for path in sorted((folder / name).rglob("*"))]
+    if converted:
+        found.append(
+            f"{', '.join(converted)}: CRLF at the ends of lines where the export has LF; "
+            "`* -text` in .gitattributes keeps git from changing them"
+        )
+    inside = [name for name in _BUILT if not _leads_out(folder, name)]
+    found += [f"{name} leads out of the export" for name in _BUILT if name not in inside]
+    there = [path for name in inside for path in sorted((folder / name).rglob("*"))]
     extra = [path.relative_to(folder).as_posix() for path in there if path.is_file()]
     # builds take whatever lies there
     return [*found, *(f"{path} is no file of the export" for path in extra if path not in listed)]
 
 
-def _of_another_export(model: Sources, identity: str, listed: dict[str, str]) -> list[str]:
-    """The files agree with the manifest: they may be those of an edited manifest."""
-    if f"{model.prefix}.a2l" not in listed:
-        return []  # a controller: each part has an identity, of its own files
-    contents = {path: _content(model.folder / path) or b"" for path in listed}
-    texts = {
-        path: content.decode("utf-8", "replace").replace("\r\n", "\n")
-        for path, content in contents.items()
-    }
+def _another(model: Sources, listed: dict[str, str], names: str, identity: str) -> list[str]:
+    """A finding where files agree with the manifest and not with the identity: both were edited."""
+    own = [path for path in listed if fnmatchcase(PurePosixPath(path).name, names)]
+    contents = {path: _content(model.folder / path) or b"" for path in own}
+    texts = {path: content.decode("utf-8", "replace") for path, content in contents.items()}
     computed = identity_of({path: text.replace(identity, OPEN) for path, text in texts.items()})
-    said = f"the files have the identity {computed[:12]}, {model.prefix}.json has {identity[:12]}"
+    said = f"the files {names} have the identity {computed[:12]}, their description {identity[:12]}"
     return [] if computed == identity else [said]
 
 
@@ -70,6 +93,7 @@ def _hash(content: bytes) -> str:
 
 def _content(path: Path) -> bytes | None:
     try:
+        refuse_endless(path)
         return path.read_bytes()
-    except OSError:
+    except (OSError, ValueError):
         return None

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_HASH = re.compile(r"[0-9a-f]{64}")
 
 
 class Sources(Protocol):
@@ -61,6 +62,13 @@ class CFolder:
 def plain_name(text: str) -> str:
     """The text, which goes into C and into command lines, if it is a plain C name."""
     if not _NAME.fullmatch(text):
+        raise ValueError(text)
+    return text
+
+
+def plain_hash(text: str) -> str:
+    """The text if it is a SHA-256 in hexadecimal digits; ValueError or TypeError for another."""
+    if not _HASH.fullmatch(text):
         raise ValueError(text)
     return text
 

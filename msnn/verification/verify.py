@@ -10,6 +10,7 @@ from os import cpu_count
 from pathlib import Path
 from typing import Literal
 
+from msnn.errors.commands import not_exported_c
 from msnn.errors.targets.boards import no_controller_on_board
 from msnn.verification.bare_metal import board_checks
 from msnn.verification.exported_c import ExportedC, read_exported_c
@@ -22,6 +23,7 @@ from msnn.verification.on_board.link import DEFAULT_RAM, Link, Ram
 from msnn.verification.online.board import online_board_checks
 from msnn.verification.online.exported_controller import (
     ExportedController,
+    damaged_part,
     read_exported_controller,
 )
 from msnn.verification.online.host import no_proof, online_fuzz_check, online_host_checks
@@ -88,19 +90,30 @@ def verify(folder: Path, wanted: WantedSteps) -> Verification:
     Nothing is written into the folder. What a missing tool would have checked is among the
     results. A board is asked first and alone: nobody shall wait to hear that it is not there.
     """
-    model = read_exported_controller(folder) or read_exported_c(folder)
+    model = read_exported_controller(folder) or _exported_c(folder)
+    files = files_check(model, model.identities)
     if isinstance(model, ExportedController):
         if wanted.board is not None:
             raise SpecError([no_controller_on_board(model.prefix)])
-        checks, asked = (files_check(model, model.identities), *_online_checks(model, wanted)), ()
+        checks, asked = (files, *_online_checks(model, wanted)), ()
     else:
-        checks = (files_check(model, [model.identity]), *_checks(model, wanted))
+        checks = (files, *_checks(model, wanted))
         asked = () if wanted.board is None else (board_check(wanted.board, model, wanted.ram),)
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         told = tuple(check.result(place / "board") for check in asked)
         # results keep the order of the checks, whichever thread ends first
         return Verification(model, (*told, *_all_results(checks, place)))
+
+
+def _exported_c(folder: Path) -> ExportedC:
+    try:
+        return read_exported_c(folder)
+    except SpecError:
+        damaged = damaged_part(folder)
+        if damaged is None:
+            raise
+        raise SpecError([not_exported_c(str(folder), "mpc", damaged)]) from None
 
 
 def _all_results(checks: Sequence[ProofStep], place: Path) -> tuple[Result, ...]:

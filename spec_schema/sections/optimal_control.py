@@ -167,7 +167,7 @@ class InteriorPoint(Entry):
     mode: Annotated[Mode, choice("converged", "fixed")] = "converged"
     """Until the tolerance is reached by any means, or the iterations of a sample's time alone."""
     iterations: PositiveCount | None = None
-    """Most iterations of a solve, 50 by default, 5 where they are fixed."""
+    """Most iterations from one start, 50 by default; `converged` may start twice. 5 where fixed."""
     tolerance: PositiveNumber | None = None
     """Largest residual of the optimality conditions that counts as solved; 1e-6 by default."""
 

@@ -2,12 +2,20 @@
 
 import re
 import unicodedata
+from collections.abc import Iterator
+from itertools import islice, product
 
-from spec_schema.units.spellings import guessed_symbol, meant_symbol
+from spec_schema.units.spellings import (
+    confused_symbols,
+    guessed_symbol,
+    meant_symbol,
+    without_prefix,
+)
 from spec_schema.units.unit import ONE, Unit, UnitError, unit_symbol
 
 _LONGEST = 100
 _LARGEST_POWER = 24
+_MOST_CONFUSED = 256
 _TOKEN = re.compile(
     r"\s*(?:(?P<symbol>[A-Za-zͰ-ϿΩ%°][A-Za-z0-9Ͱ-Ͽ%]*)|(?P<power>\^|\*\*)\s*(?P<exponent>[+-]?[0-9]+)?"
     r"|(?P<operator>[*/·])|(?P<one>1)(?![0-9.]))"
@@ -44,7 +52,7 @@ def parse_unit(text: str) -> Unit:
             continue
         if found["power"] or found["operator"] or not expects_factor:
             raise _misplaced(found, start)
-        factor = ONE if found["one"] else _factor(text, found["symbol"], start)
+        factor = ONE if found["one"] else _factor(text, found["symbol"], start, divide)
         position = found.end()
         # looked at ahead of the loop: a power belongs to the factor before it alone
         power = _TOKEN.match(text, position)
@@ -58,6 +66,17 @@ def parse_unit(text: str) -> Unit:
     return unit
 
 
+def confused_units(unit: Unit) -> Iterator[Unit]:
+    """The units that people may mean by this one: `degC` by `C`, `km/h` by `km/H`."""
+    options = [(symbol, *confused_symbols(symbol)) for symbol, _ in unit.factors]
+    for symbols in islice(product(*options), _MOST_CONFUSED):
+        found = ONE
+        for symbol, (_, power) in zip(symbols, unit.factors, strict=True):
+            factor = parse_unit(symbol)
+            found = _joined(found, factor if power == 1 else factor.power(power), divide=False)
+        yield found
+
+
 def _joined(unit: Unit, factor: Unit, divide: bool) -> Unit:
     if divide:
         return unit / factor
@@ -65,12 +84,20 @@ def _joined(unit: Unit, factor: Unit, divide: bool) -> Unit:
     return factor if unit == ONE else unit * factor
 
 
-def _factor(text: str, symbol: str, start: int) -> Unit:
+def _factor(text: str, symbol: str, start: int, divide: bool) -> Unit:
     unit = unit_symbol(symbol)
     if unit is not None:
         return unit
     meant = "rev" if _TURNS.match(text, start) else meant_symbol(symbol)
+    if meant is None and (found := without_prefix(symbol)) is not None:
+        row, scale = found
+        message = f"`{row}` takes no prefix: 1 {symbol} is {scale:g} {row}"
+        is_power = text[start + len(symbol) :].lstrip().startswith(("^", "**"))
+        scale = 1.0 if is_power else 1 / scale if divide else scale
+        raise UnitError(message, start, start + len(symbol), example=row, scale=scale)
     guess = None if meant else guessed_symbol(symbol)
+    if divide:
+        meant, guess = meant and as_divisor(meant), guess and as_divisor(guess)
     message = f"unknown unit `{symbol}`"
     raise UnitError(message, start, start + len(symbol), meant=meant, guess=guess)
 
@@ -112,8 +139,13 @@ def _grouped(text: str, start: int) -> UnitError:
         return UnitError(message, start, start + 1, example="J/kg/K")
     inside = group["inside"]
     if before == "/":
-        inside = _OPERATOR.sub(lambda found: "*" if found.group() == "/" else "/", inside)
+        inside = as_divisor(inside)
     return UnitError(message, start, group.end(), meant=inside.strip())
+
+
+def as_divisor(text: str) -> str:
+    """The factors of a unit as they stand behind a `/`: `N/m` of `N*m`, since 1/N/m is 1/(N*m)."""
+    return _OPERATOR.sub(lambda found: "*" if found.group() == "/" else "/", text)
 
 
 def _normalised(text: str) -> str:

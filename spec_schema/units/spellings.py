@@ -18,7 +18,7 @@ _SPELLINGS = {
         ("Nm", "N*m"),
         ("Upm UPM upm", "rpm"),
         ("revs revolution revolutions turn turns Umdr Umdrehungen", "rev"),
-        ("kmh", "km/h"),
+        ("kmh kmph", "km/h"),
         ("mps", "m/s"),
         ("metre meter metres meters", "m"),
         ("sec secs second seconds", "s"),
@@ -53,6 +53,37 @@ _SPELLINGS = {
     for word in words.split()
 }
 
+_PRODUCTS = {
+    "Nm": "N*m",
+    "NM": "nmi",
+    "kNm": "kN*m",
+    "MNm": "MN*m",
+    "Ns": "N*s",
+    "As": "A*s",
+    "Vs": "V*s",
+    "Ws": "W*s",
+    "VA": "V*A",
+    "kVA": "kV*A",
+    "MVA": "MV*A",
+    "Pas": "Pa*s",
+}
+"""Symbols that files in capital letters join without a sign; `NM` are nautical miles as well."""
+_CONFUSED = {
+    "C": ("degC",),
+    "F": ("degF",),
+    "deg": ("degC", "degF"),
+    "g": ("g0",),
+    "kg": ("kgf",),
+    "lb": ("lbf",),
+    "nm": ("N*m", "nmi"),
+    "m": ("min",),
+    "min": ("arcmin",),
+    "s": ("arcsec",),
+    "sr": ("s",),
+}
+_NEVER_MEGA = frozenset(["m", "s", "rad", "mol", "bar", "Ah"])
+"""Units of which devices count thousandths and nobody millions."""
+
 
 def meant_symbol(symbol: str) -> str | None:
     """The unit that a symbol means without doubt: files whose columns have it are read so."""
@@ -63,6 +94,9 @@ def meant_symbol(symbol: str) -> str | None:
         return f"{power[1]}^{power[2]}"
     if len(symbol) == 1 or _slips(symbol):
         return None
+    if symbol == symbol.upper():
+        readings = readings_of_capitals(symbol)
+        return readings[0] if len(readings) == 1 else None
     alike = _other_case(symbol)
     # `Mpa` are megapascals; `mpa` may be, and millipascals as well
     mega = [unit for unit in alike if unit[0] == symbol[0] and symbol[0].isupper()]
@@ -72,16 +106,53 @@ def meant_symbol(symbol: str) -> str | None:
     return readings[0] if len(readings) == 1 else None
 
 
+def readings_of_capitals(symbol: str) -> list[str]:
+    """The units that a symbol in capital letters may mean; the symbol itself first, if it is one.
+
+    `MV` are megavolts or millivolts. `MM` are millimetres: nobody measures in megametres. `PHZ`
+    are neither: a prefix P is peta, which no unit here has.
+    """
+    own = [symbol] if unit_symbol(symbol) is not None else []
+    words = {**_SPELLINGS, **_PRODUCTS}
+    spelt = [unit for word, unit in words.items() if word.upper() == symbol]
+    alike = [unit for unit in _other_case(symbol) if not unit.startswith("p") or unit in UNIT_ROWS]
+    never = {f"M{row}" for row in _NEVER_MEGA}
+    others = [unit for unit in (*alike, *spelt) if unit not in never]
+    return list(dict.fromkeys((*own, *others)))
+
+
 def guessed_symbol(symbol: str) -> str | None:
     """The unit that a symbol of doubtful meaning is most like; None where none is near."""
     if symbol in _NO_UNIT:
         return "1"
-    alike = _other_case(symbol)
+    is_capital = symbol == symbol.upper()
+    alike = (is_capital and readings_of_capitals(symbol)) or _other_case(symbol)
     same_start = [unit for unit in alike if unit[0] == symbol[0]]
+    if is_capital and alike:
+        return (_kilo(symbol)[-1:] + same_start + alike)[0]
     readings = same_start + _kilo(symbol)[-1:] + _slips(symbol) + _products(symbol) + alike
     if readings:
         return readings[0]
     return nearest(symbol, UNIT_ROWS) if len(symbol) > 2 else None  # any letter is a unit
+
+
+def without_prefix(symbol: str) -> tuple[str, float] | None:
+    """The unit that takes no prefix and has one here, and the factor: rpm and 1000 of `krpm`."""
+    found = [
+        (row, PREFIXES[prefix])
+        for prefix in ("k", "M", "m")
+        for row, of in UNIT_ROWS.items()
+        if not of.prefixes and (prefix + row).casefold() == symbol.casefold()
+    ]
+    exact = [(row, scale) for row, scale in found if symbol.endswith(row) and symbol[0] in PREFIXES]
+    exact = [(row, scale) for row, scale in exact if PREFIXES[symbol[0]] == scale]
+    chosen = exact or found
+    return chosen[0] if len(chosen) == 1 else None
+
+
+def confused_symbols(symbol: str) -> list[str]:
+    """The units that people write as the symbol of another one: `C` for degrees, `lb` for lbf."""
+    return [*_CONFUSED.get(symbol, ()), *_other_case(symbol)]
 
 
 def _kilo(symbol: str) -> list[str]:

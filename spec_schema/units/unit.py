@@ -29,7 +29,7 @@ class UnitError(ValueError):
     """A unit text that cannot be read; `start` and `end` are offsets into the text.
 
     `meant` is the unit that belongs there without doubt, `replacement` also one that is likely;
-    else `repair` shows an example.
+    else `repair` shows an example. With the example the number is `scale` times as large.
     """
 
     def __init__(
@@ -41,6 +41,7 @@ class UnitError(ValueError):
         meant: str | None = None,
         guess: str | None = None,
         example: str | None = None,
+        scale: float = 1.0,
     ) -> None:
         super().__init__(message)
         self.message = message
@@ -49,6 +50,7 @@ class UnitError(ValueError):
         self.meant = meant
         self.replacement = meant or guess
         self.repair = self.replacement or example
+        self.scale = scale
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
-"""No verb runs a module of the working folder: in CI that is the code of a pull request.
+"""No verb runs what lies in the working folder: in CI that is the code of a pull request.
 
-The folder of a spec has a module of every name that Python, msnn or an extra of it imports.
+The folder of a spec has a module of every name that Python, msnn or an extra of it imports, and
+files that libraries look for there.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from msnn.cli.application import VERBS
 from msnn.cli.exit_codes import ExitCode
 from msnn.packages import OPTIONAL
 from msnn.project.new_project import new_project
-from tests.conditions import require_package
+from tests.conditions import require_package, require_tool
 
 SPEC = "plant.msnn.yaml"
 MSNN, TORCHRUN = (Path(sys.executable).parent / name for name in ("msnn", "torchrun"))
@@ -90,6 +91,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (made / "plant.elf").write_text("")
     for name in NAMES:
         plant(made, name)
+    (made / "matplotlibrc").write_text("savefig.facecolor: red\nno.such.key: read\n")
+    plant_library(made, "libcuda.so.1")
     return made
 
 
@@ -98,6 +101,19 @@ def plant(folder: Path, name: str) -> None:
     log = f"open({str(folder / STRANGERS)!r}, 'a').write(__name__ + '\\n')\n"
     path = folder / f"{name}.py"
     path.write_text(f"{log}raise ImportError('a module of the working folder')\n")
+
+
+def plant_library(folder: Path, name: str) -> None:
+    """A shared library that leaves its name in the log when it is loaded."""
+    require_tool("gcc", install="apt install gcc")
+    log, source = folder / STRANGERS, folder / "stranger.c"
+    source.write_text(
+        "#include <stdio.h>\n__attribute__((constructor)) static void ran(void) {\n"
+        f'    FILE *log = fopen("{log}", "a");\n'
+        f'    fputs("{name}\\n", log);\n    fclose(log);\n}}\n'
+    )
+    asked = ["gcc", "-shared", "-fPIC", str(source), "-o", str(folder / name)]
+    subprocess.run(asked, check=True)
 
 
 def run_by(folder: Path, *command: str | Path, **environment: str) -> tuple[int, str]:
@@ -123,8 +139,26 @@ def run_by(folder: Path, *command: str | Path, **environment: str) -> tuple[int,
 def test_a_verb_runs_no_module_of_the_working_folder(folder: Path, verb: str):
     environment = _NO_COMPILER if verb in ZIG else {}
     code, said = run_by(folder, MSNN, verb, *COMMANDS[verb], **environment)
+    assert "matplotlibrc" not in said
     assert code == ENDS.get(verb, ExitCode.OK), said
     assert verb not in ZIG or "zig" not in said, said
+
+
+def test_a_trained_run_loads_no_library_of_the_working_folder(folder: Path):
+    """NVIDIA's libraries look for the driver there before they look in the system."""
+    words = ("train", SPEC, *_SHORT, "--set", "train.0.batch=100", "--engine", "torch")
+    code, said = run_by(folder, MSNN, *words)
+    assert code == ExitCode.OK, said
+
+
+def test_pictures_do_not_depend_on_the_working_folder(folder: Path, tmp_path: Path):
+    """A `matplotlibrc` there would decide on colours, fonts, and whether LaTeX is run."""
+    pictures = [tmp_path / "with.png", tmp_path / "without.png"]
+    for picture in pictures:
+        run = (folder / "runs" / "plant" / "latest", "--plot", picture)
+        code, said = run_by(folder if picture is pictures[0] else tmp_path, MSNN, "show", *run)
+        assert code == ExitCode.OK, said
+    assert pictures[0].read_bytes() == pictures[1].read_bytes()
 
 
 def test_sweeps_on_ray_run_none(folder: Path):

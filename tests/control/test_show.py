@@ -29,7 +29,8 @@ def test_sizes_limits_and_how_it_is_solved(tmp_path: Path) -> None:
     assert "u by references 0.5 a sample always holds t … t+14" in words
     assert "v -1 hard t+1 … t+15" in words
     assert "p 3 soft, 7 · v + as steep as the cost needs · v² t+1 … t+15" in words
-    ends = "until the residual is at most 1e-06, 4 iterations at most, from the plan before alone"
+    most = "4 iterations a sample at most"
+    ends = f"until the residual is at most 1e-06, {most}, from the plan before alone"
     assert lines[-4] == (
         f"solver: interior point with the exact curvature of cost, plant and bounds, {ends}"
     )

@@ -99,10 +99,10 @@ def test_jitter_loses_no_value_of_a_sparse_target(
     u, y = data.series["u"], data.series["y"]
     scored = ~np.isnan(y)
     assert np.flatnonzero(scored).tolist() == list(range(0, 500, 5))
-    # y moves by 6 a second, `nearest` is off by two jitters; linear by what a chord of 50 ms is off
-    # from the sine near its ends
-    error = 12 * jitter + 1e-9 if method == "nearest" else 4 * jitter + 1e-9
-    np.testing.assert_allclose(y[scored], 2 * u[scored], atol=error)
+    # the values themselves: between two of them, five rows apart, lies no line
+    np.testing.assert_array_equal(y[scored], columns["y"][::5])
+    # y moves by 6 a second, and rows are off by two jitters; u lies within one
+    np.testing.assert_allclose(y[scored], 2 * u[scored], atol=18 * jitter + 1e-9)
     (said,) = data.warnings
     assert (said.code, said.severity) == ("W0830", "note")
     assert "keeps 100 of 100 measured values of column `y`" in said.message
@@ -126,6 +126,74 @@ def test_a_value_between_two_rows_belongs_to_the_nearer_one_alone(
     rows = np.flatnonzero(~np.isnan(data.series["y"]))
     np.testing.assert_array_equal(rows, np.unique(np.rint(at / 0.01)))
     assert data.episodes("train").tolist() == [[0, 2001]]
+
+
+def every_other_step(steps: int) -> Columns:
+    """`u` = 1 in every step; `z` = 0, 100, 0, … in every second one, 40 % of a step behind it."""
+    time, at = 0.01 * np.arange(steps), 0.004 + 0.02 * np.arange(steps // 2)
+    moments = np.sort(np.concatenate((time, at)))
+    is_row = np.isin(moments, time)
+    values = np.full(len(moments), np.nan)
+    values[~is_row] = 100.0 * (np.arange(steps // 2) % 2)
+    return {"t": moments, "u": np.where(is_row, 1.0, np.nan), "y": values}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("method", ["linear", "nearest"])
+def test_a_sparse_target_is_scored_with_its_measured_values(
+    tmp_path: Path, name: str, method: str
+) -> None:
+    """0, 100, 0, … against 0: √(100²/2) is 70.71; lines between them would give 58.3."""
+    WRITERS[name](tmp_path / name, every_other_step(200))
+    data = load(tmp_path, name, method)
+    known = ~np.isnan(data.series["y"])
+    assert known.sum() == 100
+    assert set(data.series["y"][known].tolist()) == {0.0, 100.0}
+    # streams begin together, where the last of them does
+    is_off = () if name == "a.mf4" else ("values are up to 4 ms away from their rows",)
+    assert data.warnings[0].notes == is_off
+    model = msnn.load(tmp_path / "plant.yaml")
+    (row,) = msnn.validate(model, weights={"k": 0.0}).rows
+    assert row.value == pytest.approx(50 * 2**0.5)
+    (simulated,) = msnn.simulate(model, weights={"k": 0.0})
+    shown = simulated.logged["o"]
+    assert sorted(shown[~np.isnan(shown)].tolist()) == [0.0] * 50 + [100.0] * 50
+    # trained it is their mean
+    assert float(msnn.train(model).weights["k"]) == pytest.approx(50.0)
+
+
+READ = SPEC.replace("inputs: {u: {}}\ntargets: {y: {}}", "inputs: {u: {}, y: {}}").replace(
+    '{expr: k*u, predicts: "y[t]"}', '{expr: "k*y[t]", predicts: "y[t+1]"}'
+)
+
+
+@pytest.mark.parametrize("engine", ["native", "torch"])
+@pytest.mark.parametrize("rollout", ["", ", rollout: 3", ", rollout: episode", ", rollout: record"])
+def test_rows_of_a_sparse_input_that_were_not_measured_are_not_scored(
+    tmp_path: Path, rollout: str, engine: str
+) -> None:
+    """y = t² every 7 rows: chords between them are no measurements."""
+    time = 0.01 * np.arange(99)
+    y = np.where(np.arange(99) % 7 == 0, 1 + time**2, np.nan)
+    write_csv(tmp_path / "a.csv", {"t": time, "u": time, "y": y})
+    spec = READ.replace("epochs: 10", f"epochs: 10, engine: {engine}{rollout}")
+    spec = spec.replace("levenberg_marquardt", "adam")
+    spec = spec.replace("data: train}", f"data: train{rollout}}}")
+    data = load(tmp_path, "a.csv", "linear", spec=spec)
+    assert np.flatnonzero(data.measured["y"]).tolist() == list(range(0, 99, 7))
+    (said,) = data.warnings
+    assert said.code == "W0830"
+    assert "keeps 15 of 15 measured values of column `y`" in said.message
+    model = msnn.load(tmp_path / "plant.yaml")
+    run = msnn.train(model)
+    (row,) = msnn.validate(model, weights=run.weights).rows
+    assert row.scored == 14
+    (simulated,) = msnn.simulate(model, weights=run.weights)
+    assert np.isfinite(simulated.logged["o"]).sum() == 14
+    # the same rows decide in training, where short rollouts overlap
+    if rollout != ", rollout: 3":
+        # a kernel trains in float32
+        assert run.stages[0].best_value == pytest.approx(row.value**2, rel=1e-5)
 
 
 def test_every_row_of_a_dense_target_is_scored(tmp_path: Path) -> None:

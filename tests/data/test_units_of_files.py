@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import re
 from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,161 +13,26 @@ import openpyxl
 import pandas as pd
 import pint
 import polars as pl
-import pyarrow as arrow
-import pyarrow.parquet as parquet
 import pytest
-from asammdf import MDF, Signal
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
-from scipy.io import savemat
 
 import msnn
-from msnn.data.dataset import Dataset
 from msnn.data.formats.arrays.array_units import unit_beside
 from msnn.data.formats.table_of_formats import FORMATS, format_of
 from msnn.data.reading.frames import frame_data
-from msnn.data.reading.load import load_data
 from spec_schema.diagnostics.diagnostic import SpecError
-
-TIME = 0.1 * np.arange(4)
-V = np.array([36.0, 37.0, 38.0, 39.0])
-"""The numbers in the file."""
-
-SPEC = """\
-msnn: 1
-name: car
-sample_time: 0.1 s
-inputs: {v: UNIT}
-outputs: {o: v}
-data:
-  source: {train: FILE}
-"""
-
-
-def write_csv(path: Path, unit: str) -> None:
-    rows = "".join(f"{t!r},{v!r}\n" for t, v in zip(TIME.tolist(), V.tolist(), strict=True))
-    path.write_text(f"time,v [{unit}]\n{rows}", "utf-8")
-
-
-def write_xlsx(path: Path, unit: str) -> None:
-    book = openpyxl.Workbook()
-    sheet = book.active
-    assert sheet is not None
-    for row in [("time", f"v ({unit})"), *zip(TIME.tolist(), V.tolist(), strict=True)]:
-        sheet.append(row)
-    book.save(path)
-
-
-def write_xlsx_of_formats(path: Path, unit: str) -> None:
-    book = openpyxl.Workbook()
-    sheet = book.active
-    assert sheet is not None
-    for row in [("time", "v"), *zip(TIME.tolist(), V.tolist(), strict=True)]:
-        sheet.append(row)
-    for row in range(2, 2 + len(V)):
-        sheet.cell(row, 2).number_format = f'0.0" {unit}"'
-    book.save(path)
-
-
-def write_npz(path: Path, unit: str) -> None:
-    np.savez(path, time=TIME, v=V, v_unit=unit)
-
-
-def write_parquet(path: Path, unit: str) -> None:
-    column = arrow.field("v", arrow.float64(), metadata={"unit": unit})
-    schema = arrow.schema([arrow.field("time", arrow.float64()), column])
-    parquet.write_table(arrow.table([TIME, V], schema=schema), path)
-
-
-def write_parquet_of_pandas(path: Path, unit: str) -> None:
-    frame = pd.DataFrame({"time": TIME, "v": V})
-    frame.attrs = {"units": {"v": unit}}
-    frame.to_parquet(path)
-
-
-def write_parquet_of_a_table(path: Path, unit: str) -> None:
-    table = arrow.table({"time": TIME, "v": V})
-    units = json.dumps({"v": unit})
-    parquet.write_table(table.replace_schema_metadata({"units": units}), path)
-
-
-def write_mat(path: Path, unit: str) -> None:
-    savemat(path, {"time": TIME, "v": V, "v_unit": unit})
-
-
-def write_mat_of_structs(path: Path, unit: str) -> None:
-    savemat(path, {"time": TIME, "log": {"v": {"data": V, "time": TIME, "units": unit}}})
-
-
-def write_mat_7_3(path: Path, unit: str) -> None:
-    with h5py.File(path, "w", userblock_size=512) as file:
-        file["time"], file["log/v/Value"] = TIME[None], V[None]
-        letters = np.array([[ord(letter)] for letter in unit], np.uint16)
-        file["log/v/Unit"] = letters
-        file["log/v/Unit"].attrs["MATLAB_class"] = np.bytes_("char")
-
-
-def write_hdf5(path: Path, unit: str) -> None:
-    with h5py.File(path, "w") as file:
-        file["time"], file["v"] = TIME, V
-        file["v"].attrs["units"] = unit
-
-
-def write_hdf5_of_bytes(path: Path, unit: str) -> None:
-    with h5py.File(path, "w") as file:
-        file["time"], file["v"] = TIME, V
-        file["v"].attrs["Unit"] = np.bytes_(unit.encode())
-
-
-def write_hdf5_of_columns(path: Path, unit: str) -> None:
-    with h5py.File(path, "w") as file:
-        file["time"], file["both"] = TIME, np.stack((V, V), axis=1)
-        file["both"].attrs["units"] = ["N", unit]
-
-
-def write_mdf(path: Path, unit: str) -> None:
-    with MDF(version="4.10") as file:
-        file.append([Signal(V, TIME, name="v", unit=unit)])
-        file.save(path, overwrite=True)
-
-
-WRITERS: dict[str, tuple[str, Callable[[Path, str], None], str]] = {
-    "csv": ("a.csv", write_csv, "v"),
-    "excel": ("a.xlsx", write_xlsx, "v"),
-    "npz": ("a.npz", write_npz, "v"),
-    "parquet": ("a.parquet", write_parquet, "v"),
-    "parquet of pandas": ("a.parquet", write_parquet_of_pandas, "v"),
-    "parquet of a table": ("a.parquet", write_parquet_of_a_table, "v"),
-    "mat": ("a.mat", write_mat, "v"),
-    "mat of structs": ("a.mat", write_mat_of_structs, "log.v.data"),
-    "mat 7.3": ("a.mat", write_mat_7_3, "log.v.Value"),
-    "hdf5": ("a.h5", write_hdf5, "v"),
-    "hdf5 of bytes": ("a.h5", write_hdf5_of_bytes, "v"),
-    "hdf5 of columns": ("a.h5", write_hdf5_of_columns, "both[1]"),
-    "mdf": ("a.mf4", write_mdf, "v"),
-}
-"""The file's name, its writer, and the column in it."""
-
-
-def load(folder: Path, name: str, unit: str, layout: str = "") -> Dataset:
-    spec = folder / "car.msnn.yaml"
-    spec.write_text(SPEC.replace("UNIT", unit).replace("FILE", name) + layout)
-    model = msnn.load(spec)
-    assert model.spec.data is not None
-    return load_data(model.program, model.spec.data, folder)
-
-
-def read(folder: Path, kind: str, stated: str, unit: str, said: str = "") -> Dataset:
-    """The data of a file that states a unit, for a signal in another one."""
-    name, write, column = WRITERS[kind]
-    write(folder / name, stated)
-    time = "" if format_of(name).keeps_time else "  time: time\n"
-    if kind in ("csv", "excel"):
-        # a header of which nobody knows the unit is a name as it stands
-        column = f"v [{stated}]" if kind == "csv" else f"v ({stated})"
-    entry = f'{{column: "{column}"{said}}}'
-    return load(folder, name, unit, f"{time}  columns: {{v: {entry}}}\n")
+from tests.data.unit_files import (
+    SPEC,
+    TIME,
+    WRITERS,
+    V,
+    load,
+    read,
+    write_hdf5,
+    write_xlsx_of_formats,
+)
 
 
 def test_every_format_that_states_units_is_here() -> None:
@@ -241,6 +106,42 @@ def test_turns_are_never_taken_for_radians(
 def test_a_unit_of_another_dimension_is_refused(tmp_path: Path, kind: str) -> None:
     with pytest.raises(SpecError, match="E0999"):
         read(tmp_path, kind, "kg", "m/s")
+
+
+@pytest.mark.parametrize(
+    ("stated", "unit", "expected"),
+    [
+        # a coulomb, a farad, henries, grams, pounds, nanometres, an angle
+        ("C", "K", 309.15),
+        ("F", "K", (36 + 459.67) * 5 / 9),
+        ("J/kg/C", "J/kg/K", 36.0),
+        ("km/H", "m/s", 10.0),
+        ("g", "m/s^2", 36 * 9.80665),
+        ("lb", "N", 36 * 0.45359237 * 9.80665),
+        ("nm", "N*m", 36.0),
+        ("deg", "K", 309.15),
+        # nothing is like it: the numbers may be in the unit of the signal
+        ("kg", "m/s", 36.0),
+        # units that take no prefix
+        ("krpm", "rpm", 36e3),
+        ("mdeg/s", "deg/s", 0.036),
+        ("KRPM", "rpm", 36e3),
+        ("V/krpm", "V/rpm", 0.036),
+    ],
+)
+def test_the_unit_that_is_advised_is_the_one_that_is_meant(
+    tmp_path: Path, stated: str, unit: str, expected: float
+) -> None:
+    (tmp_path / "a.csv").write_text(f"time,v [{stated}]\n0,36\n0.1,37\n")
+    layout = f'  time: time\n  columns: {{v: "v [{stated}]"}}\n'
+    try:
+        (found,) = load(tmp_path, "a.csv", unit, layout).warnings
+    except SpecError as error:
+        (found,) = error.diagnostics
+    advised = re.findall(r"`(columns: \{.*?\}\})`", str(found.help))
+    data = load(tmp_path, "a.csv", unit, f"  time: time\n  {advised[0]}\n")
+    assert data.series["v"][0] == pytest.approx(expected, rel=1e-15)
+    assert data.warnings == ()
 
 
 @pytest.mark.parametrize("kind", WRITERS)
@@ -378,7 +279,7 @@ def test_names_that_differ_in_case_have_units_of_their_own(
     for name, unit in ((f"I{ending}", of_current), (f"i{ending}", of_phase)):
         if name in names:
             found = unit_beside(names, name, texts.__getitem__)
-            assert found == ((unit,) if unit else ())
+            assert found == ([(unit,)] if unit else [])
 
 
 @pytest.mark.parametrize(

@@ -501,3 +501,29 @@ def _blocks(page: Path, language: str) -> list[str]:
     found = re.findall(rf"^```{language}\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.M)
     assert found, f"{page} has no block of {language}"
     return found
+
+
+@pytest.mark.parametrize(
+    ("header", "units", "notes"),
+    [
+        ("TIME [S],U [MV],W [MM],Y [KPA]", {"U": None, "W": "mm", "Y": "kPa"}, ["U"]),
+        ("TIME [MS],U [V],W [L/MIN],Y [KN]", {"U": "V", "W": "L/min", "Y": None}, ["Y"]),
+        ("time [s],U [MV],W [km/h],Y [MW]", {"U": "MV", "W": "km/h", "Y": "MW"}, []),
+    ],
+)
+def test_a_unit_in_capitals_is_taken_where_it_is_one(
+    tmp_path: Path, header: str, units: dict[str, str | None], notes: list[str]
+) -> None:
+    columns = table()
+    columns["t"] = columns["t"] * (1000 if "MS" in header else 1)
+    (tmp_path / "a.csv").write_text(text(columns, header))
+    found = {c.name: c.unit and c.unit.text for c in columns_of(tmp_path / "a.csv").columns[1:]}
+    assert found == units
+    assert time_of(columns_of(tmp_path / "a.csv"), "a.csv").step == pytest.approx(STEP)
+    made = spec_from_data("plant", tmp_path / "a.csv", tmp_path, "Y")
+    assert [note.split("write the unit of ")[1].strip("`") for note in made.notes] == notes
+    (tmp_path / "plant.msnn.yaml").write_text(made.text)
+    model = models.load(tmp_path / "plant.msnn.yaml")
+    values = read_data(model, None, "a test").series
+    for name, column in zip(("U", "W", "Y"), ("u", "w", "y"), strict=True):
+        assert values[name] == pytest.approx(columns[column], rel=1e-4)

@@ -11,12 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from msnn.data.formats.capital_units import CapitalUnit, keeps_case
 from msnn.data.formats.written_units import written_unit
 from msnn.data.reading.converted_cells import converted_cells
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.table import PREFIXES, UNIT_ROWS
 from spec_schema.units.turns import turn_readings
-from spec_schema.units.unit import ONE, UnitError, unit_symbol
+from spec_schema.units.unit import ONE, Unit, UnitError, unit_symbol
 
 # What pint calls the symbols that it spells otherwise.
 _PINT_NAMES = {
@@ -260,15 +261,11 @@ def test_bad_text(text: str, start: int, end: int, repair: str | None) -> None:
         ("PSI", "psi", "psi"),
         # a guess for people alone: mega or milli, a force or a mass, an angle or its rate
         ("mpa", None, "mPa"),
-        ("MPA", None, "MPa"),
         ("mhz", None, "mHz"),
         ("lbs", None, "lb"),
         ("rads", None, "rad"),
-        ("KN", None, "kN"),
-        ("G", None, "g"),
         ("kgg", None, "kg"),
         ("ss", None, "s"),
-        ("kmph", None, "mph"),
         # a word in brackets, as of a column `u (cmd)`, and centimetres by days
         ("cmd", None, "cm*d"),
         ("Foo", None, None),
@@ -281,7 +278,65 @@ def test_a_doubtful_symbol_is_no_unit_of_a_file(
         parse_unit(written)
     assert (caught.value.meant, caught.value.replacement) == (meant, guess)
     found = written_unit(written)
-    assert (None if found is None else found.text) == meant
+    assert (found and found.text) == meant
+
+
+@pytest.mark.parametrize(
+    ("written", "readings", "guess"),
+    [
+        ("MPA", ["mPa", "MPa"], "MPa"),
+        ("MHZ", ["mHz", "MHz"], "MHz"),
+        ("MV", ["MV", "mV"], None),
+        ("MS", ["MS", "ms", "mS"], None),
+        ("KN", ["kn", "kN"], "kN"),
+        ("G", ["g"], "g"),
+        ("M/S^2", ["m/S^2", "m/s^2"], "m"),
+        ("ML/MIN", ["ML/min", "mL/min", "ml/min", "Ml/min"], "min"),
+        ("NM", ["nm", "N*m", "nmi"], "N*m"),
+        ("J/NM", ["J/nm", "J/N/m", "J/nmi"], "N/m"),
+        # nobody measures in millions of these
+        ("MM", ["mm"], "mm"),
+        ("MBAR", ["mbar"], "mbar"),
+        ("MRAD/S", ["mrad/S", "mrad/s"], "mrad"),
+        ("MAH", ["mAh"], "mAh"),
+        ("KPA", ["kPa"], "kPa"),
+        ("DEG C", ["degC"], "deg"),
+        ("U/MIN", ["rev/min"], None),
+        # a prefix P may be peta, which no unit here has
+        ("PHZ", [], "pHz"),
+        ("PF", [], "pF"),
+        ("SETPOINT", [], None),
+    ],
+)
+def test_units_in_capitals_have_all_readings(
+    written: str, readings: list[str], guess: str | None
+) -> None:
+    found = written_unit(written)
+    units = found.readings if isinstance(found, CapitalUnit) else [found] if found else []
+    assert [unit.text for unit in units] == readings
+    if guess is not None:
+        with pytest.raises(UnitError) as caught:
+            parse_unit(written)
+        assert caught.value.replacement == guess
+
+
+@pytest.mark.parametrize(
+    ("units", "names", "keeps"),
+    [
+        (["MV", "°C"], ["U", "T"], False),
+        (["MV", "km/h"], ["U", "V"], True),
+        (["MV", "KM/H"], ["speed"], False),
+        (["MV", "MM"], ["Voltage", "Position"], False),
+        # both: nobody knows
+        (["MV", "MM", "km/h"], ["Voltage"], False),
+        (["MV", "V"], ["Voltage"], True),
+        (["MV", "V"], ["U"], False),
+    ],
+)
+def test_units_show_whether_a_file_has_small_letters(
+    units: list[str], names: list[str], keeps: bool
+) -> None:
+    assert keeps_case(units, names) is keeps
 
 
 @pytest.mark.parametrize(
@@ -296,11 +351,17 @@ def test_a_doubtful_symbol_is_no_unit_of_a_file(
         ("kg·m²·s⁻²", "J"),
         ("microseconds", "us"),
         ("knots", "kn"),
+        ("deg C", "degC"),
+        ("Degrees Fahrenheit", "degF"),
+        ("J/(kg K)", "J/kg/K"),
+        ("rad/Nm", "rad/N/m"),
+        ("1/kmh", "h/km"),
+        ("kmph", "km/h"),
     ],
 )
 def test_spellings_of_files(written: str, unit: str) -> None:
     found = written_unit(written)
-    assert found is not None
+    assert isinstance(found, Unit)
     assert found.same_as(parse_unit(unit))
     assert found.angle == parse_unit(unit).angle
 
@@ -396,3 +457,23 @@ def test_offsets_have_no_part_in_distances(
     own, other = parse_unit(written), parse_unit(target)
     assert own.convert(10.0, other) == pytest.approx(value, rel=1e-12)
     assert own.convert(10.0, other, is_distance=True) == distance
+
+
+@pytest.mark.parametrize(
+    ("text", "example", "scale"),
+    [
+        ("krpm", "rpm", 1000.0),
+        ("KRPM", "rpm", 1000.0),
+        ("V/krpm", "rpm", 1e-3),
+        ("mdeg", "deg", 1e-3),
+    ],
+)
+def test_a_unit_without_prefixes_is_named_with_its_factor(
+    text: str, example: str, scale: float
+) -> None:
+    with pytest.raises(UnitError) as caught:
+        parse_unit(text)
+    assert (caught.value.repair, caught.value.scale) == (example, scale)
+    # no editor puts it there: the number would change
+    assert caught.value.replacement is None
+    assert f"`{example}` takes no prefix: 1 " in str(caught.value)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
+import subprocess
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backends.files.export_identity import MANIFEST
+from backends.files.export_identity import MANIFEST, read_manifest
 from msnn.cli.application import run
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights, write_weights
@@ -40,6 +42,14 @@ mpc:
   cost: {stage: x ** 2 + 0.1 * u ** 2}
 """
 
+BOTH = (
+    SPEC.replace("parameters:", "targets: {p: {}}\nparameters:").replace(
+        "y: 3 * x", "y: {expr: 3 * x, predicts: 'p[t]'}"
+    )
+    + CONTROL
+    + "estimator: {ekf: {measured: {y: 0.1}, process: {x: 0.1}, initial: {x: 1}}}\n"
+)
+
 
 def exported(folder: Path, *words: str, k: float = 0.5, spec: str = SPEC, to: str = "c") -> Path:
     folder.mkdir(parents=True)
@@ -54,11 +64,8 @@ def exported(folder: Path, *words: str, k: float = 0.5, spec: str = SPEC, to: st
 
 
 def findings(folder: Path) -> tuple[str, ...]:
-    model = read_exported_controller(folder)
-    if model is not None:
-        check = files_check(model, model.identities)
-    else:
-        check = files_check(model_c := read_exported_c(folder), [model_c.identity])
+    model = read_exported_controller(folder) or read_exported_c(folder)
+    check = files_check(model, model.identities)
     return check.result(folder.parent / "check").findings
 
 
@@ -189,16 +196,63 @@ def test_a_manifest_made_again_does_not_hide_a_change(tmp_path: Path) -> None:
     (finding,) = findings(folder)
     identity = json.loads((folder / "plant.json").read_text())["export_sha256"]
     assert re.fullmatch(
-        rf"the files have the identity \w{{12}}, plant.json has {identity[:12]}", finding
+        rf"the files \* have the identity \w{{12}}, their description {identity[:12]}", finding
     )
 
 
-def test_other_ends_of_lines_are_no_change(tmp_path: Path) -> None:
+@pytest.mark.parametrize("several", [False, True])
+def test_other_ends_of_lines_are_found_as_by_sha256sum(tmp_path: Path, several: bool) -> None:
     folder = exported(tmp_path / "a")
-    for path in folder.rglob("*"):
-        if path.is_file():
-            path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
-    assert findings(folder) == ()
+    listed = [folder / path for path in read_manifest(folder)]
+    for path in listed if several else [folder / "src" / "plant.c"]:
+        path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
+    (finding,) = findings(folder)
+    assert "src/plant.c" in finding
+    assert "CRLF at the ends of lines where the export has LF; `* -text`" in finding
+    asked = ["sha256sum", "--check", "--quiet", MANIFEST]
+    assert subprocess.run(asked, cwd=folder, check=False, capture_output=True).returncode == 1
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "../../../etc/hostname",
+        "/etc/hostname",
+        "/dev/zero",
+        "C:/Windows/win.ini",
+        "..\\secret",
+        "src/../../w.safetensors",
+        "link",
+        "linked/hostname",
+    ],
+)
+def test_no_file_outside_of_the_export_is_read(path: str, tmp_path: Path) -> None:
+    """The right hash would say what a file has that its reader may not show."""
+    folder = exported(tmp_path / "a")
+    (folder / "link").symlink_to("/etc/hostname")
+    (folder / "linked").symlink_to("/etc")
+    digest = hashlib.sha256(Path("/etc/hostname").read_bytes()).hexdigest()
+    with (folder / MANIFEST).open("a") as manifest:
+        manifest.write(f"{digest}  {path}\n")
+    assert findings(folder) == (f"{MANIFEST} names {path}, which is outside of the export",)
+
+
+def test_a_pipe_and_a_folder_of_somebody_else_are_not_read(tmp_path: Path) -> None:
+    folder = exported(tmp_path / "a")
+    (folder / "README.md").unlink()
+    os.mkfifo(folder / "README.md")
+    assert findings(folder) == ("README.md is missing",)
+    (tmp_path / "a" / "check").rmdir()
+    (folder / "src").rename(folder / "old")
+    (folder / "src").symlink_to(tmp_path)
+    assert all("outside of the export" in line or "missing" in line for line in findings(folder))
+
+
+def test_a_path_has_one_hash(tmp_path: Path) -> None:
+    folder = exported(tmp_path / "a")
+    lines = (folder / MANIFEST).read_text()
+    (folder / MANIFEST).write_text(f"{'0' * 64}  plant.json\n{lines}")
+    assert findings(folder) == ("manifest.sha256 is missing or damaged: export again",)
 
 
 def test_the_files_of_a_controller_are_compared_too(tmp_path: Path) -> None:
@@ -211,3 +265,51 @@ def test_the_files_of_a_controller_are_compared_too(tmp_path: Path) -> None:
     (tmp_path / "a" / "check").rmdir()
     changed("plant_mpc.json", '"horizon": 4', '"horizon": 5')(folder)
     assert findings(folder) == ("plant_mpc.json was changed after it was exported",)
+
+
+@pytest.mark.parametrize("part", ["mpc", "ekf"])
+def test_a_manifest_made_again_hides_no_change_of_a_controller(part: str, tmp_path: Path) -> None:
+    folder = exported(tmp_path / "a", spec=BOTH, to="mpc")
+    changed(f"src/plant_{part}.c", "do not edit", "do edit")(folder)
+    paths = read_manifest(folder)
+    hashes = {path: hashlib.sha256((folder / path).read_bytes()).hexdigest() for path in paths}
+    (folder / MANIFEST).write_text("".join(f"{hashes[path]}  {path}\n" for path in paths))
+    (finding,) = findings(folder)
+    assert finding.startswith(f"the files plant_{part}*.[chj]* have the identity ")
+
+
+DAMAGED: dict[str, Callable[[Path], object]] = {
+    "no JSON": lambda path: path.write_text("{"),
+    "deep": lambda path: path.write_text("[" * 100_000),
+    "a list": lambda path: path.write_text("[]"),
+    "not there": lambda path: path.unlink(),
+    "a pipe": lambda path: (path.unlink(), os.mkfifo(path)),
+    "no hash": lambda path: path.write_text(re.sub(r'"\w{64}"', '""', path.read_text())),
+    "a number": lambda path: path.write_text(re.sub(r'"\w{64}"', "1", path.read_text())),
+    "endless": lambda path: path.write_text(
+        re.sub(r'"size": 1|"shape": \[\]', '"size": 1e999, "shape": 7', path.read_text())
+    ),
+}
+
+
+@pytest.mark.parametrize("how", DAMAGED)
+@pytest.mark.parametrize(("to", "name"), [("c", "plant"), ("mpc", "plant_mpc")])
+def test_a_damaged_description_is_named_with_its_target(
+    how: str, to: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = exported(tmp_path / "a", spec=SPEC + CONTROL, to=to)
+    DAMAGED[how](folder / f"{name}.json")
+    capsys.readouterr()
+    assert run(["verify", str(folder)]) == 1
+    said = capsys.readouterr().err
+    assert f"export it again: `msnn export SPEC --to {to}`" in said
+    # nothing says how the description of a model was called
+    assert (f"`{name}.json` is missing, damaged or of another version" in said) is not (
+        how == "not there" and to == "c"
+    )
+
+
+def test_a_controller_is_not_served(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = exported(tmp_path / "a", spec=SPEC + CONTROL, to="mpc")
+    assert run(["verify", str(folder), "--serve", str(tmp_path / "served")]) == 1
+    assert "error[E1325]" in capsys.readouterr().err

@@ -97,7 +97,8 @@ def _facts(
         # the first stage leads to the first sample: it is none of the window's
         "horizon": control.horizon - 1,
         "iterations": control.iterations,
-        "starts_again": control.mode == "converged",
+        "starts_again": control.starts_again,
+        "most_iterations": control.most_iterations,
         "unsure": list(window.uncertain),
         "sources": [
             _Source(
@@ -174,7 +175,8 @@ def _description(
             "prefix": name,
             "horizon": control.horizon - 1,
             "iterations": control.iterations,
-            "starts_again": control.mode == "converged",
+            "starts_again": control.starts_again,
+            "most_iterations": control.most_iterations,
             "tolerance": reachable(control.tolerance, dtype),
             "out": [
                 *filter["out"],

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from msnn.cli.arguments import Settings, SpecFile
+from msnn.cli.manners import NOW
 
 
 def compile_(
@@ -32,8 +33,10 @@ def compile_(
     """
     from msnn.cli.console import report_model, result
     from msnn.model.load import load_model
-    from msnn.model.program_file import write_program_file
+    from msnn.model.program_file import program_place, write_program_file
 
     model = load_model(spec, settings or (), strict_units=strict_units)
+    NOW.outputs.protect(program_place(model, out))
+    NOW.outputs.spare([spec])
     report_model(model)
     result(str(write_program_file(model, out)))

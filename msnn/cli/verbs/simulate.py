@@ -22,7 +22,7 @@ from msnn.cli.arguments import (
     refuse_two_origins,
     refuse_undrawable,
 )
-from msnn.cli.manners import refuse_to_overwrite
+from msnn.cli.manners import NOW
 
 _DEFAULT, _BEGIN = Path("simulation.csv"), b"file,set,row"
 """The file that is written where none is named, and how it begins."""
@@ -62,8 +62,14 @@ def simulate(
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option("-o", "--out", metavar="FILE", help="The CSV file to write.")
-    ] = _DEFAULT,
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FILE",
+            help=f"The CSV file to write; default: {_DEFAULT}.",
+        ),
+    ] = None,
     plot: PlotFile = None,
     format: OutputFormat = ResultFormat.TEXT,
 ) -> None:
@@ -87,8 +93,10 @@ def simulate(
     if horizon != "record" and not (horizon.isdecimal() and int(horizon) > 0):
         raise typer.BadParameter("`record` or a number of steps", param_hint="--horizon")
     refuse_undrawable(plot)
-    if out == _DEFAULT:
-        spare_foreign_files([out], sign=_BEGIN)
+    if out is None:
+        spare_foreign_files([_DEFAULT], sign=_BEGIN)
+        NOW.outputs.protect(_DEFAULT)
+    file = out or _DEFAULT
     model = load_model(spec, settings or ())
     report_model(model)
     chosen = choose_weights(model, weights, runs, initial=initial)
@@ -110,17 +118,14 @@ def simulate(
             intervals=intervals,
         )
     report(found.warnings, model.sources)
-    # names of measured files are as seen from there
-    logs = {name for run in found for name in run.places.files}
-    refuse_to_overwrite({"out": out}, [(data_root or model.folder) / name for name in logs])
     # the one that ran: its losses are gone, and with them the signals that only they read
     program = simulation_program(model.program)
-    write_simulation(out, program, found)
+    write_simulation(file, program, found)
     if format is ResultFormat.JSON:
-        json_result("simulate", {"file": str(out), "runs": [run_record(run) for run in found]})
+        json_result("simulate", {"file": str(file), "runs": [run_record(run) for run in found]})
     else:
         rows = sum(run.steps for run in found)
-        result(f"{out}: {count(len(found), 'run')}, {count(rows, 'step')}")
+        result(f"{file}: {count(len(found), 'run')}, {count(rows, 'step')}")
     if plot is not None:
         from msnn.reports.pictures.simulation import plot_simulation
 

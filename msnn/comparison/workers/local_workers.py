@@ -17,6 +17,7 @@ from msnn.comparison.readings import Readings
 from msnn.comparison.trial import Setup, Trial, TrialOutcome, killed, run_trial
 from msnn.comparison.workers.process_context import process_context
 from msnn.comparison.workers.waiting import Waiting
+from msnn.project.away_from_folder import load_away_from_folder
 from msnn.training.records.run_log import RunLine
 from msnn.training.training_result import TrainingInterruptedError
 
@@ -171,6 +172,7 @@ def _begin(
     known: Mapping[str, RunLine],
     environment: Mapping[str, str],
 ) -> None:
+    load_away_from_folder()
     os.environ.clear()  # that of a server is older, where one forked this process
     os.environ.update(environment)
     # modules never go: no search for garbage has to pass through all that they hold

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from multiprocessing import forkserver
 from multiprocessing.context import BaseContext
 
+from msnn.project.away_from_folder import away_from_folder
+
 _SAFE_PATH = "PYTHONSAFEPATH"
 
 
@@ -25,7 +27,7 @@ def process_context(modules: Sequence[str]) -> BaseContext:
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(modules))
-    with children_off_working_folder():
+    with children_off_working_folder(), away_from_folder():
         forkserver.ensure_running()
     return context
 

@@ -17,6 +17,7 @@ from msnn.comparison.readings import Latest
 from msnn.comparison.trial import ReadyTrial, Setup, Trial, TrialOutcome, train_ready
 from msnn.model.load import with_seed
 from msnn.model.saved_run import CHECKPOINT, DESCRIPTION, read_json
+from msnn.project.away_from_folder import load_away_from_folder
 from msnn.training.folds import of_fold
 from msnn.training.records.run_log import RunLine
 from spec_schema.version import __version__
@@ -62,6 +63,7 @@ class TaskResult:
 
 def in_task(task: Task) -> list[TaskResult]:
     """Trains on a node, in a folder of its own; what it leaves is the answer."""
+    load_away_from_folder()
     found = [_trained(task, sent) for sent in task.trials]
     _freeze()
     return found

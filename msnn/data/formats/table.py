@@ -9,7 +9,8 @@ from msnn.data.dataset import FloatArray
 from msnn.data.formats.written_units import StatedUnit
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment
-from spec_schema.sections.data.data import TimeColumn
+from spec_schema.fields.located import Located
+from spec_schema.units.unit import Unit
 
 ColumnKey = str | int
 """A column's name, or its index counted from 0."""
@@ -18,6 +19,15 @@ ColumnKey = str | int
 def _no_place(row: int) -> Span | None:
     """Rows of a binary file stand nowhere that a message could show."""
     del row
+
+
+@dataclass(frozen=True, slots=True)
+class TimeSource:
+    """The column of times that the spec names, where it is named, and the unit given there."""
+
+    column: ColumnKey
+    place: Span
+    unit: Located[Unit] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +41,7 @@ class WantedColumns:
     """Columns that a file need not have."""
     moments: frozenset[ColumnKey] = frozenset()
     """Columns of time, which may have dates in place of numbers."""
-    time: TimeColumn | None = None
+    time: TimeSource | None = None
     """The times of values in a file that keeps several; None for those it keeps by itself."""
 
 

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
+from msnn.data.formats.capital_units import (
+    MOST_REPAIRS,
+    CapitalUnit,
+    capital_unit,
+    is_capital,
+    keeps_case,
+    repaired,
+)
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.parser import parse_unit
-from spec_schema.units.unit import ONE, Unit, UnitError
+from spec_schema.units.unit import Unit, UnitError
 
 MISSING = frozenset(("", "na", "n/a", "#n/a", "nan", "null", "-"))
 """Words for a value that was not measured, in small letters."""
 
-_MOST_REPAIRS = 3
-"""Of one unit: each is a spelling that is known, as `°` and `Nm`."""
 # lazy up to the last brackets; what stands in these has none of their kind itself
 _BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*", re.DOTALL)
 _COLUMN_AND_UNIT = re.compile(r"(.*\S)(?:\s*\[([^\[\]]*)\]|\s+\(([^()]*)\))\s*", re.DOTALL)
@@ -26,13 +32,14 @@ _WHOLE_TEXTS = {
     "-": "1",
     "dimensionless": "1",
     "unitless": "1",
-    "degree_C": "degC",
-    "degrees_C": "degC",
-    "deg_C": "degC",
     "degrees_north": "deg",
     "degrees_east": "deg",
 }
 """Words of CF and of loggers that are no symbols."""
+_DEGREES = re.compile(
+    r"(?<![a-z])(?:°|deg(?:ree)?s?)[ _.]*(C|F|celsius|fahrenheit)(?![a-z])", re.IGNORECASE
+)
+"""Temperatures, of which blanks are no products."""
 _NOT_AN_INDEX = re.compile(r"[^\W\d_]|[%°-]")
 
 
@@ -44,7 +51,7 @@ def plain_label(label: str) -> tuple[str, str]:
     return found[1], found[2] or found[3] or ""
 
 
-def column_and_unit(label: str) -> tuple[str, Unit | None]:
+def column_and_unit(label: str) -> tuple[str, Unit | CapitalUnit | None]:
     """The column that a header such as `F [N]` or `F (N)` names, and its unit.
 
     What no unit stands in is the name as it is: `x[1]`, `f(x)`, `v (filtered)`.
@@ -55,21 +62,20 @@ def column_and_unit(label: str) -> tuple[str, Unit | None]:
     return (label, None) if found is None or unit is None else (found[1], unit)
 
 
-def written_unit(text: str) -> Unit | None:
+def written_unit(text: str) -> Unit | CapitalUnit | None:
     """The unit that a text means, spellings of loggers included; None where it means none."""
     # the only powers that loggers write as letters; behind `⁻` the parser knows them
     text = _SUPERSCRIPT.sub(lambda found: f"^{_DIGITS[found.group()]}", text.strip())
-    if text == "-":
-        return ONE
-    for _ in range(_MOST_REPAIRS):
-        try:
-            return parse_unit(text) if text else None
-        except UnitError as error:
-            if error.meant is None:
-                return None
-            # parse_unit knows what was meant, for its messages: the same knowledge reads files
-            text = text[: error.start] + error.meant + text[error.end :]
-    return None
+    text = "1" if text == "-" else _DEGREES.sub(_degrees, text)
+    # `J/(kg K)`; two words in brackets are most often no product
+    if "/(" in text:
+        text = _BETWEEN_FACTORS.sub("*", text)
+    return capital_unit(text) if is_capital(text) else repaired(text)
+
+
+def _degrees(found: re.Match[str]) -> str:
+    scale = found[1][0].upper()
+    return f"DEG{scale}" if is_capital(found.group()) else f"deg{scale}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +84,8 @@ class UnknownUnit:
 
     text: str
     meant: str | None
+    scale: float = 1.0
+    """By which numbers are multiplied to be in `meant`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,20 +97,98 @@ class TwoUnits:
     place: Span | None = None
 
 
-StatedUnit: TypeAlias = Unit | UnknownUnit | TwoUnits
+@dataclass(frozen=True, slots=True)
+class ShownUnit:
+    """The unit with which a workbook shows cells, or None; the first of these cells, and how many
+    they are."""
+
+    unit: Unit | CapitalUnit | UnknownUnit | None
+    cell: str
+    count: int
 
 
-def joint_unit(label: str, stated: Unit | UnknownUnit | None) -> StatedUnit | None:
+@dataclass(frozen=True, slots=True)
+class MixedUnits:
+    """Units with which a workbook shows the cells of one column."""
+
+    shown: tuple[ShownUnit, ...]
+
+
+StatedUnit: TypeAlias = Unit | CapitalUnit | UnknownUnit | TwoUnits | MixedUnits
+
+
+def joint_unit(label: str, stated: StatedUnit | None) -> StatedUnit | None:
     """The unit of a column with this header, of which the file states another unit apart."""
     named = column_and_unit(label)[1]
-    if named is None:
-        return stated or unknown_unit(label)
-    if isinstance(stated, Unit) and not stated.same_as(named):
-        return TwoUnits(named, stated)
-    return named
+    return (stated or unknown_unit(label)) if named is None else one_unit(named, stated)
 
 
-def stated_unit(text: str) -> Unit | UnknownUnit | None:
+def one_unit(first: StatedUnit | None, second: StatedUnit | None) -> StatedUnit | None:
+    """The unit on which two statements of a file agree, or both; a known one before others."""
+    match first, second:
+        case (None, found) | (found, None):
+            return found
+        case (TwoUnits() | MixedUnits() as both, _) | (_, TwoUnits() | MixedUnits() as both):
+            return both
+        case (UnknownUnit(), UnknownUnit()):
+            return first
+        case (UnknownUnit(), known) | (known, UnknownUnit()):
+            return known
+        case _:
+            pass
+    for unit in _readings(first):
+        for other in _readings(second):
+            if unit.same_as(other):
+                # capitals have many readings: the other text decides
+                return second if isinstance(first, CapitalUnit) else first
+    return TwoUnits(_readings(first)[0], _readings(second)[0])
+
+
+def unit_of_cells(shown: Sequence[ShownUnit], stated: StatedUnit | None) -> StatedUnit | None:
+    """The unit of cells that a workbook shows, with that which the file states of the column.
+
+    Cells that are shown without a unit are in the stated one.
+    """
+    known = stated if isinstance(stated, Unit | CapitalUnit) else None
+    different: list[ShownUnit] = []
+    for one in shown:
+        mine = replace(one, unit=one.unit or known)
+        if not any(_is_same(mine.unit, other.unit) for other in different):
+            different.append(mine)
+    if len(different) > 1:
+        return MixedUnits(tuple(different))
+    return one_unit(stated, different[0].unit if different else None)
+
+
+def _is_same(
+    unit: Unit | CapitalUnit | UnknownUnit | None, other: Unit | CapitalUnit | UnknownUnit | None
+) -> bool:
+    if isinstance(unit, Unit) and isinstance(other, Unit):
+        return unit.same_as(other)
+    return unit == other
+
+
+def _readings(unit: Unit | CapitalUnit) -> tuple[Unit, ...]:
+    return (unit,) if isinstance(unit, Unit) else unit.readings
+
+
+def with_case(
+    unit: StatedUnit | None, labels: Sequence[str], texts: Sequence[str]
+) -> StatedUnit | None:
+    """The unit, which knows then whether a file with these headers and units keeps case."""
+    if not isinstance(unit, CapitalUnit):
+        return unit
+    return replace(unit, is_as_written=is_case_kept(labels, texts))
+
+
+def is_case_kept(labels: Sequence[str], texts: Sequence[str]) -> bool:
+    """Whether a file with these headers, and units apart from them, has small letters."""
+    plain = [plain_label(label) for label in labels]
+    units = [text for text in (*texts, *(unit for _, unit in plain)) if text]
+    return keeps_case(units, (name for name, _ in plain))
+
+
+def stated_unit(text: str) -> Unit | CapitalUnit | UnknownUnit | None:
     """The unit in a file's own field for it, such as `km/h`, `m s-1` or `seconds since 1970-01-01`.
 
     None where the field says nothing: empty, or a word for a missing value.
@@ -114,7 +200,7 @@ def stated_unit(text: str) -> Unit | UnknownUnit | None:
     if plain.lower() in MISSING | {"none"}:
         return None
     found = written_unit(plain) or written_unit(_BETWEEN_FACTORS.sub("*", plain))
-    return found or UnknownUnit(text, _likely(plain))
+    return found or _unknown(text, plain)
 
 
 def unknown_unit(label: str) -> UnknownUnit | None:
@@ -123,16 +209,21 @@ def unknown_unit(label: str) -> UnknownUnit | None:
     text = "" if found is None else (found[2] or found[3] or "").strip()
     if not _NOT_AN_INDEX.search(text) or text.lower() in MISSING or written_unit(text) is not None:
         return None
-    return UnknownUnit(text, _likely(text))
+    return _unknown(text, text)
 
 
-def _likely(text: str) -> str | None:
-    for _ in range(_MOST_REPAIRS):
+def _unknown(text: str, plain: str) -> UnknownUnit:
+    """A text of no unit, with one that is like it: `rpm` for numbers of `krpm` times 1000."""
+    scale = 1.0
+    for _ in range(MOST_REPAIRS):
         try:
-            return parse_unit(text).text
+            return UnknownUnit(text, parse_unit(plain).text, scale)
         except UnitError as error:
-            text = text[: error.start] + (error.replacement or "") + text[error.end :]
-    return None
+            has_scale = error.scale != 1.0
+            instead = error.repair if has_scale else error.replacement
+            scale *= error.scale
+            plain = plain[: error.start] + (instead or "") + plain[error.end :]
+    return UnknownUnit(text, None)
 
 
 def is_unit(cell: str) -> bool:
@@ -141,8 +232,8 @@ def is_unit(cell: str) -> bool:
     return not text or written_unit(text) is not None
 
 
-def units_line(cells: Sequence[str]) -> tuple[Unit | None, ...] | None:
-    """The units of a line in which every cell is a unit or empty and none is a number.
+def units_line(cells: Sequence[str]) -> tuple[str, ...] | None:
+    """The texts of a line in which every cell is a unit or empty and none is a number.
 
     None for any other line; one of words for missing values alone is a row without values.
     """
@@ -150,7 +241,7 @@ def units_line(cells: Sequence[str]) -> tuple[Unit | None, ...] | None:
         return None
     if all(cell.strip().lower() in MISSING for cell in cells):
         return None
-    return tuple(written_unit(cell.strip().strip("[]()")) for cell in cells)
+    return tuple(cell.strip().strip("[]()") for cell in cells)
 
 
 def is_number(text: str) -> bool:

@@ -10,14 +10,16 @@ import numpy as np
 
 from compiler.ir.program import Signal
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.table import ColumnKey
-from msnn.data.formats.written_units import StatedUnit, TwoUnits, UnknownUnit
+from msnn.data.formats.written_units import MixedUnits, StatedUnit, TwoUnits, UnknownUnit
 from msnn.data.reading.converted_cells import converted_cells
 from msnn.errors.data import files as errors
 from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.sections.data.columns import Column
+from spec_schema.units.parser import confused_units
 from spec_schema.units.turns import turn_readings
 from spec_schema.units.unit import UNCHANGED, Line, Unit
 
@@ -119,7 +121,7 @@ def file_unit(
 ) -> Unit | None:
     """The unit that a file states of a column; None, reported where it states one, if not clear."""
     match stated:
-        case UnknownUnit(text=text, meant=meant):
+        case UnknownUnit(text=text, meant=meant, scale=scale):
             findings.report(
                 data_units.unread_unit(
                     signal=signal,
@@ -127,6 +129,7 @@ def file_unit(
                     text=text,
                     declared=declared.text,
                     meant=meant,
+                    scale=scale,
                     span=span,
                 )
             )
@@ -143,6 +146,34 @@ def file_unit(
                 )
             )
             return None
+        case MixedUnits(shown=shown):
+            cells = [(one.unit and one.unit.text, one.cell, one.count) for one in shown]
+            findings.report(
+                data_units.mixed_cells(
+                    file=file,
+                    signal=signal,
+                    column=column,
+                    cells=cells,
+                    declared=declared.text,
+                    span=span,
+                )
+            )
+            return None
+        case CapitalUnit():
+            fitting = stated.fitting(declared)
+            if len(fitting) > 1:
+                readings = tuple(unit.text for unit in fitting)
+                findings.report(
+                    data_units.doubtful_capitals(
+                        signal=signal,
+                        column=column,
+                        text=stated.text,
+                        readings=readings,
+                        span=span,
+                    )
+                )
+                return None
+            return fitting[0] if fitting else stated.likely
         case _:
             return stated
 
@@ -152,10 +183,21 @@ def _unfit_unit(
 ) -> Diagnostic | None:
     """What is wrong with a unit that a file states of a column, None if it converts."""
     if not unit.converts_to(declared):
-        return data_units.misfitting_file_unit(
-            signal=signal, column=column, found=unit.text, declared=declared.text, span=span
-        )
+        return misfit(signal, column, unit, declared, span)
     return _turns_fault(signal, column, unit, declared, span)
+
+
+def misfit(signal: str, column: str, unit: Unit, declared: Unit, span: Span | None) -> Diagnostic:
+    """E0999, with the unit that the file may mean by the one that it states."""
+    meant = next((other for other in confused_units(unit) if other.converts_to(declared)), None)
+    return data_units.misfitting_file_unit(
+        signal=signal,
+        column=column,
+        found=unit.text,
+        declared=declared.text,
+        meant=None if meant is None else meant.text,
+        span=span,
+    )
 
 
 def _turns_fault(

@@ -12,7 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import Dataset
 from msnn.data.formats.arrays.array_columns import NamedArrays
-from msnn.data.formats.arrays.array_units import unit_beside, unit_of_array, unit_of_column
+from msnn.data.formats.arrays.array_units import (
+    UnitTexts,
+    unit_beside,
+    unit_of_array,
+    unit_of_column,
+)
+from msnn.data.formats.arrays.packed_values import packing_in
+from msnn.data.formats.written_units import units_line
 from msnn.data.reading.files import GIVEN, DataFile
 from msnn.data.reading.load import joined_files
 from msnn.data.reading.row_filter import RowFilter
@@ -137,31 +144,69 @@ def _records(value: object) -> list[Frame]:
 
 def _arrays(shown: str, frame: Frame) -> NamedArrays:
     if isinstance(frame, Mapping):
-        names = tuple(frame)
+        keys: dict[str, Any] = {str(key): key for key in frame}
+
+        def entry(name: str) -> Any:
+            return cast("Mapping[Any, Any]", frame)[keys[name]]
+
         return NamedArrays(
             shown,
-            names,
-            lambda name: _unmasked(frame[name]),
-            unit_texts=lambda name: unit_of_array(frame[name]) or _unit_beside(frame, name),
+            tuple(map(str, frame)),
+            lambda name: _unmasked(entry(name)),
+            unit_texts=lambda name: [*unit_of_array(entry(name)), *unit_beside(keys, name, entry)],
+            packing=lambda name: packing_in(getattr(entry(name), "attrs", {})),
         )
-    names = tuple(str(name) for name in frame.columns)
+    names = _labels(tuple(frame.columns))
+    # by position: labels may be numbers, pairs or the same twice
+    at = {name: position for position, name in enumerate(names)}
 
-    def get(name: str) -> NDArray[Any]:
-        column = frame[name]
-        return np.asarray(column.to_numpy())
+    def column(name: str) -> Any:
+        rows: Any = getattr(frame, "iloc", None)  # of pandas
+        return frame[frame.columns[at[name]]] if rows is None else rows[:, at[name]]
 
     # dates of polars with a zone come as those of UTC without one
-    zoned = {name for name in names if getattr(frame[name].dtype, "time_zone", None) is not None}
+    zoned = {name for name in names if getattr(column(name).dtype, "time_zone", None) is not None}
     attributes: Mapping[Any, Any] = getattr(frame, "attrs", {})  # of pandas
 
-    def units(name: str) -> Sequence[str]:
-        return unit_of_array(frame[name]) or unit_of_column(attributes, name)
+    def units(name: str) -> UnitTexts:
+        return [*unit_of_array(column(name)), *unit_of_column(attributes, name)]
 
-    return NamedArrays(shown, names, get, frozenset(zoned), units)
+    def packing(name: str) -> Mapping[str, Any]:
+        return packing_in(getattr(column(name), "attrs", {}))
+
+    return NamedArrays(
+        shown, names, lambda name: _numbers(column(name)), frozenset(zoned), units, packing
+    )
 
 
-def _unit_beside(frame: Mapping[str, ArrayLike], name: str) -> Sequence[str]:
-    return unit_beside(tuple(map(str, frame)), name, frame.__getitem__)
+def _labels(columns: Sequence[Any]) -> tuple[str, ...]:
+    """The names of columns: `a.b` for the pair (a, b) of a header of two lines, or `a [km/h]` where
+    the second line is one of units."""
+    pairs = [_levels(column) for column in columns]
+    last = [pair[-1] if len(pair) > 1 else "" for pair in pairs]
+    has_units = any(last) and units_line(last) is not None
+    return tuple(
+        f"{'.'.join(filter(None, pair[:-1]))} [{pair[-1]}]"
+        if has_units and pair[-1] and len(pair) > 1
+        else ".".join(filter(None, pair))
+        for pair in pairs
+    )
+
+
+def _levels(label: object) -> tuple[str, ...]:
+    if not isinstance(label, tuple):
+        return (str(label),)
+    texts = map(str, cast("tuple[object, ...]", label))
+    # pandas calls the empty cells of a header so
+    return tuple("" if text.startswith("Unnamed: ") else text for text in texts)
+
+
+def _numbers(column: Any) -> NDArray[Any]:
+    """The values of a column; NaN where pandas has its own mark for a missing number."""
+    found = np.asarray(column.to_numpy())
+    if found.dtype.kind == "O" and getattr(column.dtype, "kind", "O") in "biuf":
+        return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan))
+    return found
 
 
 def _unmasked(values: ArrayLike) -> NDArray[Any]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from compiler.ir.program import Program, Signal
-from msnn.data.dataset import Dataset, FloatArray, Record
+from msnn.data.dataset import BoolArray, Dataset, FloatArray, Record
 from msnn.data.formats.table import ColumnKey
 from msnn.data.formats.table_of_formats import require_reader
 from msnn.data.reading.disk_series import DiskSeries
@@ -94,7 +94,7 @@ def joined_files(
     whole = None
     if disk is not None:
         parts, whole = disk.returned(parts)
-    _report_kept(parts, findings)
+    _report_kept(parts, program.sample_time, findings)
     parts = _with_files_joined(parts, data, program.sample_time)
     sets = data.sets
     rows = _sets(data, parts, sets, program.sample_time, findings)
@@ -241,7 +241,7 @@ def _report_ranges(
             )
 
 
-def _report_kept(parts: Sequence[FilePart], findings: Findings) -> None:
+def _report_kept(parts: Sequence[FilePart], sample_time: float | None, findings: Findings) -> None:
     """Tells of measured values what resampling made of them, unless every row has just one."""
     total: dict[ColumnKey, KeptValues] = {}
     for part in parts:
@@ -256,6 +256,7 @@ def _report_kept(parts: Sequence[FilePart], findings: Findings) -> None:
                     kept=kept.kept,
                     lost=kept.lost,
                     rows=kept.rows,
+                    offset=kept.offset if kept.offset > GAP_TOLERANCE * (sample_time or 0) else 0.0,
                 )
             )
 
@@ -293,4 +294,18 @@ def _joined(
         continues=np.concatenate([none, *(part.continues for part in parts)]),
         usable=np.concatenate([none, *(part.usable for part in parts)]),
         warnings=warnings,
+        measured=_measured(parts),
     )
+
+
+def _measured(parts: Sequence[FilePart]) -> dict[str, BoolArray]:
+    """The rows of all parts with a measured value, of signals that lack it in some."""
+    names = dict.fromkeys(name for part in parts for name in part.measured)
+    found = {
+        # a part that is not resampled has the values that its file has
+        name: np.concatenate(
+            [part.measured.get(name, np.ones(len(part.usable), np.bool_)) for part in parts]
+        )
+        for name in names
+    }
+    return {name: rows for name, rows in found.items() if not rows.all()}

@@ -10,7 +10,7 @@ import numpy as np
 
 from compiler.ir.program import Program, Role, Signal
 from msnn.data.dataset import BoolArray, FileRows, FloatArray, IntArray
-from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, WantedColumns
+from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.reading.columns import (
     Feed,
@@ -22,12 +22,12 @@ from msnn.data.reading.columns import (
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.record_rows import ColumnUses, RecordRows, record_rows, resampling
 from msnn.data.reading.row_filter import RowFilter
-from msnn.data.reads import compared_signals
+from msnn.data.reads import compared_signals, signals_only_compared
 from msnn.errors.data import formats as data_formats
 from msnn.errors.data.files import no_column_read
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.expressions.moments import Moment
-from spec_schema.sections.data.data import Csv, Data
+from spec_schema.sections.data.data import Csv, Data, TimeColumn
 
 _TO = " … "
 
@@ -43,6 +43,8 @@ class KeptValues:
     """Values for which there is no row, or only one at which an input is missing."""
     rows: int
     """All rows, with and without a value."""
+    offset: float = 0.0
+    """Most seconds between a value and its row, of those that are taken as they were measured."""
 
     def __add__(self, other: KeptValues) -> KeptValues:
         return KeptValues(
@@ -50,6 +52,7 @@ class KeptValues:
             self.kept + other.kept,
             self.lost + other.lost,
             self.rows + other.rows,
+            max(self.offset, other.offset),
         )
 
 
@@ -68,6 +71,8 @@ class FilePart:
     """Time 0, where the file says."""
     kept: Mapping[ColumnKey, KeptValues] = field(default_factory=dict[ColumnKey, KeptValues])
     """Of resampled columns that predictions are compared with."""
+    measured: Mapping[str, BoolArray] = field(default_factory=dict[str, BoolArray])
+    """Of resampled signals that are read as well as compared: the rows with a measured value."""
 
     def seconds_to(self, other: FilePart) -> float:
         """From the time 0 of this one to that of another; NaN where the files do not tell."""
@@ -94,6 +99,7 @@ class FilePart:
             continues=continues,
             usable=np.concatenate((self.usable, other.usable)),
             begins=self.begins,
+            measured={n: np.concatenate((m, other.measured[n])) for n, m in self.measured.items()},
         )
 
 
@@ -112,7 +118,7 @@ def read_part(
     # of its own: `failed` is then about this file alone
     mine = Findings()
     columns = {**data.columns, **file.layout.columns}
-    compared = compared_signals(program)
+    compared, lone = compared_signals(program), signals_only_compared(program)
     found = feeds(_signals(program, row_filter), columns, mine)
     more = feeds(beside, columns, mine)
     read = _read(file, data, found, more, mine)
@@ -126,8 +132,9 @@ def read_part(
         # a column that a signal of the program needs as well may not be missing
         spare = wanted_columns(more).keys() - wanted_columns(found).keys()
         targets = {f.signal.name for f in found if f.signal.role is Role.TARGET}
-        scored = columns_of_only(found, targets | compared)
-        uses = ColumnUses(beside=frozenset(spare), scored=scored)
+        scored = columns_of_only(found, targets | lone)
+        keys = frozenset(k for feed in found if feed.signal.name in compared for k in feed.keys)
+        uses = ColumnUses(beside=frozenset(spare), scored=scored, compared=keys - spare)
         rows = record_rows(read, file, data, program.sample_time, mine, uses)
     findings.report(*mine.in_order)
     if rows is None:
@@ -143,17 +150,27 @@ def read_part(
         # missing targets are only not scored (R9)
         if feed.signal.role is Role.INPUT and feed.signal in program.signals:
             # a prediction alone is compared with it
-            if rows.moments.keys() >= set(feed.keys):
+            if rows.measured.keys() >= set(feed.keys):
                 continue
             values = series[feed.signal.name].reshape(len(usable), -1)
             usable &= np.isfinite(values).all(axis=1)
-    single = columns_of_only(found, compared) & rows.moments.keys()
-    kept = {key: _kept_values(rows.moments[key], usable) for key in single}
+    single = columns_of_only(found, lone) & rows.measured.keys()
+    offsets = {key: rows.offsets[key] for key in single}
+    kept = {
+        key: _kept_values(moments, usable, offsets.get(key, 0.0))
+        for key, moments in rows.moments.items()
+    }
     if row_filter is not None:
         usable &= _kept(row_filter, series, rows, file, findings)
     # after the filter, which may read between measured values
-    measured = {**rows.columns, **{key: _at_moments(key, rows) for key in single}}
-    series |= {feed.signal.name: feed.series(measured) for feed in found if single & set(feed.keys)}
+    columns = {**rows.columns, **{key: _at_moments(key, rows) for key in single}}
+    series |= {feed.signal.name: feed.series(columns) for feed in found if single & set(feed.keys)}
+    # of an input that the model reads, values between those measured are there, not scored
+    measured = {
+        feed.signal.name: np.all([_marked(key, rows) for key in read], axis=0)
+        for feed in found
+        if (read := set(feed.keys) & rows.moments.keys() - single) and feed.signal.name in compared
+    }
     # what only the filter read is not kept
     series = {signal.name: series[signal.name] for signal in program.signals}
     series |= {feed.signal.name: feed.series_if_there(rows.columns, len(usable)) for feed in more}
@@ -167,23 +184,27 @@ def read_part(
         usable=usable,
         begins=rows.begins,
         kept=kept,
+        measured=measured,
     )
 
 
-def _kept_values(moments: IntArray, usable: BoolArray) -> KeptValues:
+def _kept_values(moments: IntArray, usable: BoolArray, offset: float) -> KeptValues:
     there = moments[moments >= 0]
     there = there[usable[there]]
-    return KeptValues(len(moments), len(np.unique(there)), len(moments) - len(there), len(usable))
+    lost = len(moments) - len(there)
+    return KeptValues(len(moments), len(np.unique(there)), lost, len(usable), offset)
 
 
 def _at_moments(key: ColumnKey, rows: RecordRows) -> FloatArray:
-    """A resampled column without values at moments for which none was measured, and in holes."""
-    moments = rows.moments[key]
-    values = np.full(len(rows.continues), np.nan)
-    belongs = moments[moments >= 0]
-    belongs = belongs[rows.covered[belongs]]
-    values[belongs] = rows.columns[key][belongs]
-    return values
+    """The measured values of a resampled column in their rows; NaN elsewhere and in holes."""
+    return np.where(rows.covered, rows.measured[key], np.nan)
+
+
+def _marked(key: ColumnKey, rows: RecordRows) -> BoolArray:
+    """The rows to which a measured value of a resampled column belongs."""
+    marked = np.zeros(len(rows.continues), dtype=np.bool_)
+    marked[rows.moments[key][rows.moments[key] >= 0]] = True
+    return marked
 
 
 def _signals(program: Program, row_filter: RowFilter | None) -> tuple[Signal, ...]:
@@ -226,7 +247,7 @@ def _read(
         optional -= {time.column.column}
         spare -= {time.column.column}
     try:
-        wanted = WantedColumns(users, optional, spare, moments, time if file.keeps_time else None)
+        wanted = WantedColumns(users, optional, spare, moments, _time_source(file, time))
         if file.arrays is not None:
             return file.arrays.table(wanted)
         dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")
@@ -234,6 +255,13 @@ def _read(
     except SpecError as error:
         findings.report(*error.diagnostics)
         return None
+
+
+def _time_source(file: DataFile, time: TimeColumn | None) -> TimeSource | None:
+    """The column that the spec names, for files whose reader finds the times of values itself."""
+    if time is None or not file.keeps_time:
+        return None
+    return TimeSource(time.column.column, time.place.value, time.unit)
 
 
 def _dialect(csv: Csv | None, *, tabs: bool) -> Dialect:

@@ -10,7 +10,7 @@ import numpy as np
 from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FloatArray, IntArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams
 from msnn.data.formats.written_units import StatedUnit
-from msnn.data.reading.columns import file_unit
+from msnn.data.reading.columns import file_unit, misfit
 from msnn.data.reading.converted_cells import converted_cells
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.resample import Method, Samples, lost_values, resample
@@ -47,7 +47,11 @@ class RecordRows:
     begins: Moment | None = None
     """Time 0, where times are dates."""
     moments: Mapping[ColumnKey, IntArray] = field(default_factory=dict[ColumnKey, IntArray])
-    """Of resampled columns that are only scored: the row of each measured value, or −1."""
+    """Of resampled columns that are compared: the row of each measured value, or −1."""
+    measured: Mapping[ColumnKey, FloatArray] = field(default_factory=dict[ColumnKey, FloatArray])
+    """Of those that are only scored: the values in these rows, NaN in all others."""
+    offsets: Mapping[ColumnKey, float] = field(default_factory=dict[ColumnKey, float])
+    """Of those the most seconds between a measured value and its row."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,6 +61,8 @@ class ColumnUses:
     beside: frozenset[ColumnKey] = frozenset()
     """They have no say in which rows there are."""
     scored: frozenset[ColumnKey] = frozenset()
+    """Predictions alone are compared with them: values between the measured ones are not needed."""
+    compared: frozenset[ColumnKey] = frozenset()
     """Predictions are compared with them: a value that was not measured is not compared."""
 
 
@@ -170,11 +176,7 @@ def _seconds_line(
         unit = file_unit(stated, file, "time", key, SECOND, place, findings) or SECOND
     if unit.same_dimension(SECOND):
         return unit.line_to(SECOND)
-    findings.report(
-        data_units.misfitting_file_unit(
-            signal="time", column=key, found=unit.text, declared="s", span=place
-        )
-    )
+    findings.report(misfit("time", key, unit, SECOND, place))
     return None
 
 
@@ -298,7 +300,7 @@ def _on_grid(
     span: tuple[float, float] | None,
     uses: ColumnUses,
 ) -> RecordRows:
-    found = resample(columns, sample_time, method, span, uses.beside, uses.scored)
+    found = resample(columns, sample_time, method, span, uses.beside, uses.scored, uses.compared)
     count = len(found.time)
     rows = np.full(count, BETWEEN_ROWS, dtype=np.int64)
     return RecordRows(
@@ -308,6 +310,8 @@ def _on_grid(
         continues=_unbroken(count),
         covered=found.covered,
         moments=found.moments,
+        measured=found.measured,
+        offsets=found.offsets,
     )
 
 

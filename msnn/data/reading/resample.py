@@ -33,7 +33,11 @@ class Resampled:
     columns: dict[ColumnKey, FloatArray]
     covered: BoolArray
     moments: Mapping[ColumnKey, IntArray]
-    """For each scored column the moment that each of its measured values belongs to, or −1."""
+    """For each compared column the moment that each of its measured values belongs to, or −1."""
+    measured: Mapping[ColumnKey, FloatArray]
+    """For each scored column its values at these moments, NaN at all others."""
+    offsets: Mapping[ColumnKey, float]
+    """For each scored column the most seconds between such a value and its moment."""
 
 
 def resample(
@@ -43,15 +47,18 @@ def resample(
     span: tuple[float, float] | None = None,
     beside: Collection[ColumnKey] = (),
     scored: Collection[ColumnKey] = (),
+    compared: Collection[ColumnKey] = (),
 ) -> Resampled:
     """Columns (seconds, values) at the moments that all of them cover, `sample_time` apart.
 
     `linear` draws straight lines between the measured values of a column, `nearest` takes the
     closest of them, the earlier of two. `span` limits the moments.
 
-    Of columns that are only `scored` holes end nothing; `moments` says which moments have a
-    measured value, the one within half a sample time. Those `beside` have no say in what is
-    covered: they are missing where they have nothing.
+    Of columns that are only `scored` holes end nothing. A measured value of theirs stays as it is,
+    at the moment within half a sample time; where no step between two of them is longer than 1.5
+    sample times, `linear` takes the line at that moment. `compared` columns are read as well:
+    `moments` says which moments have a measured value. Columns `beside` are scored ones
+    that have no say in which moments there are.
     """
     scored = {key for key in scored if key not in beside}
     measured = {key: _measured(samples) for key, samples in columns.items()}
@@ -82,32 +89,36 @@ def resample(
     covered = np.ones(count, dtype=np.bool_)
     found: dict[ColumnKey, FloatArray] = {}
     moments: dict[ColumnKey, IntArray] = {}
+    at_moments: dict[ColumnKey, FloatArray] = {}
+    offsets: dict[ColumnKey, float] = {}
     for key, (time, values) in measured.items():
+        # values that the user has not picked are not looked for
+        picked = slice(None) if span is None else (time >= span[0]) & (time <= span[1])
+        if key in scored or key in compared:
+            moments[key] = _moments_of(grid, time[picked], sample_time)
         if not len(time):
             found[key] = np.full(count, np.nan)
             covered &= key in beside or key in scored
         elif key in scored:
-            # values that the user has not picked are not looked for
-            picked = slice(None) if span is None else (time >= span[0]) & (time <= span[1])
-            moments[key] = _moments_of(grid, time[picked], sample_time)
             found[key] = _at(grid, time, values, method)
+            marked = _marked(count, moments[key])
+            own = (time[picked], values[picked])
+            at_moments[key], offsets[key] = _as_measured(grid, marked, own, sample_time, method)
             # a line through a hole joins values that say nothing of what lies between
             alone = _in_holes(grid, time, sample_time) | (grid < time[0]) | (grid > time[-1])
             found[key][alone] = np.nan
-            alone &= _marked(count, moments[key])
+            alone &= marked
             found[key][alone] = _at(grid[alone], time, values, "nearest")
         else:
             found[key] = _at(grid, time, values, method)
         if key in beside and len(time):
-            known = ~_in_holes(grid, time, sample_time)
-            # np.interp repeats the first and last value outside: that is no measurement
-            known &= (grid >= time[0]) & (grid <= time[-1] + GAP_TOLERANCE * sample_time)
-            found[key] = np.where(known, found[key], np.nan)
+            marked = _marked(count, _moments_of(grid, time, sample_time))
+            found[key], _ = _as_measured(grid, marked, (time, values), sample_time, method)
         elif key in hole_makers:
             covered &= ~_in_holes(grid, deciding[key], sample_time)
             if key not in scored:
                 covered &= ~_in_lost(grid, columns[key], sample_time)
-    return Resampled(grid, found, covered, moments)
+    return Resampled(grid, found, covered, moments, at_moments, offsets)
 
 
 def lost_values(samples: Samples, sample_time: float) -> IntArray:
@@ -149,6 +160,28 @@ def _marked(count: int, moments: IntArray) -> BoolArray:
     marked = np.zeros(count, dtype=np.bool_)
     marked[moments[moments >= 0]] = True
     return marked
+
+
+def _as_measured(
+    grid: FloatArray, marked: BoolArray, samples: Samples, sample_time: float, method: Method
+) -> tuple[FloatArray, float]:
+    """The values at marked moments, NaN at others, and the most seconds by which one is off."""
+    time, values = samples
+    found = np.full(len(grid), np.nan)
+    rows = np.flatnonzero(marked)
+    if not len(rows):
+        return found, 0.0
+    nearest = _nearest(grid[rows], time)
+    found[rows] = values[nearest]
+    if method == "linear":
+        after = np.searchsorted(time, grid[rows])
+        inside = (after > 0) & (after < len(time))
+        steps = time[np.minimum(after, len(time) - 1)] - time[np.maximum(after - 1, 0)]
+        # a line of a longer step joins values that other rows are compared with
+        dense = inside & (steps <= LOST_STEP * sample_time * (1 + _SLACK))
+        found[rows[dense]] = np.interp(grid[rows[dense]], time, values)
+        rows, nearest = rows[~dense], nearest[~dense]
+    return found, float(np.abs(grid[rows] - time[nearest]).max(initial=0.0))
 
 
 def _at(grid: FloatArray, time: FloatArray, values: FloatArray, method: Method) -> FloatArray:

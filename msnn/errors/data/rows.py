@@ -188,7 +188,9 @@ def record_dropped(file: str, row: int) -> Diagnostic:
     return warning("W0803", None, f"{file} is left out: an input is missing in row {row}")
 
 
-def kept_values(*, column: str, measured: int, kept: int, lost: int, rows: int) -> Diagnostic:
+def kept_values(
+    *, column: str, measured: int, kept: int, lost: int, rows: int, offset: float
+) -> Diagnostic:
     """W0830: how many measured values of a resampled column are compared with predictions."""
     message = (
         f"resampling keeps {kept} of {measured} measured values of column `{column}`, "
@@ -199,5 +201,7 @@ def kept_values(*, column: str, measured: int, kept: int, lost: int, rows: int) 
         notes.append(f"{shared} are nearest to a row that has one already")
     if lost:
         notes.append(f"{lost} are nearest to a row without inputs, or to none")
+    if offset:
+        notes.append(f"values are up to {_seconds(offset)} away from their rows")
     make = warning if lost else remark
     return make("W0830", None, message, notes=tuple(notes))

@@ -1,4 +1,6 @@
-"""E0508, E0979, E0989-91, E0997-99, E1319, W0511, W0831: moments and units that files state."""
+"""E0508, E0512, E0878, E0979, E0989-91, E0997-99, E1319, W0511, W0831: dates and units of files."""
+
+from collections.abc import Sequence
 
 from msnn.errors.data.lists import and_more
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
@@ -53,6 +55,40 @@ def units_differ(
     )
 
 
+def doubtful_capitals(
+    *, signal: str, column: str, text: str, readings: tuple[str, ...], span: Span | None
+) -> Diagnostic:
+    """E0512: a unit in capital letters with several readings that fit the signal."""
+    first, *others = readings
+    message = f"the file has `{column}` in `{text}`, which may be {' or '.join(readings)}"
+    rest = " or ".join(f"`unit: {unit}`" for unit in others)
+    repair = f"write the true one: `{_key_with_unit(signal, column, first)}`, or {rest}"
+    notes = ("the file does not show whether it tells small from capital letters",)
+    return error("E0512", span, message, "which one is right?", notes=notes, help=repair)
+
+
+def mixed_cells(
+    *,
+    file: str,
+    signal: str,
+    column: str,
+    cells: Sequence[tuple[str | None, str, int]],
+    declared: str,
+    span: Span | None,
+) -> Diagnostic:
+    """E0878: a column of a workbook whose number formats show different units."""
+    message = f"the cells of column `{column}` in {file} are shown in different units"
+    notes = tuple(
+        f"{'no unit' if unit is None else unit}: cell {cell}"
+        + (f" and {count - 1} more" if count > 1 else "")
+        for unit, cell, count in cells
+    )
+    unit = next((unit for unit, _, _ in cells if unit is not None), declared)
+    key = _key_with_unit(signal, column, unit)
+    repair = f"give all its cells one number format, or write the unit of all: `{key}`"
+    return error("E0878", span, message, "in which unit is it?", notes=notes, help=repair)
+
+
 def unit_beside_scale(
     *, signal: str, column: str, found: str, declared: str, span: Span | None
 ) -> Diagnostic:
@@ -72,12 +108,23 @@ def unit_of_moments(column: str, unit: str, span: Span | None) -> Diagnostic:
 
 
 def misfitting_file_unit(
-    *, signal: str, column: str, found: str, declared: str, span: Span | None
+    *,
+    signal: str,
+    column: str,
+    found: str,
+    declared: str,
+    meant: str | None,
+    span: Span | None,
 ) -> Diagnostic:
     """E0999: a column whose unit, by the file's own words, does not convert to the signal's."""
     message = f"the file has `{column}` in {found}, which does not convert to {declared}"
-    key = _key_with_unit(signal, column, declared)
-    repair = f"if that is no unit, say the true one: `{key}`"
+    if meant is not None:
+        repair = f"if it means {meant}, write `{_key_with_unit(signal, column, meant)}`"
+    else:
+        key = _key_with_unit(signal, column, declared)
+        repair = f"if the numbers are in {declared}, write `{key}`"
+        if signal != "time":
+            repair = f"declare `{signal}` in the unit of the column, {found}; {repair}"
     return error("E0999", span, message, f"`{signal}` is in {declared}", help=repair)
 
 
@@ -112,6 +159,7 @@ def unread_unit(
     text: str,
     declared: str,
     meant: str | None,
+    scale: float,
     span: Span | None,
 ) -> Diagnostic:
     """W0511: a unit that a file states and msnn does not know."""
@@ -119,7 +167,10 @@ def unread_unit(
         f"the file has `{column}` in `{text}`, which is no known unit: its numbers are taken as "
         f"{declared}"
     )
-    repair = f"write the unit of the column: `{_key_with_unit(signal, column, meant or declared)}`"
+    said = meant or declared
+    if scale != 1.0 and signal != "time":
+        said = f"{said}, scale: {scale:g}"
+    repair = f"write the unit of the column: `{_key_with_unit(signal, column, said)}`"
     return warning("W0511", span, message, f"`{signal}` is in {declared}", help=repair)
 
 

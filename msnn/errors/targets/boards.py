@@ -54,6 +54,8 @@ def unknown_core(link: str, identity: int | None) -> Diagnostic:
 
 def no_controller_on_board(name: str) -> Diagnostic:
     """E1325: a controller, of which a board has no golden solves to replay."""
-    message = f"`{name}` is a controller, and `--board` replays the steps of models alone"
-    repair = "leave `--board` out: `--targets m4` runs its golden solves on a core in QEMU"
+    message = f"`{name}` is a controller, and a board replays the steps of models alone"
+    repair = (
+        "leave `--board` and `--serve` out: `--targets m4` runs its golden solves on a core in QEMU"
+    )
     return error("E1325", None, message, help=repair)

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.table_of_formats import format_of
-from msnn.data.formats.written_units import plain_label, written_unit
+from msnn.data.formats.written_units import is_case_kept, plain_label, written_unit
 from msnn.errors.data.new_specs import no_table
 from msnn.project.from_data.layout import TextLayout, layout_of, number
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -36,6 +37,8 @@ class FoundColumn:
     name: str
     """What the spec calls it."""
     unit: Unit | None
+    doubt: CapitalUnit | None = None
+    """The unit that the header states, where that leaves a doubt; `unit` is None then."""
     key: str | int
     """How the spec finds it: by its header, or by its index where that does not name it."""
     values: FloatArray
@@ -50,6 +53,14 @@ class FoundColumn:
         """Whether most rows lack it or the value before: as an input it would end every episode."""
         known = np.isfinite(self.values)
         return 2 * int(np.sum(known[1:] & known[:-1])) < len(known) - 1
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """A note where nobody can tell the unit in the header."""
+        if self.doubt is None:
+            return ()
+        units = " or ".join(unit.text for unit in self.doubt.different)
+        return (f"`{self.label}` may be in {units}: write the unit of `{self.name}`",)
 
     @property
     def how_often(self) -> str:
@@ -107,12 +118,13 @@ def columns_of(path: Path) -> FoundTable:
     assert isinstance(table, ColumnTable), "tables of text and workbooks have one time"
     names = dict(zip(numbers, _names(layout, numbers), strict=True))
 
-    def column(index: int, unit: Unit | None) -> FoundColumn:
+    def column(index: int, unit: Unit | CapitalUnit | None) -> FoundColumn:
         return FoundColumn(
             index=index,
             label=layout.labels[index],
             name=names.get(index, "time"),
-            unit=unit,
+            unit=None if isinstance(unit, CapitalUnit) else unit,
+            doubt=unit if isinstance(unit, CapitalUnit) else None,
             key=_key(layout, index),
             values=table.columns[index],
         )
@@ -154,10 +166,15 @@ def _names(layout: TextLayout, numbers: list[int]) -> Iterator[str]:
         yield free_name(name, taken)
 
 
-def _unit(layout: TextLayout, index: int) -> Unit | None:
+def _unit(layout: TextLayout, index: int) -> Unit | CapitalUnit | None:
     text = layout.units[index].strip("[]()") or plain_label(layout.labels[index])[1]
     # no unit: a spec that says `1` would ask the same of all that is added to it
-    return None if text == "-" else written_unit(text)
+    unit = None if text == "-" else written_unit(text)
+    if not isinstance(unit, CapitalUnit):
+        return unit
+    if unit.written is not None and is_case_kept(layout.labels, layout.units):
+        return unit.written
+    return unit.different[0] if len(unit.different) == 1 else unit
 
 
 def _key(layout: TextLayout, index: int) -> str | int:

@@ -90,7 +90,7 @@ def spec_from_data(name: str, file: Path, folder: Path, predict: str | None) -> 
         seldom=seldom,
         baseline=baseline,
     )
-    return NewSpec(text=format_spec(f"{name}.msnn.yaml", _text(facts)), notes=time.notes)
+    return NewSpec(text=format_spec(f"{name}.msnn.yaml", _text(facts)), notes=facts.notes)
 
 
 def _target(
@@ -161,6 +161,11 @@ class _Facts:
     seldom: Sequence[FoundColumn]
     baseline: Baseline
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        columns = (self.target, *self.inputs, *self.others)
+        return (*self.time.notes, *(note for column in columns for note in column.doubts))
+
 
 def _text(facts: _Facts) -> str:
     environment = text_templates(
@@ -202,7 +207,7 @@ def _values(facts: _Facts) -> dict[str, Any]:
         "file": facts.file.name,
         "path": os.path.relpath(facts.file.resolve(), facts.folder.resolve()),
         "rows": facts.table.rows,
-        "notes": [line for note in time.notes for line in wrap(_printable(note), _WIDTH)],
+        "notes": [line for note in facts.notes for line in wrap(_printable(note), _WIDTH)],
         "sample_time": _duration(time.step),
         "signals": [_signal(column) for column in signals],
         "others": [_signal(column) for column in facts.others],

@@ -129,10 +129,13 @@ def _from(column: FoundColumn, counters: tuple[int, ...], file: str) -> FoundTim
 
 def _unit(column: FoundColumn) -> tuple[str, str]:
     """The unit of a column of time, and why where nothing writes it."""
-    if column.unit is not None and column.unit.same_dimension(_SECOND):
+    # in capital letters seconds may be siemens, but not of a time
+    units = (column.unit,) if column.doubt is None else column.doubt.fitting(_SECOND)
+    unit = units[0] if len(units) == 1 else None
+    if unit is not None and unit.same_dimension(_SECOND):
         for name, scale in _SCALES.items():
             # by its size: `1e-3 s` is ms as well
-            if np.isclose(column.unit.factor_to(_SECOND), scale):
+            if np.isclose(unit.factor_to(_SECOND), scale):
                 return name, ""
     base = plain_label(column.label)[0].strip()
     if (suffix := _SUFFIX.fullmatch(base)) is not None:

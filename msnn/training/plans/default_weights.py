@@ -45,7 +45,7 @@ def _variance(program: Program, loss: Loss, data: Dataset) -> float:
     """The mean variance of the elements of a signal; of one that never changes its mean square."""
     signal = compared_signal(program, loss)
     assert signal is not None, "an output predicts a signal"
-    rows = data.series[signal][data.in_set(TRAIN)]
+    rows = data.measured_values(signal)[data.in_set(TRAIN)]
     known = np.where(np.isfinite(rows), rows, np.nan).reshape(len(rows), -1)
     known = known[:, np.isfinite(known).any(axis=0)]
     if not known.size:

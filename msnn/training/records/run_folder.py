@@ -17,6 +17,7 @@ from msnn.model.saved_run import (
     CHECKPOINT,
     DESCRIPTION,
     LATEST,
+    METRICS,
     PARAMETERS,
     PARTS,
     SPEC,
@@ -31,8 +32,6 @@ from msnn.model.weights.weights_file import write_weights
 from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.records.bits_record import as_it_ran
 from msnn.training.records.metrics_log import MetricsLog, finite
-
-METRICS = "metrics.jsonl"
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,16 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 
 from backends.files.atomic_write import write_text
+from msnn.errors.targets.boards import no_controller_on_board
 from msnn.exports.foreign_files import spare_foreign_files
 from msnn.verification.builds.harness import harness_text
 from msnn.verification.exported_c import read_exported_c
+from msnn.verification.online.exported_controller import read_exported_controller
+from spec_schema.diagnostics.diagnostic import SpecError
 
 
 def write_serve_files(export: Path, folder: Path) -> tuple[Path, ...]:
-    """Three files for the export in a folder; SpecError (E1046) where there is none.
+    """Three files for the export in a folder; SpecError (E1046, E1325) where there is none.
 
     SpecError (E1054) where they would replace other files.
     """
+    if (controller := read_exported_controller(export)) is not None:
+        raise SpecError([no_controller_on_board(controller.prefix)])
     model = read_exported_c(export)
     names = {
         "replay.h": "replay.h",

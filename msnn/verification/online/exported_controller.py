@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from msnn.verification.sources import CFolder, plain_name
+from msnn.verification.exported_c import UNREADABLE, described
+from msnn.verification.sources import CFolder, plain_hash, plain_name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,8 +61,8 @@ class FilterPart:
 class ExportedController(CFolder):
     """An export of the target `mpc`: a controller, an estimator, or both."""
 
-    identities: tuple[str, ...]
-    """The hashes of its parts, as their descriptions have them."""
+    identities: Mapping[str, str]
+    """The hashes of its parts, as their descriptions have them, by a pattern of their files."""
     dtype: str
     controller: ControllerPart | None
     filter: FilterPart | None
@@ -89,29 +90,51 @@ class ExportedController(CFolder):
         return all("golden" in path.read_text(encoding="utf-8") for path in tests)
 
 
+KINDS = ("mpc", "ekf", "mhe")
+"""Ends of the names of its parts."""
+
+
 def read_exported_controller(folder: Path) -> ExportedController | None:
     """The export in a folder; None where there is none that this version wrote."""
     try:
-        parts = {kind: _about(folder, kind) for kind in ("mpc", "ekf", "mhe")}
+        parts = {kind: _about(folder, kind) for kind in KINDS}
         found = [about for about in parts.values() if about is not None]
         estimator = parts["ekf"] or parts["mhe"]
         if not found:
             return None
         return ExportedController(
             folder=folder.resolve(),
-            identities=tuple(about["export_sha256"] for about in found),
+            identities={
+                f"{plain_name(about['prefix'])}*.[chj]*": plain_hash(about["export_sha256"])
+                for about in found
+            },
             dtype=found[0]["dtype"],
             controller=None if parts["mpc"] is None else _controller(parts["mpc"]),
             filter=None if estimator is None else _filter(estimator),
         )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except UNREADABLE:
         return None
+
+
+def damaged_part(folder: Path) -> str | None:
+    """The description of a controller or estimator that is damaged or missing; None without one."""
+    for kind in KINDS:
+        try:
+            about = _about(folder, kind)
+            if about is not None:
+                (_controller if kind == "mpc" else _filter)(about)
+                plain_hash(about["export_sha256"])
+        except UNREADABLE:
+            return sorted(folder.glob(f"*_{kind}.json"))[0].name
+        for header in sorted((folder / "include").glob(f"*_{kind}.h")) if about is None else ():
+            return f"{header.stem}.json"
+    return None
 
 
 def _about(folder: Path, kind: str) -> dict[str, Any] | None:
     # a folder has one of each kind
     for path in sorted(folder.glob(f"*_{kind}.json")):
-        about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        about: dict[str, Any] = described(path)
         # from a file that anybody may have written: it names types and functions of C
         if about["dtype"] not in ("float32", "float64"):
             raise ValueError(about["dtype"])

@@ -12,12 +12,17 @@ from numpy.typing import NDArray
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.arrays.array_dates import dates_of, has_dates
+from msnn.data.formats.arrays.array_units import UnitTexts
+from msnn.data.formats.arrays.packed_values import PackingError, unpacked
+from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
 from msnn.data.formats.written_units import (
     StatedUnit,
     column_and_unit,
     joint_unit,
+    one_unit,
     stated_unit,
+    with_case,
 )
 from msnn.errors.data import cells as cell_errors
 from msnn.errors.data import files as errors
@@ -28,9 +33,14 @@ from spec_schema.expressions.moments import Moment
 _ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>[0-9]{1,9})\]")
 
 
-def _no_texts(name: str) -> Sequence[str]:
+def _no_texts(name: str) -> UnitTexts:
     del name
     return ()
+
+
+def _no_packing(name: str) -> Mapping[str, Any]:
+    del name
+    return {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +52,13 @@ class NamedArrays:
     get: Callable[[str], NDArray[Any]]
     zoned: frozenset[str] = frozenset()
     """Names of arrays of dates that are of UTC; numpy knows no zones."""
-    unit_texts: Callable[[str], Sequence[str]] = _no_texts
-    """The unit that the file states of an array apart from its name; one for each column of a
-    matrix, or one for all."""
+    unit_texts: Callable[[str], UnitTexts] = _no_texts
+    """The units that the file states of an array apart from its name."""
+    packing: Callable[[str], Mapping[str, Any]] = _no_packing
+    """The attributes by which the numbers of an array are unpacked."""
+    other_names: Sequence[str] = ()
+    other_units: Callable[[], Sequence[str]] = tuple
+    """Names and units of other arrays of the file: they show whether it has small letters."""
 
     def table(self, wanted: WantedColumns) -> ColumnTable:
         """The wanted columns. An array of one dimension is a column by its name; `name[2]` is the
@@ -67,9 +81,17 @@ class NamedArrays:
                 elif key not in wanted.spare:
                     missing[str(key)] = user
                 continue
+            if self.names.count(name) > 1:
+                repair = "give each column a name of its own"
+                faults.append(errors.duplicate_column(name, self.file, None, repair))
+                continue
             if (unit := self._unit(name, index)) is not None:
                 units[key] = unit
-            array = self.get(name)
+            try:
+                array = unpacked(self.get(name), self.packing(name))
+            except PackingError as error:
+                faults.append(data_formats.unusable_array(str(key), self.file, user, str(error)))
+                continue
             # only of columns of time: a date in a column of numbers is a fault like any text
             if key in wanted.moments and has_dates(array):
                 dates = dates_of(array, self.file, str(key), is_utc=name in self.zoned)
@@ -110,10 +132,17 @@ class NamedArrays:
         return (alike[0] if len(alike) == 1 else None), None
 
     def _unit(self, name: str, index: int | None) -> StatedUnit | None:
-        texts = self.unit_texts(name)
-        at = 0 if len(texts) == 1 else index
-        text = texts[at] if at is not None and at < len(texts) else ""
-        return joint_unit(name, stated_unit(text))
+        stated: StatedUnit | None = None
+        for texts in self.unit_texts(name):
+            at = 0 if len(texts) == 1 else index
+            text = texts[at] if at is not None and at < len(texts) else ""
+            stated = one_unit(stated, stated_unit(text))
+        unit = joint_unit(name, stated)
+        if not isinstance(unit, CapitalUnit):
+            return unit
+        # only for a unit in doubt: of all columns they are many
+        others = [t for other in self.names for texts in self.unit_texts(other) for t in texts]
+        return with_case(unit, (*self.names, *self.other_names), (*others, *self.other_units()))
 
     def _before_units(self, key: ColumnKey) -> list[str]:
         """The names of which the key is what stands before a unit."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
@@ -16,14 +16,18 @@ _PANDAS = "PANDAS_ATTRS"
 _LONGEST = 200
 
 
-def units_in(attributes: Any) -> Sequence[str]:
-    """The unit in a mapping of attributes; several where an array has one for each column."""
+UnitTexts: TypeAlias = Sequence[Sequence[str]]
+"""What a file states of an array's unit: each statement is one text, or one for each column."""
+
+
+def units_in(attributes: Any) -> UnitTexts:
+    """The units in a mapping of attributes, in which `unit` and `units` may both be."""
     # attributes that cannot be read, as references of HDF5, are not looked at
     keys = [key for key in attributes if text_of(key).lower() in _KEYS]
-    return texts_of(attributes[keys[0]]) if keys else ()
+    return [texts_of(attributes[key]) for key in keys]
 
 
-def unit_of_array(array: Any) -> Sequence[str]:
+def unit_of_array(array: Any) -> UnitTexts:
     """The unit that an array of a session has with it: of pandas and xarray in `attrs`, of pint in
     `units`, of astropy in `unit`."""
     attributes = getattr(array, "attrs", None)
@@ -35,12 +39,12 @@ def unit_of_array(array: Any) -> Sequence[str]:
     for key in ("units", "unit"):
         if (unit := getattr(array, key, None)) is not None and not callable(unit):
             # pint's short format, as `km/h`
-            return (f"{unit:~C}" if hasattr(unit, "dimensionality") else str(unit),)
+            return [(f"{unit:~C}" if hasattr(unit, "dimensionality") else str(unit),)]
     return ()
 
 
-def unit_beside(names: Collection[str], name: str, get: Callable[[str], Any]) -> Sequence[str]:
-    """The unit in a text of the same file: `speed_unit`, or `speed.unit` beside `speed.data`."""
+def unit_beside(names: Collection[str], name: str, get: Callable[[str], Any]) -> UnitTexts:
+    """The units in texts of the same file: `speed_unit`, or `speed.unit` beside `speed.data`."""
     stems = [(name, "_")]
     for sign in "./":
         base, found, field = name.rpartition(sign)
@@ -56,26 +60,26 @@ def unit_beside(names: Collection[str], name: str, get: Callable[[str], Any]) ->
     # `P` and `p` may be a power and a pressure: then a name has the unit that is spelled like it
     if sum(other.lower() == name.lower() for other in names) > 1:
         folded = []
-    beside = next(iter((*exact, *folded)), None)
-    return () if beside is None else texts_of(get(beside))
+    return [texts_of(get(other)) for other in exact or folded]
 
 
-def unit_of_column(attributes: Any, name: str) -> Sequence[str]:
-    """The unit of a column in the attributes of its table: `{"units": {"speed": "km/h"}}`.
+def unit_of_column(attributes: Any, name: str) -> UnitTexts:
+    """The units of a column in the attributes of its table.
 
-    Parquet keeps mappings as JSON, and those that pandas has in `attrs` below a key of pandas.
+    They are `{"units": {"speed": "km/h"}}`, `{"speed": {"units": "km/h"}}` or `speed_unit`. Parquet
+    keeps mappings as JSON, and those that pandas has in `attrs` below a key of pandas.
     """
+    found: list[Sequence[str]] = []
     for key, value in attributes.items():
         mapping = _mapping(value)
         if text_of(key) == _PANDAS:
-            found = unit_of_column(mapping, name)
+            found += unit_of_column(mapping, name)
         elif text_of(key).lower() in _KEYS and name in mapping:
-            found = texts_of(mapping[name])
-        else:
-            continue
-        if found:
-            return found
-    return ()
+            found.append(texts_of(mapping[name]))
+        elif text_of(key) == name:
+            found += units_in(mapping)
+    texts = {text_of(key): value for key, value in attributes.items()}
+    return [*found, *unit_beside(texts, name, texts.__getitem__)]
 
 
 def _mapping(value: Any) -> Mapping[Any, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
-from msnn.data.formats.arrays.array_units import unit_beside, units_in
+from msnn.data.formats.arrays.array_units import UnitTexts, unit_beside, units_in
+from msnn.data.formats.arrays.packed_values import packing_in, with_netcdf_fill
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
+
+_NETCDF = "_NCProperties"
+"""The attribute of files of the NetCDF library."""
 
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
@@ -44,11 +48,18 @@ def read_datasets(
                 array = np.asarray(found[names[name]][()])
                 return array.T if transposed else array
 
-            def units(name: str) -> Sequence[str]:
-                return units_in(found[names[name]].attrs) or unit_beside(names, name, get)
+            def units(name: str) -> UnitTexts:
+                of_array = units_in(found[names[name]].attrs)
+                return [*of_array, *unit_beside(names, name, get)]
+
+            def packing(name: str) -> Mapping[str, Any]:
+                entry = found[names[name]]
+                own = packing_in(entry.attrs)
+                return own if _NETCDF not in file.attrs else with_netcdf_fill(own, entry.dtype)
 
             # inside `with`: datasets are read when they are asked for
-            return NamedArrays(shown, tuple(names), get, unit_texts=units).table(wanted)
+            arrays = NamedArrays(shown, tuple(names), get, unit_texts=units, packing=packing)
+            return arrays.table(wanted)
     # what h5py raises for broken files, one for each layer of the C library
     except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as error:
         raise SpecError((errors.unreadable_file(shown, str(error) or "it is broken"),)) from error

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import sys
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,8 @@ import pyarrow.parquet as parquet
 from numpy.typing import NDArray
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
-from msnn.data.formats.arrays.array_units import unit_of_column, units_in
+from msnn.data.formats.arrays.array_units import UnitTexts, unit_of_column, units_in
+from msnn.data.formats.arrays.packed_values import packing_in
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.unpacked_size import refuse_unpacking
@@ -27,14 +30,22 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     Raises SpecError with everything that is wrong.
     """
     del dialect  # lays out text
+    # for whoever watches this process: arrow opens it in C++
+    sys.audit("open", path, "rb", os.O_RDONLY)
     try:
         with parquet.ParquetFile(path) as file:
             # a value that repeats takes no room in the file, and 8 bytes a row when it is read
             refuse_unpacking(path, shown, 8 * file.metadata.num_rows * len(wanted.users))
             names = tuple(str(name) for name in file.schema_arrow.names)
             zoned = zoned_columns(file.schema_arrow)
-            units = partial(units_of_field, file.schema_arrow)
-            arrays = NamedArrays(shown, names, lambda name: _array(file, name), zoned, units)
+            arrays = NamedArrays(
+                shown,
+                names,
+                lambda name: _array(file, name),
+                zoned,
+                partial(units_of_field, file.schema_arrow),
+                partial(packing_of_field, file.schema_arrow),
+            )
             return arrays.table(wanted)
     except (OSError, ValueError, arrow.ArrowException) as error:
         raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
@@ -53,10 +64,15 @@ def zoned_columns(schema: Any) -> frozenset[str]:
     )
 
 
-def units_of_field(schema: Any, name: str) -> Sequence[str]:
-    """The unit in the metadata of a column; else in that of the file, as of pandas' `attrs`."""
+def units_of_field(schema: Any, name: str) -> UnitTexts:
+    """The units in the metadata of a column and in that of the file, as of pandas' `attrs`."""
     of_field = units_in(schema.field(name).metadata or {})
-    return of_field or unit_of_column(schema.metadata or {}, name)
+    return [*of_field, *unit_of_column(schema.metadata or {}, name)]
+
+
+def packing_of_field(schema: Any, name: str) -> Mapping[str, Any]:
+    """The attributes of packed numbers in the metadata of a column."""
+    return packing_in(schema.field(name).metadata or {})
 
 
 def as_array(column: Any) -> NDArray[Any]:

@@ -1,34 +1,57 @@
-"""Writes the results of a reader as JSON and raw arrays, which run no code as a pickle may."""
+"""Writes requests and results of a reader as JSON and raw arrays: no pickle, which runs code."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import IO, Any, cast
 
 import numpy as np
 
 from msnn.data.dataset import FloatArray
-from msnn.data.formats.table import ColumnTable, Streams
+from msnn.data.formats.capital_units import CapitalUnit
+from msnn.data.formats.table import ColumnTable, Streams, TimeSource, WantedColumns
+from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.written_units import TwoUnits, UnknownUnit
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment
+from spec_schema.fields.located import Located
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import Unit
 
-_CLASSES = {
-    kind.__name__: kind
-    for kind in (ColumnTable, Streams, Diagnostic, Span, Moment, UnknownUnit, TwoUnits)
-}
+
+@dataclass(frozen=True, slots=True)
+class ReadRequest:
+    """A file to read by `read` of a module, and what that may take."""
+
+    module: str
+    path: Path
+    shown: str
+    wanted: WantedColumns
+    dialect: Dialect
+    memory: int
+    """Bytes in addition to those that the process has."""
+    seconds: int
+    """Of the processor."""
+
+
+_REQUEST = (ReadRequest, WantedColumns, TimeSource, Located, Dialect)
+_RESULT = (ColumnTable, Streams, Diagnostic, Span, Moment, CapitalUnit, UnknownUnit, TwoUnits)
+_KINDS = (*_REQUEST, *_RESULT)
+_CLASSES: dict[str, type[Any]] = {kind.__name__: kind for kind in _KINDS}
 _LENGTH = 8
 """Bytes that say how long the JSON is."""
 _LONGEST = 1 << 30
 
 
 def write_message(pipe: IO[bytes], value: object) -> None:
-    """Writes tables, streams, diagnostics, and tuples and mappings of such values."""
+    """Writes a request, a table, streams, or a tuple of diagnostics.
+
+    TypeError for a value that contains an object of another class.
+    """
     arrays: list[FloatArray] = []
     text = json.dumps(_encoded(value, arrays)).encode()
     pipe.write(len(text).to_bytes(_LENGTH, "big"))
@@ -65,22 +88,21 @@ def _encoded(value: object, arrays: list[FloatArray]) -> object:
         case tuple():
             items = cast("tuple[object, ...]", value)
             return {"tuple": [_encoded(item, arrays) for item in items]}
+        case frozenset():
+            items = cast("frozenset[object]", value)
+            return {"set": [_encoded(item, arrays) for item in items]}
         case Mapping():
             entries = cast("Mapping[str | int, object]", value).items()
             return {"map": [[key, _encoded(item, arrays)] for key, item in entries]}
         case Unit():
             return {"unit": value.text}
-        case (
-            ColumnTable()
-            | Streams()
-            | Diagnostic()
-            | Span()
-            | Moment()
-            | UnknownUnit()
-            | TwoUnits()
-        ):
+        case Path():
+            return {"path": str(value)}
+        case _ if type(value) in _KINDS:
             # rows of these files stand nowhere: `place` is that of any table
-            names = [field.name for field in fields(value) if field.init and field.name != "place"]
+            left = "place" if isinstance(value, ColumnTable) else ""
+            of = fields(cast("Any", value))
+            names = [field.name for field in of if field.init and field.name != left]
             held = {name: _encoded(getattr(value, name), arrays) for name in names}
             return {"class": type(value).__name__, "fields": held}
         case _:
@@ -103,6 +125,10 @@ def _decoded(value: Any, pipe: IO[bytes]) -> Any:
             return array
         case {"tuple": items}:
             return tuple(_decoded(item, pipe) for item in items)
+        case {"set": items}:
+            return frozenset(_decoded(item, pipe) for item in items)
+        case {"path": text}:
+            return Path(text)
         case {"map": entries}:
             return {key: _decoded(item, pipe) for key, item in entries}
         case {"unit": text}:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import os
-import pickle
 import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import IO, TypeAlias
 
-from msnn.data.formats.isolation.message import write_message
+from msnn.data.formats.isolation.message import ReadRequest, read_message, write_message
 from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data.files import unreadable_file
@@ -24,21 +22,6 @@ Reader: TypeAlias = Callable[[Path, str, WantedColumns, Dialect], ColumnTable | 
 
 _LONGEST_REASON = 200
 """Letters of what a library says of a broken file."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReadRequest:
-    """A file to read by `read` of a module, and what that may take."""
-
-    module: str
-    path: Path
-    shown: str
-    wanted: WantedColumns
-    dialect: Dialect
-    memory: int
-    """Bytes in addition to those that the process has."""
-    seconds: int
-    """Of the processor."""
 
 
 def serve() -> None:
@@ -55,9 +38,8 @@ def serve() -> None:
 
 
 def _next(requests: IO[bytes]) -> ReadRequest | None:
-    # of the parent, which is no stranger
     with suppress(EOFError):
-        return pickle.load(requests)  # noqa: S301
+        return read_message(requests)
     return None
 
 

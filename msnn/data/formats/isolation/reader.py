@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import json
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -15,8 +14,8 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from msnn.data.formats.isolation.message import read_message
-from msnn.data.formats.isolation.process import Reader, ReadRequest
+from msnn.data.formats.isolation.message import ReadRequest, read_message, write_message
+from msnn.data.formats.isolation.process import Reader
 from msnn.data.formats.table import ColumnTable, Streams, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data.files import unreadable_file
@@ -50,6 +49,8 @@ def isolated(module: str) -> Reader:
     def read(
         path: Path, shown: str, wanted: WantedColumns, dialect: Dialect
     ) -> ColumnTable | Streams:
+        # for whoever watches this process, as it does not open the file itself
+        sys.audit("open", path, "rb", os.O_RDONLY)
         size = path.stat().st_size if path.is_file() else 0
         request = ReadRequest(
             module=module,
@@ -82,8 +83,7 @@ class _Readers:
             assert process.stdin is not None
             assert process.stdout is not None
             try:
-                process.stdin.write(pickle.dumps(request))
-                process.stdin.flush()
+                write_message(process.stdin, request)
                 return read_message(process.stdout)
             except (EOFError, OSError):
                 code = self._ended(process)

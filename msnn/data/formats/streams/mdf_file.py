@@ -6,6 +6,7 @@ import logging
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,12 @@ from asammdf.blocks.utils import MdfException
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.streams.stream_columns import stream_columns
-from msnn.data.formats.table import ColumnKey, Streams, WantedColumns
+from msnn.data.formats.table import ColumnKey, Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.written_units import StatedUnit
 from msnn.errors.data import files as errors
 from msnn.errors.data import formats
 from spec_schema.diagnostics.diagnostic import SpecError
-from spec_schema.sections.data.data import TimeColumn
 
 # it prints lines of its own beside the message of the command
 logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
@@ -41,7 +41,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
     try:
         with MDF(path) as file:
             # an index counts along the values, not the channels that hold times
-            names = [name for name in file.channels_db if name not in _masters(file)]
+            names = _names(file)
             units: dict[ColumnKey, StatedUnit] = {}
             times = _times(file, shown, wanted.time, names, units)
 
@@ -54,15 +54,16 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
         raise SpecError((errors.unreadable_file(shown, str(error)),)) from error
 
 
-def _masters(file: Any) -> set[str]:
-    """The names of the channels that hold the times of the others."""
-    return {file.groups[g].channels[i].name for g, i in file.masters_db.items()}
+def _names(file: Any) -> list[str]:
+    """The names of the channels, without those that hold the times of the others."""
+    masters = {file.groups[g].channels[i].name for g, i in file.masters_db.items()}
+    return [name for name in file.channels_db if name not in masters]
 
 
 def _times(
     file: Any,
     shown: str,
-    column: TimeColumn | None,
+    column: TimeSource | None,
     names: Sequence[str],
     units: dict[ColumnKey, StatedUnit],
 ) -> Callable[[str], FloatArray] | None:
@@ -72,10 +73,10 @@ def _times(
     """
     if column is None:
         return None
-    key = column.column.column
+    key = column.column
     wanted = key if isinstance(key, str) else names[key] if key < len(names) else None
     if wanted is None or not _places(file, wanted):
-        known, place = tuple(file.channels_db), column.place.value
+        known, place = tuple(file.channels_db), column.place
         missing = errors.missing_columns({str(key): "`time`"}, shown, known, place, numbers=False)
         raise SpecError((missing,))
 
@@ -83,12 +84,17 @@ def _times(
         ((group, _),) = _places(file, name)
         place = next((place for place in _places(file, wanted) if place[0] == group), None)
         if place is None:
-            span = column.place.value
+            span = column.place
             raise SpecError((formats.time_of_another_group(wanted, shown, name, span),))
         signal = file.get(None, group=group, index=place[1])
-        unit = (str(signal.unit or ""),)
+        unit = [(str(signal.unit or ""),)]
         arrays = NamedArrays(
-            shown, (wanted,), lambda _: np.asarray(signal.samples), unit_texts=lambda _: unit
+            shown,
+            (wanted,),
+            lambda _: np.asarray(signal.samples),
+            unit_texts=lambda _: unit,
+            other_names=_names(file),
+            other_units=partial(_units, file),
         )
         table = arrays.table(WantedColumns({wanted: "`time`"}))
         if wanted in table.units:
@@ -96,6 +102,18 @@ def _times(
         return table.columns[wanted]
 
     return times
+
+
+def _units(file: Any) -> list[str]:
+    """The units of the same channels, as far as they state one."""
+    found: list[str] = []
+    for number, group in enumerate(file.groups):
+        for index, channel in enumerate(group.channels):
+            # the program that writes the file gives times their `s`
+            if index != file.masters_db.get(number):
+                unit = channel.unit or (channel.conversion.unit if channel.conversion else "")
+                found += [str(unit)] if unit else []
+    return found
 
 
 def _places(file: Any, key: str) -> list[tuple[int, int]]:
@@ -119,6 +137,13 @@ def _channel(file: Any, shown: str, key: str) -> tuple[FloatArray, NamedArrays] 
     ((group, index),) = places
     signal = file.get(None, group=group, index=index)
     values = np.asarray(signal.samples)
-    unit = (str(signal.unit or ""),)
-    arrays = NamedArrays(shown, (key,), lambda _: values, unit_texts=lambda _: unit)
+    unit = [(str(signal.unit or ""),)]
+    arrays = NamedArrays(
+        shown,
+        (key,),
+        lambda _: values,
+        unit_texts=lambda _: unit,
+        other_names=_names(file),
+        other_units=partial(_units, file),
+    )
     return np.asarray(signal.timestamps, np.float64), arrays

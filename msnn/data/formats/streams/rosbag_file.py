@@ -17,14 +17,13 @@ from msnn.data.dataset import FloatArray
 from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.streams.rosbag_units import field_unit
 from msnn.data.formats.streams.stream_columns import stream_columns
-from msnn.data.formats.table import Streams, WantedColumns
+from msnn.data.formats.table import Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.errors.data import files as errors
 from msnn.errors.data import formats
 from msnn.errors.data.units import unit_of_moments
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.expressions.moments import Moment
-from spec_schema.sections.data.data import TimeColumn
 
 _STEP = re.compile(r"(?P<field>\w+)(?:\[(?P<index>[0-9]{1,6})\])?", re.ASCII)
 _DAY = 86_400 * 10**9
@@ -113,7 +112,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
         if channel is None:
             return None
         values = np.array(channel.values)
-        unit = (channel.unit,)
+        unit = [(channel.unit,)]
         arrays = NamedArrays(shown, (key,), lambda _: values, unit_texts=lambda _: unit)
         return np.array(channel.time), arrays
 
@@ -124,14 +123,14 @@ def _set_clocks(
     bag: AnyReader,
     channels: Mapping[str, _Channel],
     topics: Sequence[str],
-    column: TimeColumn,
+    column: TimeSource,
     shown: str,
 ) -> Moment | None:
     """Gives channels the field of time that the spec names, of their topic or of all topics.
 
     Returns the time 0: the bag's start, the first stamp of a simulated clock, None for numbers.
     """
-    key, span = str(column.column.column), column.place.value
+    key, span = str(column.column), column.place
     topic, path = _split(key, topics)
     examples: dict[str, Any] = {}
     stamps: list[int] = []

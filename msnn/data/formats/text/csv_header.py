@@ -12,18 +12,20 @@ from typing import TypeAlias
 
 from msnn.data.formats.table import ColumnKey, WantedColumns
 from msnn.data.formats.written_units import (
+    ShownUnit,
     StatedUnit,
     TwoUnits,
-    UnknownUnit,
     column_and_unit,
     is_number,
     joint_unit,
+    unit_of_cells,
     units_line,
+    with_case,
+    written_unit,
 )
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
-from spec_schema.units.unit import Unit
 from spec_schema.yaml_tree.writer import scalar_text
 
 BLANKS = " "
@@ -64,9 +66,10 @@ class Header:
     lines: int
     below: int = 0
     """The number of the line of units, where there is one."""
-    below_units: tuple[Unit | None, ...] = ()
-    shown_units: Mapping[int, Unit | UnknownUnit] = field(
-        default_factory=dict[int, Unit | UnknownUnit]
+    below_units: tuple[str, ...] = ()
+    """The texts in that line."""
+    shown_units: Mapping[int, tuple[ShownUnit, ...]] = field(
+        default_factory=dict[int, tuple[ShownUnit, ...]]
     )
     """Units with which a workbook shows the numbers of columns, by index."""
 
@@ -142,11 +145,10 @@ class Header:
         """The units that the file states of columns."""
         found: dict[int, StatedUnit] = {}
         for index in places if self.lines else ():
-            below = self.below_units[index] if self.below_units else None
-            shown = self.shown_units.get(index)
-            unit = joint_unit(self.names[index], below or shown)
-            if below is not None and isinstance(shown, Unit) and not below.same_as(shown):
-                unit = TwoUnits(below, shown)
+            below = written_unit(self.below_units[index]) if self.below_units else None
+            unit = joint_unit(self.names[index], below)
+            unit = unit_of_cells(self.shown_units.get(index, ()), unit)
+            unit = with_case(unit, self.names, self.below_units)
             if unit is not None:
                 found[index] = (
                     replace(unit, place=self.place) if isinstance(unit, TwoUnits) else unit

@@ -38,11 +38,13 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
         return iter(found)
 
     header = read_header(lines, shown, own, wanted.users)
-    header = replace(header, shown_units=units_of_formats(path))
+    places = header.places(wanted)
+    shown_units = units_of_formats(path, set(places.values()), header.skipped)
+    header = replace(header, shown_units=shown_units)
     if header.width == 1:
         rows = with_blank_rows(lambda: iter(every), header)
-        return text_table(rows, header, header.places(wanted), wanted)
-    return text_table(lines, header, header.places(wanted), wanted)
+        return text_table(rows, header, places, wanted)
+    return text_table(lines, header, places, wanted)
 
 
 def sheet_lines(

@@ -1,0 +1,129 @@
+"""Reads units in capital letters, as devices and tools without small letters write them: `MM/S`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import islice, product
+
+from spec_schema.units.parser import as_divisor, parse_unit
+from spec_schema.units.spellings import readings_of_capitals
+from spec_schema.units.unit import Unit, UnitError, unit_symbol
+
+MOST_REPAIRS = 3
+"""Of one unit: each is a spelling that is known, as `°` and `Nm`."""
+_SYMBOL = re.compile(r"[^\W\d_]+")
+_POWER = re.compile(r"(?<=[^\W\d_])(?=[2-4](?!\w))")
+_TURNS = re.compile(r"\b(?:U|R|TR)(?=\s*/\s*(?:MIN|S|SEC)\b)")
+_MOST_READINGS = 64
+_ACRONYMS = frozenset(["RPM", "UPM", "PSI", "MPH", "KPH", "LPM", "PPM", "HP", "BTU", "ATM"])
+"""Units that people write in capitals beside `km/h`."""
+
+
+@dataclass(frozen=True, slots=True)
+class CapitalUnit:
+    """A unit in capital letters: `MV` are megavolts, or the millivolts of a tool that writes all
+    letters as capitals. The unit of the signal decides, or the user."""
+
+    text: str
+    readings: tuple[Unit, ...]
+    written: Unit | None = None
+    """The unit by its letters as they stand; None where they are none: `MM`."""
+    is_as_written: bool = False
+    """Whether the file has small letters elsewhere, so that these are capitals on purpose."""
+
+    def fitting(self, declared: Unit) -> tuple[Unit, ...]:
+        """The different readings that convert to a unit: one where there is no doubt.
+
+        It is that unit itself, or the text as it stands in a file that has small letters.
+        """
+        found = [unit for unit in self.different if unit.converts_to(declared)]
+        own = [unit for unit in found if unit.same_as(declared)]
+        if self.is_as_written and self.written in found:
+            # `MV` in a file with small letters, of a signal in mV: either may be a slip
+            return tuple(dict.fromkeys((self.written, *own)))
+        return tuple(own or found)
+
+    @property
+    def different(self) -> tuple[Unit, ...]:
+        """The readings, of which L and l are one."""
+        found: list[Unit] = []
+        for unit in self.readings:
+            if not any(map(unit.same_as, found)):
+                found.append(unit)
+        return tuple(found)
+
+    @property
+    def likely(self) -> Unit:
+        """The reading that messages name if none fits."""
+        return self.written or self.readings[0]
+
+
+@lru_cache(1024)
+def capital_unit(text: str) -> Unit | CapitalUnit | None:
+    """The unit that a text in capital letters means, or all units that it may mean.
+
+    None for other texts, and for those that mean no unit.
+    """
+    if not is_capital(text):
+        return None
+    text = _TURNS.sub("REV", _POWER.sub("^", text))
+    symbols = _SYMBOL.findall(text)
+    options = [readings_of_capitals(symbol) for symbol in symbols]
+    between = _SYMBOL.split(text)
+    readings: list[Unit] = []
+    for chosen in islice(product(*options), _MOST_READINGS):
+        parts = [
+            sign + (as_divisor(symbol) if sign.rstrip().endswith("/") else symbol)
+            for sign, symbol in zip(between, chosen, strict=False)
+        ]
+        unit = repaired("".join([*parts, between[-1]]))
+        if unit is not None and all(unit.text != other.text for other in readings):
+            readings.append(unit)
+    if not readings:
+        return None
+    is_exact = all(unit_symbol(symbol) is not None for symbol in symbols)
+    written = repaired(text) if is_exact else None
+    # a lone letter such as `M` is most often no unit: it is one where it fits the signal
+    if len(readings) == 1 and (written is not None or len(text) > 1):
+        return readings[0]
+    return CapitalUnit(text, tuple(readings), written)
+
+
+def is_capital(text: str) -> bool:
+    """Whether a text has letters and none of them is small."""
+    return text.upper() == text and text.lower() != text
+
+
+def keeps_case(units: Iterable[str], names: Iterable[str]) -> bool:
+    """Whether a file with these texts of units and these names tells small from capital letters.
+
+    Units decide: `km/h` has small letters, and `KM/H` lacks them. Names decide without such units.
+    """
+    texts = tuple(dict.fromkeys(units))
+    has_small = any(text.upper() != text for text in texts)
+    lacks_small = any(is_capital(text) and _lacks_small(text) for text in texts)
+    if has_small or lacks_small:
+        return has_small and not lacks_small
+    return any(name.upper() != name for name in names)
+
+
+def _lacks_small(text: str) -> bool:
+    symbols = set(_SYMBOL.findall(text)) - _ACRONYMS
+    lacks = any(unit_symbol(symbol) is None for symbol in symbols)
+    return lacks and capital_unit(text) is not None
+
+
+def repaired(text: str) -> Unit | None:
+    """The unit of a text, spellings whose meaning is certain included; None where it is none."""
+    for _ in range(MOST_REPAIRS):
+        try:
+            return parse_unit(text) if text else None
+        except UnitError as error:
+            if error.meant is None:
+                return None
+            # parse_unit knows what was meant, for its messages: the same knowledge reads files
+            text = text[: error.start] + error.meant + text[error.end :]
+    return None
