@@ -35,7 +35,7 @@ WORDS = (
     (r"all the same", "anyway"),
     (r"stands? (?:for|in)", "means, is in"),
     (r"without a word", "silently"),
-    (r"doubts?", "standard error, uncertainty"),
+    (r"its doubts?", "standard error, uncertainty"),
     (r"most telling", "most informative"),
     (r"an? (?:sample|step|epoch|row|record) an? (?:sample|step|epoch|row|record)", "one per"),
     (r"free runs?", "simulation"),
