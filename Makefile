@@ -3,17 +3,18 @@
 PYTHON ?= python3.11
 PY := .venv/bin/python
 
-.PHONY: help setup demo test lint pytest format benchmark site lock clean
+.PHONY: help setup demo test lint pytest format benchmark site lock release clean
 
 help:
 	@echo "make demo       train the mass-spring-damper example and export every target"
 	@echo "make test       every check and the whole test suite"
 	@echo "make setup      the environment in .venv, from requirements.lock"
-	@echo "make lint       ruff, pyright and the import rules"
+	@echo "make lint       ruff, pyright, the import rules and the words of new prose"
 	@echo "make format     rewrite the code in the project's format"
 	@echo "make benchmark  measure, side by side with a peer"
 	@echo "make site       the documentation as a site, in build/site"
 	@echo "make lock       write requirements.lock again from pyproject.toml"
+	@echo "make release    wheel, sdist, bill of materials and hashes of the tagged commit, in dist"
 	@echo "make clean      remove everything that these commands made"
 
 setup:
@@ -38,6 +39,7 @@ lint: setup
 	.venv/bin/ruff format --check
 	.venv/bin/pyright --pythonpath $(PY)
 	.venv/bin/lint-imports
+	$(PY) .ci/prose.py
 
 format: setup
 	.venv/bin/ruff check --fix
@@ -54,6 +56,9 @@ lock: setup
 		--python-version 3.11 --python-platform x86_64-manylinux_2_28 --prerelease disallow \
 		--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" \
 		--output-file requirements.lock --quiet
+
+release: setup
+	$(PY) .ci/release.py --tagged
 
 clean:
 	rm -rf .venv build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache

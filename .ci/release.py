@@ -1,4 +1,4 @@
-"""Makes what a release hands out: the sdist, the wheel made of it, their hashes and its notes.
+"""Makes the files of a release: sdist, wheel made of it, bill of materials, hashes and notes.
 
     python .ci/release.py            a dry run, as CI does: everything but the tag is checked
     python .ci/release.py --tagged   the same for the commit that the tag v<version> names
@@ -16,6 +16,8 @@ import tarfile
 import tempfile
 import zipfile
 from pathlib import Path
+
+from sbom import text_of_bill
 
 ROOT = Path(__file__).resolve().parent.parent
 VERSION_FILE = ROOT / "spec_schema" / "version.py"
@@ -40,6 +42,9 @@ def main() -> int:
             check_tag(version)
         files = build(given.out, version)
         check_contents(files, version)
+        materials = given.out / f"msnn-{version}.cdx.json"
+        materials.write_text(text_of_bill(version), encoding="utf-8")
+        files.append(materials)
     except ReleaseError as error:
         print(f"release: {error}", file=sys.stderr)
         return 1
@@ -109,7 +114,7 @@ def clear(out: Path) -> None:
 def is_ours(path: Path) -> bool:
     """Whether a release writes a file of this name."""
     made = path.name in (HASHES, NOTES, ".gitignore") or re.fullmatch(
-        r"msnn-[^-]+(\.tar\.gz|-py3-none-any\.whl)", path.name
+        r"msnn-[^-]+(\.tar\.gz|-py3-none-any\.whl|\.cdx\.json)", path.name
     )
     return bool(made) and path.is_file()
 

@@ -1,27 +1,37 @@
 """The recipe of a release refuses what does not fit together."""
 
 import importlib.util
+import json
+import re
 import subprocess
 import tarfile
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+import yaml
 
 from spec_schema.version import __version__
 
 ROOT = Path(__file__).resolve().parent.parent
 
 
-@pytest.fixture(scope="module")
-def release() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("release", ROOT / ".ci" / "release.py")
+def _script(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, ROOT / ".ci" / f"{name}.py")
     assert spec
     assert spec.loader
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def release() -> Iterator[ModuleType]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / ".ci")  # as for a script that is run
+        yield _script("release")
 
 
 def test_the_changelog_has_a_section_for_the_version_of_the_code(release: ModuleType):
@@ -97,3 +107,43 @@ def test_a_wheel_without_one_of_the_packages_is_refused(release: ModuleType, tmp
     make("msnn/__init__.py", "msnn/spec_schema/version.py")
     with pytest.raises(release.ReleaseError, match=r"lacks msnn/compiler/ir/ops\.py"):
         release.check_contents([sdist, wheel], "1.0.0")
+
+
+def test_the_bill_of_materials_has_every_locked_package_with_its_hashes():
+    text = _script("sbom").text_of_bill(__version__)
+    document = json.loads(text)
+    lock = (ROOT / "requirements.lock").read_text()
+    locked = dict(re.findall(r"^([a-z0-9-]+)(?:\[.*?\])?==(\S+)", lock, re.M))
+    components = {each["name"]: each for each in document["components"]}
+    assert {name: each["version"] for name, each in components.items()} == locked
+    listed = {one["content"] for each in components.values() for one in each["hashes"]}
+    assert listed == set(re.findall(r"sha256:([0-9a-f]{64})", lock))
+    assert text == _script("sbom").text_of_bill(__version__)
+    references = {each["bom-ref"] for each in components.values()}
+    for link in document["dependencies"]:
+        assert set(link["dependsOn"]) <= references, link["ref"]
+
+
+def test_the_bill_of_materials_says_what_an_installation_needs():
+    document = json.loads(_script("sbom").text_of_bill(__version__))
+    scopes = {each["name"]: each["scope"] for each in document["components"]}
+    assert scopes["numpy"] == scopes["markupsafe"] == "required"  # the second by jinja2
+    assert scopes["torch"] == scopes["casadi"] == "optional"
+    assert scopes["pytest"] == scopes["ruff"] == "excluded"
+    licences = {each["name"]: each.get("licenses") for each in document["components"]}
+    assert licences["pydantic"] == [{"expression": "MIT"}]
+    assert [name for name in scopes if scopes[name] == "required" and not licences[name]] == []
+
+
+def test_the_bill_of_materials_belongs_to_a_release(release: ModuleType, tmp_path: Path):
+    made = tmp_path / "msnn-0.9.0.cdx.json"
+    made.write_text("{}")
+    assert release.is_ours(made)
+
+
+def test_the_citation_is_of_this_version_and_licence():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == __version__
+    assert citation["license"] == "MIT"
+    assert {"cff-version", "message", "title", "authors"} <= citation.keys()
+    assert "MIT License" in (ROOT / "LICENSE").read_text(encoding="utf-8")

@@ -8,6 +8,7 @@ simulation of the trained model along a test recording, and lines of the exporte
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import tempfile
@@ -136,9 +137,9 @@ def _lines(x: int, y: int, lines: Sequence[str]) -> Iterator[str]:
 
 
 def _plot(positions: Array) -> Iterator[str]:
-    top = 0.2 * np.ceil(5 * np.nanmax(np.abs(positions)))
+    top = 0.2 * math.ceil(5 * float(np.nanmax(np.abs(positions))))
     middle, scale = (BOTTOM + TOP) / 2, (BOTTOM - TOP) / 2 / top
-    for level in np.linspace(-top, top, 5):
+    for level in (-top, -top / 2, 0.0, top / 2, top):
         y = middle - scale * level
         yield f'<path d="M{LEFT} {y:.1f}H{RIGHT}" stroke="{RULE}"/>'
         yield f'<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{level:.2g}</text>'
@@ -147,7 +148,8 @@ def _plot(positions: Array) -> Iterator[str]:
         yield f'<text {place} text-anchor="middle">{second}</text>'
     yield f'<text x="{RIGHT}" y="{BOTTOM + 33}" text-anchor="end">time, s</text>'
     yield f'<text x="20" y="{TOP - 14}">position, m</text>'
-    across = LEFT + (RIGHT - LEFT) / 10 * 0.05 * np.arange(1, positions.shape[1] + 1)
+    rows = np.arange(1, positions.shape[1] + 1, dtype=np.float64)
+    across: Array = LEFT + (RIGHT - LEFT) / 10 * 0.05 * rows
     measured, simulated, guessed = (
         [f"{x:.1f} {y:.1f}" for x, y in zip(across, middle - scale * row, strict=True)]
         for row in positions

@@ -64,27 +64,14 @@ class Facts(TypedDict, total=False):
     secondary: Secondary
     notes: tuple[str, ...]
     help: str | None
+    replacement: str | None
 
 
 def error(
-    code: str,
-    span: Span | None,
-    message: str,
-    label: str = "",
-    *,
-    replacement: str | None = None,
-    **facts: Unpack[Facts],
+    code: str, span: Span | None, message: str, label: str = "", **facts: Unpack[Facts]
 ) -> Diagnostic:
     """Builds the diagnostic of a fault, which ends its stage."""
-    return Diagnostic(
-        code=code,
-        severity="error",
-        message=message,
-        span=span,
-        label=label,
-        replacement=replacement,
-        **facts,
-    )
+    return Diagnostic(code=code, severity="error", message=message, span=span, label=label, **facts)
 
 
 def warning(

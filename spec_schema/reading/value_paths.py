@@ -22,10 +22,9 @@ def inside(kind: Kind, step: str) -> Kind:
     """The type of what a key, a name or the number of an item leads to; None where nobody knows."""
     for arm in _arms(kind):
         if isinstance(arm, type) and issubclass(arm, Entry):
-            present = arm.former.get(step, step)
             for name, field in arm.model_fields.items():
                 # as the user writes it: `from`, `validate`
-                if present == (field.alias or name):
+                if step == (field.alias or name):
                     return field.annotation
             continue
         origin = get_origin(arm)

@@ -18,7 +18,7 @@ PICTURE = _ROOT / "docs" / "figures" / "heater.svg"
 
 
 def front_spec() -> str:
-    """What the model is, without how it is trained."""
+    """The model of the spec, without its data and training."""
     model = _SPEC.read_text(encoding="utf-8").partition("\ndata:")[0]
     return f"```yaml\n{model.rstrip()}\n```"
 
@@ -38,41 +38,41 @@ def front_c() -> str:
 
 
 def front_figures() -> str:
-    """What examples have measured, each with the command that measures it again."""
+    """Measurements of the examples, each with the command that repeats it."""
     tank, car = (_results(name) for name in ("mpc_tank", "vehicle_steering"))
     loop, solves, ipopt = tank["loop"], tank["solves"], tank["ipopt"]
     errors, exported = car["open_loop"], car["export"]
-    least, mean, most = exported["board"]["instructions"]
+    low, mean, high = exported["board"]["instructions"]
     rows = [
         (
-            "error of a tank's level under the learned predictive controller, rms",
-            "; ".join(
+            "tank level, RMS error",
+            ", ".join(
                 (
-                    f"{loop['mpc']['rms']:.2f} cm",
-                    f"told only what is wanted now {loop['now']['rms']:.2f} cm",
+                    f"MPC with preview {loop['mpc']['rms']:.2f} cm",
+                    f"without preview {loop['now']['rms']:.2f} cm",
                     f"PI {loop['pi']['rms']:.2f} cm",
                 )
             ),
             _demo("mpc_tank"),
         ),
         (
-            "time of one solve, median",
+            "time of one MPC solve, median",
             f"{solves['ms'][0]:.1f} ms; ipopt {ipopt['ms'][0]:.1f} ms",
             _demo("mpc_tank"),
         ),
         (
-            "curvature of a steered car, mean square error",
+            "curvature of a steered car, mean squared error",
             f"{errors['controller']['mse']:.1e} 1/m²; perceptron {errors['mlp']['mse']:.1e} 1/m²",
             _demo("vehicle_steering"),
         ),
         (
-            "its C along the test drive, beside msnn's interpreter",
+            "its C compared with the reference interpreter, test drive",
             f"{exported['bits']} differing bits",
             _demo("vehicle_steering"),
         ),
         (
-            "instructions of its step on a Cortex-M4F: least, mean, most",
-            f"{least}, {mean:.0f}, {most}",
+            "instructions of its step on a Cortex-M4F: min, mean, max",
+            f"{low}, {mean:.0f}, {high}",
             _demo("vehicle_steering"),
         ),
     ]
