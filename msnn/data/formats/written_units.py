@@ -178,14 +178,14 @@ def with_case(
     """The unit, which knows then whether a file with these headers and units keeps case."""
     if not isinstance(unit, CapitalUnit):
         return unit
-    return replace(unit, is_as_written=is_case_kept(labels, texts))
+    return replace(unit, is_as_written=is_case_kept(unit, labels, texts))
 
 
-def is_case_kept(labels: Sequence[str], texts: Sequence[str]) -> bool:
-    """Whether a file with these headers, and units apart from them, has small letters."""
+def is_case_kept(unit: CapitalUnit, labels: Sequence[str], texts: Sequence[str]) -> bool:
+    """Whether a unit means its capitals in a file with these headers, and units apart from them."""
     plain = [plain_label(label) for label in labels]
     units = [text for text in (*texts, *(unit for _, unit in plain)) if text]
-    return keeps_case(units, (name for name, _ in plain))
+    return keeps_case(unit.text, units, (name for name, _ in plain))
 
 
 def stated_unit(text: str) -> Unit | CapitalUnit | UnknownUnit | None:

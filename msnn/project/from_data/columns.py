@@ -172,7 +172,7 @@ def _unit(layout: TextLayout, index: int) -> Unit | CapitalUnit | None:
     unit = None if text == "-" else written_unit(text)
     if not isinstance(unit, CapitalUnit):
         return unit
-    if unit.written is not None and is_case_kept(layout.labels, layout.units):
+    if unit.written is not None and is_case_kept(unit, layout.labels, layout.units):
         return unit.written
     return unit.different[0] if len(unit.different) == 1 else unit
 
