@@ -79,15 +79,16 @@ def test_capitals_of_two_meanings_are_asked(
 
 
 HEADERS: list[tuple[str, str | float]] = [
-    # names alone: capitals of a tool that has no others, or on purpose
+    # names alone say little: nobody counts volts in millions
     ("TIME,U [MV]", "E0512"),
-    ("time,U [MV]", 36e6),
+    ("time,U [MV]", "E0512"),
     # units say more than names
     ("time [s],U [MV],x [km/h]", 36e6),
     ("TIME,U [MV],T [°C],x [km/h]", 36e6),
     ("Time,U [MV],Position [MM]", "E0512"),
     ("Time,U [MV],Torque [KNM]", "E0512"),
-    ("Time,U [MV],Speed [RPM]", 36e6),
+    ("Time,U [MV],Speed [RPM]", "E0512"),
+    ("Time,U [MV],Speed [RPM],x [mm]", 36e6),
     ("Time,U [MV],x [km/h],Position [MM]", "E0512"),
 ]
 
@@ -135,6 +136,31 @@ def outcome(data: Callable[[], Dataset]) -> str | float:
         return error.diagnostics[0].code
 
 
+@pytest.mark.parametrize(
+    ("header", "unit", "expected"),
+    [
+        # power plants, presses: counted in millions where names show that there are small letters
+        ("time,v [MW]", "W", 36e6),
+        ("time,v [MN]", "N", 36e6),
+        ("time,v [MJ]", "J", 36e6),
+        ("time,v [MΩ]", "ohm", 36e6),
+        ("TIME,v [MW]", "W", 36e6),
+        ("TIME,V [MW]", "W", "E0512"),
+        ("time,v [MA]", "A", "E0512"),
+        ("time,v [MS]", "S", "E0512"),
+        ("time,v [MH]", "H", "E0512"),
+        ("time,v [ML]", "L", "E0512"),
+    ],
+)
+def test_names_show_what_is_often_counted_in_millions(
+    tmp_path: Path, header: str, unit: str, expected: str | float
+) -> None:
+    (tmp_path / "a.csv").write_text(f"{header}\n0,36\n0.1,37\n", "utf-8")
+    column = header[5]
+    found = outcome(partial(load, tmp_path, "a.csv", unit, f"  columns: {{v: {column}}}\n"))
+    assert found == expected
+
+
 def test_units_of_a_struct_show_whether_it_has_small_letters(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"u": V, "u_unit": "MV", "x": V, "x_unit": "MM"})
     with pytest.raises(SpecError, match="E0512"):
@@ -169,7 +195,7 @@ def test_a_line_of_units_in_capitals_is_one(tmp_path: Path) -> None:
 def test_capitals_beside_small_letters_are_asked_where_the_signal_has_the_other_unit(
     tmp_path: Path,
 ) -> None:
-    (tmp_path / "a.csv").write_text("time,v [MV]\n0,36\n0.1,37\n")
+    (tmp_path / "a.csv").write_text("time,v [MV],x [mm]\n0,36,0\n0.1,37,0\n")
     assert load(tmp_path, "a.csv", "kV").series["v"][0] == 36e3
     with pytest.raises(SpecError, match="E0512"):
         load(tmp_path, "a.csv", "mV")

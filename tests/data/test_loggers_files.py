@@ -486,7 +486,8 @@ def test_a_choice_of_rows_by_times_that_occur_twice_is_advised_rows(tmp_path: Pa
         read(tmp_path, text, resample="none", **{"from": "0.5 s"})
     assert caught.value.diagnostics[0].code == "E0813"
     assert "numbers of rows" in str(caught.value.diagnostics[0].help)
-    runs = read(tmp_path, text, resample="none", **{"from": 1})
+    advised: dict[str, Any] = {"resample": "none", "from": 1}
+    runs = read(tmp_path, text, **advised)
     assert [len(run.outputs["y"]) for run in runs] == [2, 3]
 
 
@@ -563,6 +564,23 @@ data:
     found = output(read(tmp_path, f"{header}\n1\n2\n4\n", spec=spec))
     shift = 273.15 if "deg" in header else 0
     assert found == pytest.approx([1 + shift, 2 + shift, 4 + shift])
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "time,F,x (J/(kg K))",
+        "time,F,x\n,N,J/(kg K)",
+        "time,F,x\ns,[N],[J/(kg*K)]",
+        "time,F,x\n(s),(N),(kJ/(kg K))",
+    ],
+)
+def test_units_with_parentheses_are_read_in_every_place(tmp_path: Path, head: str) -> None:
+    spec = SPEC.replace("x: {unit: m}", "x: {unit: J/kg/K}").replace("m/N", "J/kg/K/N")
+    spec = spec.replace("unit: m}", "unit: J/kg/K}")
+    found = output(read(tmp_path, f"{head}\n0,1,0.1\n0.5,2,0.2\n1,4,0.3\n", spec=spec))
+    times = 1000 if "kJ" in head else 1
+    assert found == pytest.approx(np.array(FORCE) + times * np.array(PLACE))
 
 
 def test_a_header_between_blanks_has_units_with_blanks(tmp_path: Path) -> None:

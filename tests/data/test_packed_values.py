@@ -105,6 +105,30 @@ def test_a_series_with_attributes_is_unpacked(tmp_path: Path) -> None:
     assert data.series["v"] == pytest.approx(expected, rel=1e-15, nan_ok=True)
 
 
+@pytest.mark.parametrize("keeps_frame", [True, False])
+@pytest.mark.parametrize(
+    "attrs",
+    [
+        {"v": {"scale_factor": 0.1, "valid_min": 0}, "units": {"v": "km/h"}},
+        {"scale_factor": {"v": 0.1}, "valid_min": {"v": 0}, "unit": {"v": "km/h"}},
+    ],
+)
+def test_attributes_of_a_frame_unpack_its_columns(
+    tmp_path: Path, attrs: dict[Any, Any], keeps_frame: bool
+) -> None:
+    frame = pd.DataFrame({"time": TIME, "v": PACKED})
+    frame.attrs = attrs
+    frame.to_parquet(tmp_path / "a.parquet")
+    data = load(tmp_path, "a.parquet", "m/s", NAN)
+    if keeps_frame:
+        model = msnn.load(tmp_path / "car.msnn.yaml")
+        section = model.spec.data
+        assert section is not None
+        data = frame_data(model.program, section, frame, section.place, {})
+    expected = np.array([10.0, 37 / 3.6, np.nan, 200 / 3.6])
+    assert data.series["v"] == pytest.approx(expected, rel=1e-15, nan_ok=True)
+
+
 @pytest.mark.parametrize("dtype", ["f8", "f4", "i4", "u2", "i8"])
 def test_what_netcdf_has_never_written_is_missing(tmp_path: Path, dtype: str) -> None:
     """The default fills of NetCDF, without an attribute: 9.96921e36 of floats."""

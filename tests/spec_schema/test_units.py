@@ -329,14 +329,17 @@ def test_units_in_capitals_have_all_readings(
         (["MV", "MM"], ["Voltage", "Position"], False),
         # both: nobody knows
         (["MV", "MM", "km/h"], ["Voltage"], False),
-        (["MV", "V"], ["Voltage"], True),
-        (["MV", "V"], ["U"], False),
+        # names are enough for what is often counted in millions
+        (["MW", "V"], ["Power"], True),
+        (["MW", "V"], ["P"], False),
+        (["MV", "V"], ["Voltage"], False),
+        (["MA", "V"], ["Current"], False),
     ],
 )
 def test_units_show_whether_a_file_has_small_letters(
     units: list[str], names: list[str], keeps: bool
 ) -> None:
-    assert keeps_case(units, names) is keeps
+    assert keeps_case(units[0], units, names) is keeps
 
 
 @pytest.mark.parametrize(

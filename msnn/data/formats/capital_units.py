@@ -18,6 +18,7 @@ _SYMBOL = re.compile(r"[^\W\d_]+")
 _POWER = re.compile(r"(?<=[^\W\d_])(?=[2-4](?!\w))")
 _TURNS = re.compile(r"\b(?:U|R|TR)(?=\s*/\s*(?:MIN|S|SEC)\b)")
 _MOST_READINGS = 64
+_OFTEN_MEGA = frozenset(["MW", "MN", "MJ", "MΩ"])
 _ACRONYMS = frozenset(["RPM", "UPM", "PSI", "MPH", "KPH", "LPM", "PPM", "HP", "BTU", "ATM"])
 """Units that people write in capitals beside `km/h`."""
 
@@ -97,17 +98,20 @@ def is_capital(text: str) -> bool:
     return text.upper() == text and text.lower() != text
 
 
-def keeps_case(units: Iterable[str], names: Iterable[str]) -> bool:
-    """Whether a file with these texts of units and these names tells small from capital letters.
+def keeps_case(text: str, units: Iterable[str], names: Iterable[str]) -> bool:
+    """Whether a unit means its capitals in a file with these texts of units and these names.
 
-    Units decide: `km/h` has small letters, and `KM/H` lacks them. Names decide without such units.
+    Units decide: `km/h` has small letters, and `KM/H` lacks them. Names with small letters decide
+    without such units, for what is often counted in millions: `MW`, but not `MV`.
     """
     texts = tuple(dict.fromkeys(units))
     has_small = any(text.upper() != text for text in texts)
     lacks_small = any(is_capital(text) and _lacks_small(text) for text in texts)
     if has_small or lacks_small:
         return has_small and not lacks_small
-    return any(name.upper() != name for name in names)
+    symbols = (symbol for symbol in _SYMBOL.findall(text) if len(symbol) > 1)
+    is_usual = all(symbol in _OFTEN_MEGA for symbol in symbols if symbol.startswith("M"))
+    return is_usual and any(name.upper() != name for name in names)
 
 
 def _lacks_small(text: str) -> bool:

@@ -23,8 +23,11 @@ MISSING = frozenset(("", "na", "n/a", "#n/a", "nan", "null", "-"))
 """Words for a value that was not measured, in small letters."""
 
 # lazy up to the last brackets; what stands in these has none of their kind itself
-_BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*", re.DOTALL)
-_COLUMN_AND_UNIT = re.compile(r"(.*\S)(?:\s*\[([^\[\]]*)\]|\s+\(([^()]*)\))\s*", re.DOTALL)
+_INSIDE = r"(?:[^()]|\([^()]*\))*"
+"""What stands in parentheses, of which `(J/(kg K))` has more."""
+_BRACKETS = re.compile(rf"(.*?)\s*(?:\[([^\[\]]*)\]|\(({_INSIDE})\))\s*", re.DOTALL)
+_COLUMN_AND_UNIT = re.compile(rf"(.*\S)(?:\s*\[([^\[\]]*)\]|\s+\(({_INSIDE})\))\s*", re.DOTALL)
+_AROUND = re.compile(rf"\[(.*)\]|\(({_INSIDE})\)")
 _SUPERSCRIPT = re.compile("(?<!⁻)[²³]")
 _DIGITS = {"²": "2", "³": "3"}
 _BETWEEN_FACTORS = re.compile(r"(?<=[\w%°])[ .](?=[^\W\d])")
@@ -178,14 +181,14 @@ def with_case(
     """The unit, which knows then whether a file with these headers and units keeps case."""
     if not isinstance(unit, CapitalUnit):
         return unit
-    return replace(unit, is_as_written=is_case_kept(labels, texts))
+    return replace(unit, is_as_written=is_case_kept(unit, labels, texts))
 
 
-def is_case_kept(labels: Sequence[str], texts: Sequence[str]) -> bool:
-    """Whether a file with these headers, and units apart from them, has small letters."""
+def is_case_kept(unit: CapitalUnit, labels: Sequence[str], texts: Sequence[str]) -> bool:
+    """Whether a unit means its capitals in a file with these headers, and units apart from them."""
     plain = [plain_label(label) for label in labels]
     units = [text for text in (*texts, *(unit for _, unit in plain)) if text]
-    return keeps_case(units, (name for name, _ in plain))
+    return keeps_case(unit.text, units, (name for name, _ in plain))
 
 
 def stated_unit(text: str) -> Unit | CapitalUnit | UnknownUnit | None:
@@ -228,8 +231,15 @@ def _unknown(text: str, plain: str) -> UnknownUnit:
 
 def is_unit(cell: str) -> bool:
     """Whether a cell is empty or a unit, with or without brackets around it."""
-    text = cell.strip().strip("[]()")
+    text = without_brackets(cell)
     return not text or written_unit(text) is not None
+
+
+def without_brackets(cell: str) -> str:
+    """The text of a cell without the brackets around it: `N` of `[N]`, but not of `J/(kg K)`."""
+    text = cell.strip()
+    found = _AROUND.fullmatch(text)
+    return text if found is None else found[1] or found[2] or ""
 
 
 def units_line(cells: Sequence[str]) -> tuple[str, ...] | None:
@@ -241,7 +251,7 @@ def units_line(cells: Sequence[str]) -> tuple[str, ...] | None:
         return None
     if all(cell.strip().lower() in MISSING for cell in cells):
         return None
-    return tuple(cell.strip().strip("[]()") for cell in cells)
+    return tuple(map(without_brackets, cells))
 
 
 def is_number(text: str) -> bool:

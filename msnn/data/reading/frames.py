@@ -18,7 +18,7 @@ from msnn.data.formats.arrays.array_units import (
     unit_of_array,
     unit_of_column,
 )
-from msnn.data.formats.arrays.packed_values import packing_in
+from msnn.data.formats.arrays.packed_values import packing_in, packing_of_column
 from msnn.data.formats.written_units import units_line
 from msnn.data.reading.files import GIVEN, DataFile
 from msnn.data.reading.load import joined_files
@@ -172,7 +172,8 @@ def _arrays(shown: str, frame: Frame) -> NamedArrays:
         return [*unit_of_array(column(name)), *unit_of_column(attributes, name)]
 
     def packing(name: str) -> Mapping[str, Any]:
-        return packing_in(getattr(column(name), "attrs", {}))
+        of_table = packing_of_column(attributes, name)
+        return of_table | packing_in(getattr(column(name), "attrs", {}))
 
     return NamedArrays(
         shown, names, lambda name: _numbers(column(name)), frozenset(zoned), units, packing

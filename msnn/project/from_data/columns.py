@@ -13,7 +13,12 @@ from msnn.data.dataset import FloatArray
 from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.table_of_formats import format_of
-from msnn.data.formats.written_units import is_case_kept, plain_label, written_unit
+from msnn.data.formats.written_units import (
+    is_case_kept,
+    plain_label,
+    without_brackets,
+    written_unit,
+)
 from msnn.errors.data.new_specs import no_table
 from msnn.project.from_data.layout import TextLayout, layout_of, number
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -167,12 +172,12 @@ def _names(layout: TextLayout, numbers: list[int]) -> Iterator[str]:
 
 
 def _unit(layout: TextLayout, index: int) -> Unit | CapitalUnit | None:
-    text = layout.units[index].strip("[]()") or plain_label(layout.labels[index])[1]
+    text = without_brackets(layout.units[index]) or plain_label(layout.labels[index])[1]
     # no unit: a spec that says `1` would ask the same of all that is added to it
     unit = None if text == "-" else written_unit(text)
     if not isinstance(unit, CapitalUnit):
         return unit
-    if unit.written is not None and is_case_kept(layout.labels, layout.units):
+    if unit.written is not None and is_case_kept(unit, layout.labels, layout.units):
         return unit.written
     return unit.different[0] if len(unit.different) == 1 else unit
 

@@ -12,7 +12,8 @@ _KEYS = frozenset(("unit", "units"))
 """In small letters: the attribute `units` of CF and NeXus, `unit` of loggers."""
 _VALUES = frozenset(("data", "value", "values", "samples", "y"))
 """Fields of a struct in which the numbers stand, beside a field with their unit."""
-_PANDAS = "PANDAS_ATTRS"
+PANDAS_ATTRIBUTES = "PANDAS_ATTRS"
+"""The key of Parquet's metadata below which pandas keeps `attrs`."""
 _LONGEST = 200
 
 
@@ -71,8 +72,8 @@ def unit_of_column(attributes: Any, name: str) -> UnitTexts:
     """
     found: list[Sequence[str]] = []
     for key, value in attributes.items():
-        mapping = _mapping(value)
-        if text_of(key) == _PANDAS:
+        mapping = mapping_of(value)
+        if text_of(key) == PANDAS_ATTRIBUTES:
             found += unit_of_column(mapping, name)
         elif text_of(key).lower() in _KEYS and name in mapping:
             found.append(texts_of(mapping[name]))
@@ -82,7 +83,8 @@ def unit_of_column(attributes: Any, name: str) -> UnitTexts:
     return [*found, *unit_beside(texts, name, texts.__getitem__)]
 
 
-def _mapping(value: Any) -> Mapping[Any, Any]:
+def mapping_of(value: Any) -> Mapping[Any, Any]:
+    """A mapping, of which Parquet has the JSON; empty for anything else."""
     if isinstance(value, str | bytes):
         try:
             value = json.loads(value)

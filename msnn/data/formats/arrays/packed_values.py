@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msnn.data.formats.arrays.array_units import text_of
+from msnn.data.formats.arrays.array_units import PANDAS_ATTRIBUTES, mapping_of, text_of
 
 _FACTOR, _SUMMAND, _UNSIGNED = "scale_factor", "add_offset", "_Unsigned"
 _MISSING = ("_FillValue", "missing_value")
@@ -23,7 +23,26 @@ class PackingError(ValueError):
 def packing_in(attributes: Any) -> dict[str, Any]:
     """The attributes of packed numbers among those of an array or a column."""
     # others are not even read: references of HDF5 cannot be
-    return {text_of(key): attributes[key] for key in attributes if text_of(key) in _KEYS}
+    found = {text_of(key): attributes[key] for key in attributes if text_of(key) in _KEYS}
+    # a series has the attributes of its frame, which are mappings by column
+    return {key: value for key, value in found.items() if not isinstance(value, Mapping)}
+
+
+def packing_of_column(attributes: Any, name: str) -> dict[str, Any]:
+    """The attributes of a column among those of its table.
+
+    They are `{"speed": {"scale_factor": 0.1}}` or `{"scale_factor": {"speed": 0.1}}`.
+    """
+    found: dict[str, Any] = {}
+    for key, value in attributes.items():
+        held = mapping_of(value)
+        if text_of(key) == PANDAS_ATTRIBUTES:
+            found |= packing_of_column(held, name)
+        elif text_of(key) == name:
+            found |= packing_in(held)
+        elif text_of(key) in _KEYS and name in held:
+            found[text_of(key)] = held[name]
+    return found
 
 
 def with_netcdf_fill(packing: Mapping[str, Any], dtype: np.dtype[Any]) -> Mapping[str, Any]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.arrays.array_units import UnitTexts, unit_of_column, units_in
-from msnn.data.formats.arrays.packed_values import packing_in
+from msnn.data.formats.arrays.packed_values import packing_in, packing_of_column
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.unpacked_size import refuse_unpacking
@@ -71,8 +71,9 @@ def units_of_field(schema: Any, name: str) -> UnitTexts:
 
 
 def packing_of_field(schema: Any, name: str) -> Mapping[str, Any]:
-    """The attributes of packed numbers in the metadata of a column."""
-    return packing_in(schema.field(name).metadata or {})
+    """The attributes of packed numbers in the metadata of a column and in that of the file."""
+    of_table = packing_of_column(schema.metadata or {}, name)
+    return of_table | packing_in(schema.field(name).metadata or {})
 
 
 def as_array(column: Any) -> NDArray[Any]:
