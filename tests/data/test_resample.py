@@ -85,6 +85,24 @@ def test_a_hole_leaves_the_rows_at_its_ends_and_a_slow_column_has_none() -> None
     assert found.columns["slow"].tolist() == pytest.approx((steady / 5.0).tolist())
 
 
+@pytest.mark.parametrize("begin", [0.0, 0.05, 3.2, 1.7e9])
+def test_rounding_of_times_breaks_no_tie(begin: float) -> None:
+    """A row every 200 ms, moments every 100 ms: each second one is in the middle of two rows."""
+    time = np.array([round(begin + 0.2 * k, 3) for k in range(40)])
+    found = resample({"x": (time, np.arange(40.0))}, 0.1, "nearest")
+    assert found.columns["x"].tolist() == [float(k // 2) for k in range(79)]
+
+
+def test_a_value_half_a_step_before_the_first_moment_is_kept() -> None:
+    samples = (np.array([0.95, 1.15, 1.35]), np.arange(3.0))
+    columns: dict[ColumnKey, tuple[FloatArray, FloatArray]] = {
+        "u": (np.array([1.0, 1.1, 1.2, 1.3]), np.arange(4.0)),
+        "y": samples,
+    }
+    found = resample(columns, 0.1, "nearest", scored={"y"}, compared={"y"})
+    assert found.moments["y"].tolist() == [0, 1, 3]
+
+
 def test_from_and_to_choose_what_is_resampled(tmp_path: Path) -> None:
     files = {"a.csv": rows([0, 0.15, 0.31, 0.5, 0.62, 0.8])}
     section = "source: {train: a.csv}\ntime: time\nresample: linear\nfrom: 0.1 s\nto: 0.7 s\n"
@@ -126,6 +144,18 @@ def test_streams_without_a_common_moment(tmp_path: Path) -> None:
         file.save(tmp_path / "a.mf4", overwrite=True)
     with pytest.raises(SpecError, match="common time of all columns"):
         load(tmp_path, "source: {train: a.mf4}\nresample: nearest\n")
+
+
+def test_columns_of_a_table_without_a_common_moment(tmp_path: Path) -> None:
+    rows = [f"{0.2 * i:.1f},{i if i < 4 else ''},{i if i > 5 else ''}" for i in range(10)]
+    text = "time,x,F\n" + "\n".join(rows) + "\n"
+    section = "source: {train: a.csv}\ntime: time\nresample: linear\n"
+    with pytest.raises(SpecError, match="E0809"):
+        load(tmp_path, section, {"a.csv": text})
+    with pytest.raises(SpecError, match=r"common time of all columns leaves no rows of a\.csv"):
+        load(tmp_path, section + "nan: split\n")
+    dropped = load(tmp_path, section + "nan: drop\n")
+    assert (dropped.rows, [warning.code for warning in dropped.warnings]) == (0, ["W0803"])
 
 
 def test_one_row_stands_for_itself() -> None:

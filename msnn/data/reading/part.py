@@ -18,6 +18,7 @@ from msnn.data.reading.record_rows import RecordRows, record_rows
 from msnn.data.reading.row_filter import RowFilter
 from msnn.errors.data import cells
 from msnn.errors.data import formats as data_formats
+from msnn.errors.data.rows import rows_not_there
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.data import Data
@@ -91,14 +92,14 @@ def part_of(
     for lost in rows.lost.values():
         in_hole &= ~lost.wanting
     for feed in found:
-        values = series[feed.signal.name].reshape(len(usable), -1)
+        values = series[feed.signal.name].reshape(len(usable), len(feed.keys))
         values[in_hole] = np.nan  # what resampling drew through a hole was not measured
         for element, key in enumerate(feed.keys):
             if key in rows.lost:
                 values[rows.lost[key].wanting, element] = np.nan
     needed = _needed(program, found, rows)
     for feed in needed:
-        values = series[feed.signal.name].reshape(len(usable), -1)
+        values = series[feed.signal.name].reshape(len(usable), len(feed.keys))
         usable &= np.isfinite(values).all(axis=1)
     single = uses.measured & rows.measured.keys()
     offsets = {key: rows.offsets[key] for key in single}
@@ -115,6 +116,11 @@ def part_of(
         left_out = ~passes & _is_known(row_filter, series, len(usable))
         usable &= passes
     missing = _first_missing(recording, needed, rows, left_out, data, findings)
+    if not len(usable) and (missing is None or data.nan == "split"):
+        # columns of which one ends before another begins
+        place = recording.file.layout.place.key
+        what = "the common time of all columns"
+        findings.report(rows_not_there(what, recording.file.shown, recording.rows, place))
     for values in series.values():
         values[~rows.covered] = np.nan
     # after the filter, which may read between measured values
@@ -160,7 +166,8 @@ def _is_known(row_filter: RowFilter, series: Mapping[str, FloatArray], rows: int
     """The rows that have all values that a filter reads."""
     known = np.ones(rows, np.bool_)
     for name in row_filter.read:
-        known &= np.isfinite(series[name].reshape(rows, -1)).all(axis=1)
+        values = series[name]
+        known &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     return known
 
 
@@ -181,8 +188,7 @@ def _first_missing(
         lost = rows.lost.get(key)
         if lost is None or not len(lost.rows):
             continue
-        wanted_by = lost.wanted_by
-        used = lost.rows[(wanted_by < 0) | ~left_out[np.maximum(wanted_by, 0)]]
+        used = lost.of(~left_out)
         if not len(used):
             continue
         row = int(used[0])

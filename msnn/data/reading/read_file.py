@@ -75,6 +75,13 @@ class ReadFile:
     uses: ColumnUses
     origins: tuple[FileOrigin, ...]
 
+    @property
+    def rows(self) -> int:
+        """The count of rows; of streams with several times that of the first."""
+        if isinstance(self.read, ColumnTable):
+            return self.read.rows
+        return len(next(iter(self.read.columns.values()))[0])
+
     def row_of(self, row: int) -> tuple[str, int]:
         """The file that a row of the recording is from, and which row it is there."""
         origin = next(origin for origin in reversed(self.origins) if origin.row <= row)

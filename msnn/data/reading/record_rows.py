@@ -35,8 +35,18 @@ class LostValues:
     """Whether a picked row wants one of them."""
     rows: IntArray
     """Their rows in the file."""
-    wanted_by: IntArray
-    """The picked row nearest to each; −1 where none is, before the first and after the last."""
+    places: FloatArray
+    """Where each is among the picked rows: 2.5 between those of index 2 and 3."""
+
+    def of(self, used: BoolArray) -> IntArray:
+        """Those of them that used rows want, and those before the first row and after the last."""
+        wanting = np.flatnonzero(self.wanting & used)
+        after = np.clip(np.searchsorted(self.places, wanting), 0, max(len(self.rows) - 1, 0))
+        before = np.maximum(after - 1, 0)
+        is_before = wanting - self.places[before] <= self.places[after] - wanting
+        found = np.where(is_before & (after > before), before, after)
+        outside = np.flatnonzero((self.places < 0) | (self.places > len(used) - 1))
+        return self.rows[np.union1d(found, outside)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -240,7 +250,7 @@ def _missing(column: FloatArray, picked: RowRange) -> LostValues:
     """The values that are missing in picked rows."""
     wanting = np.isnan(column)
     absent = np.flatnonzero(wanting)
-    return LostValues(wanting, picked.first + absent * picked.every, absent)
+    return LostValues(wanting, picked.first + absent * picked.every, absent.astype(np.float64))
 
 
 def _lost(
@@ -248,15 +258,10 @@ def _lost(
 ) -> LostValues:
     """The values that a column has lost; `wanting` are the moments of the grid that want one."""
     absent = lost_values(samples, sample_time)
-    near: IntArray = np.full(len(absent), -1, np.int64)
+    places = np.full(len(absent), -1.0)  # without rows all of them are outside
     if len(grid):
-        place = (samples[0][absent] - grid[0]) / sample_time
-        low, high = np.floor(place).astype(np.int64), np.ceil(place).astype(np.int64)
-        wanted = np.concatenate((wanting, [False, False]))
-        # rows on both sides may want it, or only one of them
-        near = np.asarray(np.where(wanted[np.clip(low, -1, len(grid))], low, high), np.int64)
-        near[(near < 0) | (near >= len(grid))] = -1
-    return LostValues(wanting, picked.first + absent * picked.every, near)
+        places = (samples[0][absent] - grid[0]) / sample_time
+    return LostValues(wanting, picked.first + absent * picked.every, places)
 
 
 def _rows_at(

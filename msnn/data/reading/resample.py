@@ -155,8 +155,10 @@ def _moments_of(grid: FloatArray, time: FloatArray, sample_time: float) -> IntAr
     """The nearest moment of each measured value; −1 where none is within half a sample time."""
     if not len(grid):
         return np.full(len(time), -1, np.int64)
-    # of two moments alike far the earlier
-    index = np.ceil((time - grid[0]) / sample_time - 0.5 - _SLACK).astype(np.int64)
+    place = (time - grid[0]) / sample_time
+    # of two moments alike far the earlier; the first one has none before it
+    index = np.ceil(place - 0.5 - _SLACK).astype(np.int64)
+    index[(index == -1) & (place >= -0.5 - _SLACK)] = 0
     return np.where((index < 0) | (index >= len(grid)), -1, index)
 
 
@@ -204,7 +206,10 @@ def _nearest(grid: FloatArray, time: FloatArray) -> IntArray:
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     before = after - 1
     # of two alike far the earlier: the later one was not known at that moment
-    return np.where(grid - time[before] <= time[after] - grid, before, after)
+    # the grid is summed up and times are printed: rounding makes no difference between them
+    later = (grid - time[before]) - (time[after] - grid)
+    slack = _SLACK * (time[after] - time[before]) + 4 * np.spacing(np.abs(grid))
+    return np.where(later <= slack, before, after)
 
 
 def longest_step(time: FloatArray, sample_time: float) -> float:
