@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from backends.c_kernels.constant_time import ConstantTimeLowering, choice_functions
 from backends.c_kernels.printer import KernelPrinter, dtype_of
 from backends.c_kernels.routine import RoutineLowering
+from backends.c_language.printer import placement
 from backends.c_language.tree import Function
 from compiler.kernels.table import KERNELS
 from compiler.kernels.tables.formats import FORMATS, Format, RealName
@@ -46,7 +47,7 @@ def c_sources(
     if constant_time:
         # an `if` costs time by its condition: both arms are computed and one is chosen
         routines = [without_branches(routine) for routine in routines]
-    printer = KernelPrinter(prefix, dtype_of(FORMATS[real]))
+    printer = KernelPrinter(prefix, dtype_of(FORMATS[real]), places_tables=True)
     lowering = ConstantTimeLowering if constant_time else RoutineLowering
     lowered = [lowering(routine, printer) for routine in routines]
     made = {x.routine.name: x.function(public=x.routine.name in functions) for x in lowered}
@@ -57,7 +58,7 @@ def c_sources(
         header_name=header_name,
         header=_header([made[name] for name in functions], printer),
         source_name=f"{prefix}_math.c",
-        source=_source(map(printer.function, (*choices, *made.values())), header_name, needs_math),
+        source=_source(printer, (*choices, *made.values()), header_name, needs_math),
         functions=functions,
     )
 
@@ -103,12 +104,26 @@ def _header(functions: Iterable[Function], printer: KernelPrinter) -> str:
     return "\n".join([opening, *prototypes, _HEADER_CLOSING.format(guard=guard)])
 
 
-def _source(functions: Iterable[str], header_name: str, needs_math: bool) -> str:
+def _source(
+    printer: KernelPrinter, functions: Iterable[Function], header_name: str, needs_math: bool
+) -> str:
+    texts = [printer.function(function) for function in functions]
+    macro = f"{printer.prefix.upper()}_PLACED "
+    has_tables = any(macro in text for text in texts)
+    places = [f"{placement(printer.prefix)}\n", _inlined(printer.prefix)] if has_tables else []
     includes = [f'#include "{header_name}"\n', "#include <float.h>"]
     if needs_math:
         includes.append("#include <math.h>")
     includes += ["#include <stdbool.h>", "#include <stdint.h>\n"]
-    return "\n".join([*includes, _ENVIRONMENT, *functions])
+    return "\n".join([*includes, _ENVIRONMENT, *places, *texts])
+
+
+def _inlined(prefix: str) -> str:
+    return (
+        "/* gcc for AVR takes a table of a function that it inlines for one without numbers */\n"
+        f"#ifdef {prefix.upper()}_IN_FLASH\n"
+        '#pragma GCC diagnostic ignored "-Wuninitialized"\n#endif\n'
+    )
 
 
 _HEADER_OPENING = """\

@@ -23,6 +23,8 @@ class Printer:
     dtype: Dtype = "float32"
     sum_bits: Literal[32, 64] = 32
     """Size of a sum in fixed point."""
+    places_tables: bool = False
+    """Declares constant arrays by the macro that places them in flash (`placement`)."""
 
     exact: ClassVar[bool] = False
     """Writes numbers in hexadecimal where they are long."""
@@ -126,7 +128,8 @@ class Printer:
             numbers = [self.expression(c.Unsigned(int(value))) for value in table.values]
         else:
             numbers = [str(int(value)) for value in table.values]
-        head = f"static const {self.type(table.type)} {table.name}[{len(numbers)}]"
+        place = f"{self.prefix.upper()}_PLACED " if self.places_tables else ""
+        head = f"static const {place}{self.type(table.type)} {table.name}[{len(numbers)}]"
         return f"{head} = {self.braced(numbers)};"
 
     def braced(self, numbers: Iterable[str], indent: str = "") -> str:
@@ -204,6 +207,18 @@ class Printer:
 def _wide_literal(value: int) -> str:
     text = f"INT64_C({abs(value)})"
     return f"-{text}" if value < 0 else text
+
+
+def placement(prefix: str) -> str:
+    """The macro of constants: with `<PREFIX>_IN_FLASH`, gcc for AVR reads them where they are.
+
+    It has a named address space for flash; elsewhere the macro is empty.
+    """
+    macro = prefix.upper()
+    return (
+        f"#if defined({macro}_IN_FLASH) && !defined(__cplusplus)\n"
+        f"#define {macro}_PLACED __flash\n#else\n#define {macro}_PLACED\n#endif"
+    )
 
 
 def _argument(argument: c.Argument) -> str:

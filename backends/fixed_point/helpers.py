@@ -94,7 +94,7 @@ class FixedHelpers:
             )
         doc = f"The straight line between two values of a table whose cells are 2^{bits} wide."
         arguments = (
-            c.Argument(f"const {self._prefix}_word_t *", table.text),
+            c.Argument(f"const {self._prefix.upper()}_PLACED {self._prefix}_word_t *", table.text),
             c.Argument(self._sum, distance.text),
         )
         return self._function(f"interpolated_{bits}", arguments, body, doc)

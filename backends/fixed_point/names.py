@@ -65,4 +65,5 @@ def fixed_names(program: IntegerProgram, prefix: str) -> FixedNames:
 
 def fixed_printer(program: IntegerProgram, names: FixedNames) -> Printer:
     """Prints C with the program's types."""
-    return Printer(names.prefix, sum_bits=64 if program.width.sum == 64 else 32)
+    sum_bits = 64 if program.width.sum == 64 else 32
+    return Printer(names.prefix, sum_bits=sum_bits, places_tables=True)

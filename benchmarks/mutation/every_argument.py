@@ -18,7 +18,8 @@ Point = tuple[float, float]
 _FLAGS = ("-std=c11", "-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-w")
 _CONSTANT = re.compile(r"(?<![\w.])(?:0x[0-9a-f.]+p[-+]\d+|\d+\.\d*(?:e[-+]?\d+)?)(?=f?\b)")
 _STATEMENT = re.compile(
-    r"if \((?P<condition>[^;{}]*)\) \{|(?<=\n) +static const \w+ (?P<table>\w+)[^;]*;"
+    r"if \((?P<condition>[^;{}]*)\) \{"
+    r"|(?<=\n) +static const (?:\w+_PLACED )?\w+ (?P<table>\w+)[^;]*;"
     r"|(?<=\n) +(?:const \w+ )?\*?\w+ = (?P<value>[^;{}]*);"
 )
 """One that a constant can be in."""

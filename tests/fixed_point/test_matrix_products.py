@@ -124,7 +124,7 @@ def test_powers_of_two_that_no_word_holds_have_a_table_of_sums(sign: float, tmp_
     exponents = [8, 7, *range(5, -9, -1)]
     write_export(plan, {"h.weight": sign * np.exp2(exponents)}, tmp_path / "c")
     source = (tmp_path / "c" / "src" / "net.c").read_text(encoding="utf-8")
-    assert "static const net_sum_t table_1" in source
+    assert "static const NET_PLACED net_sum_t table_1" in source
     assert "golden steps agree" in run_test_program(tmp_path / "c", "net", "gcc", ("-O2",))
 
 

@@ -117,7 +117,7 @@ def _model_texts(
 def _source(
     interface: Interface, table: FunctionTable, title: str, functions: list[Function]
 ) -> str:
-    printer = Printer(interface.prefix, interface.options.dtype)
+    printer = Printer(interface.prefix, interface.options.dtype, places_tables=True)
     checks = policy_functions(interface, table)
     all_functions = [*table.definitions(), *checks, *functions]
     return render(

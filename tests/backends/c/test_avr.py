@@ -13,6 +13,8 @@ from backends.c import COptions, write_c
 from backends.c_language.literals import Dtype
 from compiler.interpreter.interpreter import Interpreter
 from compiler.passes.to_step_form import to_step_form
+from msnn.cli.application import run
+from msnn.cli.exit_codes import ExitCode
 from tests.conditions import require_tool
 from tests.language.compiled import compiled
 
@@ -57,14 +59,39 @@ int main(void)
 """
 
 
-def built(folder: Path, chip: str, *flags: str) -> subprocess.CompletedProcess[str]:
+_DROPS = ("-fdata-sections", "-ffunction-sections", "-Wl,--gc-sections")
+"""As the cores of Arduino have it: what nothing reads is left out, such as texts of the origin."""
+
+
+def built(
+    folder: Path, chip: str, *flags: str, main: str = MAIN
+) -> subprocess.CompletedProcess[str]:
     compiler = require_tool("avr-gcc", install="apt install gcc-avr avr-libc")
-    main = folder / "main.c"
-    main.write_text(MAIN)
+    (folder / "main.c").write_text(main)
     sources = [p for p in sorted((folder / "src").glob("*.c")) if "_selftest" not in p.name]
-    command = [compiler, f"-mmcu={chip}", "-std=gnu99", "-Os", "-ffp-contract=off", *flags]
+    command = [
+        compiler,
+        f"-mmcu={chip}",
+        "-std=gnu99",
+        "-Os",
+        "-ffp-contract=off",
+        "-Wall",
+        "-Werror",
+        # without it a pointer into flash is silently one into RAM
+        "-Waddr-space-convert",
+        *_DROPS,
+    ]
     return subprocess.run(
-        [*command, f"-I{folder / 'include'}", main, *sources, "-o", folder / "a.elf", "-lm"],
+        [
+            *command,
+            *flags,
+            f"-I{folder / 'include'}",
+            folder / "main.c",
+            *sources,
+            "-o",
+            folder / "a.elf",
+            "-lm",
+        ],
         capture_output=True,
         text=True,
         check=False,
@@ -103,6 +130,62 @@ def test_weights_placed_in_flash_take_no_ram_and_keep_the_bits(tmp_path: Path) -
     assert answers(tmp_path, small) == expected
     assert built(tmp_path, large).returncode == 0
     assert answers(tmp_path, large) == expected
+
+
+TABLED = """
+msnn: 1
+name: net
+sample_time: 1 s
+inputs: {u: {range: [-1, 1]}, v: {range: [-1, 1]}}
+layers: {net: {mlp: {hidden: [4, 3], init: {normal: {std: 0.3}}}}}
+outputs: {y: {expr: "net(u, v) + sin(2 * u) + cosh(u) + exp(v)"}}
+"""
+KINDS = {
+    "weights": {"params": "const"},
+    "numbers in the code": {"params": "inline"},
+    "fixed point of 16 bits": {"dtype": "q15"},
+    "fixed point of 32 bits": {"dtype": "q31"},
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_constant_takes_ram_where_it_is_placed_in_flash(kind: str, tmp_path: Path) -> None:
+    """Weights, inlined parameters, and the tables of functions, in floats and in integers."""
+    options = KINDS[kind]
+    spec = tmp_path / "net.msnn.yaml"
+    spec.write_text(TABLED)
+    settings = [
+        word for key, value in options.items() for word in ("--set", f"export.c.{key}={value}")
+    ]
+    words = ["export", str(spec), "--initial", "--to", "c", "--out", str(tmp_path), *settings]
+    assert run(words) == ExitCode.OK
+    folder = tmp_path / "c"
+    main = MAIN
+    if options.get("params") != "const":
+        main = main.replace("&s, &net_params_default", "&s")
+    if "dtype" in options:
+        fraction = {"q15": 14, "q31": 30}[options["dtype"]]
+        one = f"((net_word_t)1 << {fraction})"
+        main = main.replace("step / 8.0f, -0.5f", f"step * ({one} / 8), -({one} / 2)")
+        main = main.replace("answer.real = y.y", "answer.bits = (uint32_t)y.y")
+    small, large = "atmega328p", "atmega1284p"
+    copied = ram(folder, large, main)
+    expected = answers(folder, large)
+    placed = ram(folder, small, main, "-DNET_IN_FLASH")
+    assert answers(folder, small) == expected
+    assert len({*expected}) == 8
+    # the digits of the program above and the state of the model
+    assert placed <= 32 < copied
+
+
+def ram(folder: Path, chip: str, main: str, *flags: str) -> int:
+    """Bytes of RAM that a program has taken before it begins: `.data` and `.bss`."""
+    size = require_tool("avr-size", install="apt install binutils-avr")
+    done = built(folder, chip, *flags, main=main)
+    assert done.returncode == 0, done.stderr
+    told = subprocess.run([size, folder / "a.elf"], capture_output=True, text=True, check=True)
+    _, data, bss = told.stdout.splitlines()[1].split()[:3]
+    return int(data) + int(bss)
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])

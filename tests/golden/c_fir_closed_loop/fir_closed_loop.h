@@ -83,13 +83,16 @@ typedef struct {
     uint32_t ready;
 } fir_closed_loop_state_t;
 
-/* The trained values. They are constants, which most linkers leave in flash; AVR copies them to RAM
- * unless FIR_CLOSED_LOOP_IN_FLASH is defined (gcc, -std=gnu99), and then takes no others. */
+/* Constants. Most linkers leave them in flash; AVR copies them to RAM, unless gcc compiles every
+ * source with -std=gnu99, where a step takes no other parameters, and
+ * FIR_CLOSED_LOOP_IN_FLASH. */
 #if defined(FIR_CLOSED_LOOP_IN_FLASH) && !defined(__cplusplus)
 #define FIR_CLOSED_LOOP_PLACED __flash
 #else
 #define FIR_CLOSED_LOOP_PLACED
 #endif
+
+/* The trained values. */
 extern const FIR_CLOSED_LOOP_PLACED fir_closed_loop_params_t
     fir_closed_loop_params_default;
 

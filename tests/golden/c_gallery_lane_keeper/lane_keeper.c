@@ -156,10 +156,10 @@ lane_keeper_status_t lane_keeper_step(
     lane_keeper_out_t *y)
 {
     /* constants of the spec: width [m], brisk [m/s] */
-    static const lane_keeper_real sets_slopes[2] = {
+    static const LANE_KEEPER_PLACED lane_keeper_real sets_slopes[2] = {
         0.1f, 0.083333336f
     };
-    static const lane_keeper_real constants[3] = {
+    static const LANE_KEEPER_PLACED lane_keeper_real constants[3] = {
         8.0f, 18.0f, 30.0f
     };
     static const lane_keeper_real width = 1.0f;

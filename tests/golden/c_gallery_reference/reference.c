@@ -73,7 +73,7 @@ reference_status_t reference_step(
     const reference_in_t *u,
     reference_out_t *y)
 {
-    static const reference_real constants[7] = {
+    static const REFERENCE_PLACED reference_real constants[7] = {
         -45.0f, -30.0f, -15.0f, 0.0f, 15.0f, 30.0f, 45.0f
     };
     reference_status_t status = REFERENCE_OK;

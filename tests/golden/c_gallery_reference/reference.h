@@ -102,13 +102,16 @@ typedef struct {
     uint32_t ready;
 } reference_state_t;
 
-/* The trained values. They are constants, which most linkers leave in flash; AVR copies them to RAM
- * unless REFERENCE_IN_FLASH is defined (gcc, -std=gnu99), and then takes no others. */
+/* Constants. Most linkers leave them in flash; AVR copies them to RAM, unless gcc compiles every
+ * source with -std=gnu99, where a step takes no other parameters, and
+ * REFERENCE_IN_FLASH. */
 #if defined(REFERENCE_IN_FLASH) && !defined(__cplusplus)
 #define REFERENCE_PLACED __flash
 #else
 #define REFERENCE_PLACED
 #endif
+
+/* The trained values. */
 extern const REFERENCE_PLACED reference_params_t
     reference_params_default;
 

@@ -45,7 +45,7 @@ static inline reference_sum_t reference_rounded_9(reference_sum_t x)
 
 /* The straight line between two values of a table whose cells are 2^9 wide. */
 static inline reference_sum_t reference_interpolated_9(
-    const reference_word_t *table,
+    const REFERENCE_PLACED reference_word_t *table,
     reference_sum_t distance)
 {
     const uint32_t place = (uint32_t)distance;
@@ -157,7 +157,7 @@ reference_status_t reference_step(
     const reference_sum_t n3 = reference_rounded_15(n2);
     const reference_sum_t n5 = (n3 > (-16139)) ? n3 : (-16139);
     const reference_sum_t n7 = (n5 < 16539) ? n5 : 16539;
-    static const reference_word_t table_1[66] = {
+    static const REFERENCE_PLACED reference_word_t table_1[66] = {
         -32746, -32740, -32732, -32722, -32709, -32692, -32670, -32642, -32607, -32561, -32502,
         -32427, -32331, -32208, -32051, -31850, -31594, -31268, -30854, -30330, -29670, -28843,
         -27812, -26537, -24976, -23088, -20837, -18197, -15166, -11762, -8040, -4082, 0, 4082, 8040,

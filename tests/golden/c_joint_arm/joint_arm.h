@@ -90,13 +90,16 @@ typedef struct {
     uint32_t ready;
 } joint_arm_state_t;
 
-/* The trained values. They are constants, which most linkers leave in flash; AVR copies them to RAM
- * unless JOINT_ARM_IN_FLASH is defined (gcc, -std=gnu99), and then takes no others. */
+/* Constants. Most linkers leave them in flash; AVR copies them to RAM, unless gcc compiles every
+ * source with -std=gnu99, where a step takes no other parameters, and
+ * JOINT_ARM_IN_FLASH. */
 #if defined(JOINT_ARM_IN_FLASH) && !defined(__cplusplus)
 #define JOINT_ARM_PLACED __flash
 #else
 #define JOINT_ARM_PLACED
 #endif
+
+/* The trained values. */
 extern const JOINT_ARM_PLACED joint_arm_params_t
     joint_arm_params_default;
 

@@ -92,13 +92,16 @@ typedef struct {
     uint32_t ready;
 } spring_damper_rk4_state_t;
 
-/* The trained values. They are constants, which most linkers leave in flash; AVR copies them to RAM
- * unless SPRING_DAMPER_RK4_IN_FLASH is defined (gcc, -std=gnu99), and then takes no others. */
+/* Constants. Most linkers leave them in flash; AVR copies them to RAM, unless gcc compiles every
+ * source with -std=gnu99, where a step takes no other parameters, and
+ * SPRING_DAMPER_RK4_IN_FLASH. */
 #if defined(SPRING_DAMPER_RK4_IN_FLASH) && !defined(__cplusplus)
 #define SPRING_DAMPER_RK4_PLACED __flash
 #else
 #define SPRING_DAMPER_RK4_PLACED
 #endif
+
+/* The trained values. */
 extern const SPRING_DAMPER_RK4_PLACED spring_damper_rk4_params_t
     spring_damper_rk4_params_default;
 

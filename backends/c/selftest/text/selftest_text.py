@@ -70,7 +70,7 @@ def selftest_text(
 ) -> str:
     """`src/<prefix>_selftest.c`: golden steps, kernels, and what a compiler may do wrong."""
     dtype, prefix = interface.options.dtype, interface.prefix
-    printer = Printer(prefix, dtype)
+    printer = Printer(prefix, dtype, places_tables=True)
     begin = GoldenRun(_SELFTEST_SEED, opening=_SELFTEST_OPENING, invalid=0)
     (golden,) = golden_runs(program, interface, weights, SELFTEST_STEPS, [begin])
     functions = _golden(interface, [golden])
@@ -217,7 +217,7 @@ def _golden(
     starts: Sequence[GoldenStart] = (),
     singles: GoldenSingles | None = None,
 ) -> list[str]:
-    printer = Printer(interface.prefix, interface.options.dtype)
+    printer = Printer(interface.prefix, interface.options.dtype, places_tables=True)
     functions = [*golden_functions(interface, runs, starts, singles)]
     every = [*runs, singles.vectors] if singles else runs
     if interface.jacobian is not None:
