@@ -202,10 +202,12 @@ def at_bound(name: str, span: Span | None, *, is_pushed: bool) -> Diagnostic:
     return warning("W0904", span, message, "at the bound", help=repair)
 
 
-def stuck_at_bound(name: str, span: Span | None) -> Diagnostic:
+def stuck_at_bound(name: str, span: Span | None, *, are_squares: bool) -> Diagnostic:
     """W0914: a parameter that stopped near a bound from which the loss falls."""
     message = f"`{name}` stopped near its bound, and the loss falls away from the bound"
-    repair = "train on with `levenberg_marquardt`, or begin with an `init` farther inside"
+    repair = "begin with an `init` farther inside"
+    if are_squares:
+        repair = f"train on with `levenberg_marquardt`, or {repair}"
     return warning("W0914", span, message, "no minimum", help=repair)
 
 

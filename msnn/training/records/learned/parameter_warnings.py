@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from compiler.differentiation.sums_of_squares import is_sum_of_squares
 from compiler.ir.program import Program
 from msnn.data.dataset import FloatArray
 from msnn.errors.learning.second_order import not_identifiable
@@ -32,12 +33,15 @@ def parameter_warnings(
     """
     warnings = [] if found is None else list(found.notes)
     beside = None if found is None else found.beside
+    are_squares = all(
+        one.penalty is not None or is_sum_of_squares(program.step, one) for one in program.losses
+    )
     for parameter in (each for each in program.parameters if each.learn):
         is_known = beside is not None and parameter.name in beside.held
         if is_at_bound(parameter, weights, found).any():
             warnings.append(at_bound(parameter.name, parameter.span, is_pushed=is_known))
         if beside is not None and is_known and beside.stuck[parameter.name].any():
-            warnings.append(stuck_at_bound(parameter.name, parameter.span))
+            warnings.append(stuck_at_bound(parameter.name, parameter.span, are_squares=are_squares))
     for group in [] if found is None else _together(found.unidentified):
         changes, beside = _of_readable(group, black_boxes)
         if not changes:
