@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Collection, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from backends.ports.identifiers import c_identifier
-from backends.raw_parameters import raw_value
+from backends.raw_parameters import Mapping as RawMapping
+from backends.raw_parameters import mapping_of, raw_value
 from backends.torch_module.lowering import (
     GivenNode,
     LoweredGraph,
@@ -25,7 +26,7 @@ from backends.torch_module.lowering import (
 from backends.torch_module.parameters import physical_value
 from backends.torch_module.zero_tangents import stays_finite
 from compiler.ir import ops
-from compiler.ir.program import Graph, NodeId, Program
+from compiler.ir.program import Graph, NodeId, Parameter, Program
 
 FloatArray = NDArray[np.float64]
 
@@ -54,6 +55,14 @@ class Frame:
     start: dict[NodeId, Tensor]
 
 
+@dataclass(frozen=True, slots=True)
+class _Loaded:
+    """The buffers with the raw variable and the physical value that were loaded last."""
+
+    raw: str
+    physical: str
+
+
 def build_module(
     program: Program, dtype: torch.dtype = torch.float64, device: str = "cpu"
 ) -> TorchModel:
@@ -64,6 +73,9 @@ def build_module(
 class TorchModel(nn.Module):
     """A program in torch. Its parameters are raw variables; `physical()` gives physical values.
 
+    The map from raw to physical values rounds: an element whose raw variable is still the one that
+    was loaded has the value that was loaded, bit for bit, and the gradient of the map.
+
     Logs are one tensor (rows, *shape) a signal, times `t` absolute rows (B,), states and outputs
     (B, *shape).
     """
@@ -73,6 +85,7 @@ class TorchModel(nn.Module):
         # raw variables belong to the program as given: `prepared` adds nodes, never parameters
         self._given = program
         self.dtype, self.device = dtype, device
+        self._loaded: dict[str, _Loaded] = {}
         self._names = self._add_parameters()
 
     @cached_property
@@ -103,6 +116,13 @@ class TorchModel(nn.Module):
                 raw, _ = raw_value(parameter, initial)
                 # optimisers move raw variables, every value of which is within the bounds
                 self.register_parameter(name, nn.Parameter(self._tensor(raw)))
+                if _rounds(parameter):
+                    loaded = self._loaded[parameter.name] = _Loaded(
+                        c_identifier(f"{parameter.name}_loaded_raw", taken),
+                        c_identifier(f"{parameter.name}_loaded", taken),
+                    )
+                    for buffer, value in ((loaded.raw, raw), (loaded.physical, initial)):
+                        self.register_buffer(buffer, self._tensor(value), persistent=False)
             else:
                 self.register_buffer(name, self._tensor(initial))
         return names
@@ -117,12 +137,29 @@ class TorchModel(nn.Module):
     def physical(self) -> dict[str, Tensor]:
         """Physical values of all parameters by name, differentiable in the raw variables."""
         return {
-            p.name: physical_value(p, self.raw(p.name)) if p.learn else self.raw(p.name)
+            p.name: self._physical(p) if p.learn else self.raw(p.name)
             for p in self._given.parameters
         }
 
-    def load_physical(self, weights: Mapping[str, FloatArray]) -> tuple[str, ...]:
-        """Sets the named parameters; returns those that had to be moved off a bound."""
+    def _physical(self, parameter: Parameter) -> Tensor:
+        raw, loaded = self.raw(parameter.name), self._loaded.get(parameter.name)
+        mapped = physical_value(parameter, raw)
+        if loaded is None:
+            return mapped
+        same = raw == self.get_buffer(loaded.raw)
+        # the difference is 0 and has the gradient of the map
+        return torch.where(
+            same, self.get_buffer(loaded.physical) + (mapped - mapped.detach()), mapped
+        )
+
+    def load_physical(
+        self, weights: Mapping[str, FloatArray], moving: Collection[str] = ()
+    ) -> tuple[str, ...]:
+        """Sets the named parameters; returns those of `moving` that were moved off a bound.
+
+        Parameters in `moving` begin at the value of their raw variable, as in every engine, so that
+        a resumed training has the values of one that was never interrupted.
+        """
         moved: list[str] = []
         # loading is no operation that slopes go through
         with torch.no_grad():
@@ -130,8 +167,14 @@ class TorchModel(nn.Module):
                 parameter = self._given.parameter(name)
                 raw, off = raw_value(parameter, value) if parameter.learn else (value, False)
                 self.raw(name).copy_(self._tensor(raw))
-                if off:
+                if off and name in moving:
                     moved.append(name)
+                loaded = self._loaded.get(name)
+                if loaded is not None:
+                    own = self.raw(name)
+                    kept = physical_value(parameter, own) if name in moving else value
+                    self.get_buffer(loaded.raw).copy_(own)
+                    self.get_buffer(loaded.physical).copy_(torch.as_tensor(kept))
         return tuple(moved)
 
     def weights(self) -> dict[str, FloatArray]:
@@ -201,6 +244,11 @@ class TorchModel(nn.Module):
         }
         rows = {loss.name: next(values) for loss in self.program.losses if loss.rows is not None}
         return TorchStep(outputs, next_states, losses, rows)
+
+
+def _rounds(parameter: Parameter) -> bool:
+    """Whether the physical value is computed from the raw variable, which is else the same."""
+    return parameter.scale != 1.0 or mapping_of(parameter) is not RawMapping.LINEAR
 
 
 def gathered(log: Mapping[str, Tensor], t: Tensor) -> Windows:

@@ -10,7 +10,7 @@ from compiler.elaboration.deep_recursion import room_for
 from compiler.elaboration.formulas import formulas_of
 from compiler.elaboration.losses.penalties import checked_penalties
 from compiler.elaboration.lower_spec import exported_equations, lower_spec
-from compiler.elaboration.signals import logged_signals
+from compiler.elaboration.signals import logged_signals, measured_targets
 from compiler.elaboration.unchecked_scales import report_unchecked_scales
 from compiler.interpreter.never_finite import never_finite
 from compiler.ir.program import Dimension, Program
@@ -101,6 +101,8 @@ def compile_linked(
     wanted = {*spec.outputs, *exported_equations(spec)}
     assert {output.name for output in lowered.outputs} == wanted, "an output was lost"
     assert {state.name for state in lowered.states} >= spec.states.keys(), "a state was lost"
+    for name in measured_targets(spec) & spec.states.keys():
+        context.measured.setdefault(name, spec.states[name])
     program = Program(
         name=spec.name.value,
         sample_time=context.sampling.sample_time,
@@ -118,7 +120,11 @@ def compile_linked(
         doc=spec.doc or "",
         spec_hash=spec_hash,
     )
+    logged = program.signals
     program = run_passes(program)
+    # no value of the program reads what a metric alone compares with
+    kept = {signal.name for signal in program.signals} | measured_targets(spec)
+    program = replace(program, signals=tuple(each for each in logged if each.name in kept))
     found = (*never_finite(program), *infinite_slopes(program))
     # asked of what was lowered, not of the program: passes have shared and dropped nodes of it
     types = elaborated.entries.types()

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from compiler.ir.program import Role, Signal
 from compiler.lowering.context import Context
 from compiler.lowering.scope import owner_of
+from spec_schema.expressions.tree import Member, Name, Window
 from spec_schema.sections.signals import Signal as SignalEntry
+from spec_schema.sections.spec import Spec
 
 
 def logged_signals(
@@ -32,6 +34,22 @@ def logged_signals(
         )
         for role, name, entry in declared
     )
+
+
+def measured_targets(spec: Spec) -> set[str]:
+    """The names in `target:` of entries of `validate`: logs of inputs, targets or states."""
+    found: set[str] = set()
+    for check in spec.checks:
+        operand = check.target.operand if isinstance(check.target, Window) else check.target
+        match operand:
+            case Name(name=name):
+                found.add(name)
+            case Member(base=base, name=name):
+                # an entry of a sub-model, or `x.meas`, the log of a state
+                found |= {f"{base}.{name}", base}
+            case _:
+                pass
+    return found
 
 
 def _targets(context: Context) -> list[tuple[str, SignalEntry]]:

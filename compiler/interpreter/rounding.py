@@ -41,6 +41,10 @@ _SMALLEST_RESULT = 10.0
 """Times the smallest normal number: below it a function's result has no relative accuracy."""
 
 
+_SHORT = 0.5
+"""Radians in which a sine changes by at most twice what it does at the ends and halves."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Given:
     """The values that one evaluation reads from outside."""
@@ -263,6 +267,12 @@ class BoundedGraph:
     ) -> Bounded:
         row = SCALAR_FUNCTIONS[function]
         off = _reach(row.numpy, values, spreads)
+        # a few places within a period say nothing of what lies between them
+        if function in ("sin", "cos"):
+            off = np.where(spreads[0] > _SHORT, 2.0, off)
+        elif function == "tan":
+            turns = [np.floor((values[0] + s) / np.pi + 0.5) for s in (-spreads[0], spreads[0])]
+            off = np.where(turns[0] == turns[1], off, np.inf)
         # exact: they round nothing that their argument did not
         if function in ("abs", "sign"):
             return self._term(value, off)

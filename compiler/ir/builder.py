@@ -23,8 +23,11 @@ from compiler.ir.rules.unit_rules import (
 )
 from compiler.ir.scalars.table import SCALAR_FUNCTIONS, Array
 from compiler.ir.types import WINDOW, Axis, Type, in_order
+from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import ONE as ONE
 from spec_schema.units.unit import Unit
+
+_ZERO_OF_ZEROS = (ops.Add, ops.Subtract, ops.Negate, ops.Broadcast, ops.Concat)
 
 
 class GraphBuilder(NodeStore):
@@ -35,6 +38,18 @@ class GraphBuilder(NodeStore):
         self.conflicts: list[UnitConflict] = []
         """Units that did not fit since the caller last looked; the caller knows the place."""
         self.infinite_values = InfiniteValues(self)
+        self._zeros: set[NodeId] = set()
+        """Nodes that are 0 whatever is read: they fit every unit in a sum."""
+        for node_id, node in graph or ():
+            self._note_zero(node_id, node.op, node.args)
+
+    def emit(
+        self, op: ops.Op, args: tuple[NodeId, ...], type: Type, span: Span | None = None
+    ) -> NodeId:
+        """The node with this operation, operands and type, made if there is none yet."""
+        node = super().emit(op, args, type, span)
+        self._note_zero(node, op, args)
+        return node
 
     # ---- leaves
 
@@ -280,9 +295,18 @@ class GraphBuilder(NodeStore):
             self.conflicts.append(conflict)
         return unit
 
+    def _note_zero(self, node: NodeId, op: ops.Op, args: tuple[NodeId, ...]) -> None:
+        if isinstance(op, ops.Constant):
+            is_zero = not any(op.values)
+        elif isinstance(op, ops.Multiply):
+            is_zero = not self._zeros.isdisjoint(args)
+        else:
+            is_zero = isinstance(op, _ZERO_OF_ZEROS) and self._zeros.issuperset(args)
+        if is_zero:
+            self._zeros.add(node)
+
     def _is_zero(self, value: NodeId) -> bool:
-        op = self.node(value).op
-        return isinstance(op, ops.Constant) and not any(op.values)
+        return value in self._zeros
 
     def _term_unit(self, value: NodeId) -> Unit | None:
         """Unit in a sum: a literal 0 fits every unit."""

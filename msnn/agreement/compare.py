@@ -68,7 +68,7 @@ def compare(subject: Subject, loaded: Loaded, record: AgreementRecord) -> Agreem
         else max(slopes.deviations.values(), default=0.0),
         bits=bits,
         faults=faults,
-        undecided=dict(single.undecided),
+        undecided={**single.undecided, **slopes.undecided},
         untried=single.untried,
         rounding=_costly(subject, wanted, single.costs),
     )

@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compiler.interpreter.bounded import exact
+from compiler.interpreter.bounded import Bounded, exact
 from compiler.interpreter.interpreter import physical_weights
 from compiler.interpreter.rounding import BoundedGraph
-from compiler.ir.program import Graph, NodeId
+from compiler.ir.program import Graph, NodeId, Program
 from compiler.jacobian.interpret import JacobianInterpreter
+from compiler.jacobian.jacobian import jacobian as jacobian_of
 from compiler.jacobian.matrices import Jacobian, Matrix, Vector
+from compiler.passes.derivatives.guard_infinite_slopes import guard_infinite_slopes
+from compiler.passes.derivatives.guard_untaken import guard_untaken
 from msnn.agreement.deviation import bits_of_each
 from msnn.agreement.judging.judgement import Arrays, FloatType, Judgement
 from msnn.agreement.loaded import ExportedSlopes
 from msnn.agreement.points import TINY, Points, log_of, points
+from msnn.agreement.rounding.rounding_cost import STEP_LIMIT
 from msnn.agreement.subject import NOTHING, Deviations, Subject
+
+_LIMIT = STEP_LIMIT["float64"]
 
 _STEEP = 1e12
 """Times the scale of an entry: what stands for an infinite slope is beyond it.
@@ -67,10 +73,25 @@ def measured_slopes(
         named, rounded = (
             {f"the matrix {name}": arrays[name] for name in found} for arrays in (found, single)
         )
+        deviations = {name: judge.error(named[name]) for name, judge in judges.items()}
+        far = [m for m in matrices if not deviations[f"the matrix {m.name}"] <= _LIMIT]
+        undecided = dict[str, int]()
+        # both cost another run: only of matrices that are too far by the simple measure
+        if far and not subject.is_exact:
+            stand_ins = _matrices(subject, _guarded(subject.program), drawn, "float64")
+            for matrix, bound in zip(
+                far, _roundings(subject, slopes.jacobian, far, drawn), strict=True
+            ):
+                name = f"the matrix {matrix.name}"
+                explained = _Explanation(stand_ins[matrix.name], bound)
+                deviations[name] = judges[name].error(named[name], explained)
+                count = explained.unbounded(named[name], judges[name].wanted)
+                undecided |= {name: count} if count else {}
         return Deviations(
-            {name: judge.error(named[name]) for name, judge in judges.items()},
+            deviations,
             {name: judge.error_where_finite(rounded[name]) for name, judge in judges.items()},
             bits_of_each(named, rounded) if subject.is_exact else {},
+            undecided,
         )
 
 
@@ -101,7 +122,7 @@ class _Judge:
         natural = np.where(largest > TINY, terms / largest, 0.0 if own is None else own)
         return _Judge(wanted, np.maximum(natural, _magnitude(wanted).max(initial=0.0)))
 
-    def error(self, found: NDArray[Any]) -> float:
+    def error(self, found: NDArray[Any], explanation: _Explanation | None = None) -> float:
         """The largest; infinite where an entry is not finite and the judge's is.
 
         Where the judge's slope is infinite, one that is very steep in the same direction is meant.
@@ -110,12 +131,53 @@ class _Judge:
         # `STEEP` of the guards, times other slopes, stands for an infinite one
         steep = np.isinf(wanted) & (np.sign(wanted) * found >= _STEEP * self.scale)
         right = (found == wanted) | np.isnan(wanted) | steep
+        if explanation is not None:
+            right |= explanation.of(found, wanted)
         errors = np.where(right, 0.0, np.abs(found - wanted) / self.scale)
         return float(np.where(np.isfinite(errors), errors, math.inf).max(initial=0.0))
 
     def error_where_finite(self, found: NDArray[Any]) -> float:
         """The same, of entries that are finite."""
         return self.error(np.where(np.isfinite(found), found, self.wanted))
+
+
+@dataclass(frozen=True, slots=True)
+class _Explanation:
+    """What explains that entries of a matrix are not the judge's, (points, rows, columns)."""
+
+    stand_in: NDArray[Any]
+    """The judge's matrix of the program with guards: what is there for infinite slopes."""
+    rounding: NDArray[np.float64]
+    """How far two programs that compute an entry in float64 can be apart."""
+
+    def of(self, found: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """The entries that stand for an infinite one, or are as right as float64 can be."""
+        near = np.abs(found - self.stand_in) <= _LIMIT * np.abs(self.stand_in)
+        finite = np.isfinite(wanted) & np.isfinite(found)
+        rounded = finite & (np.abs(found - wanted) <= self.rounding)
+        return np.isinf(wanted) & near | rounded
+
+    def unbounded(self, found: NDArray[np.float64], wanted: NDArray[np.float64]) -> int:
+        """Points at which an infinite bound lets anything pass, so that nothing was compared."""
+        apart = np.isinf(self.rounding) & (np.abs(found - wanted) > 0.0)
+        return int(np.any(apart, axis=(1, 2)).sum())
+
+
+def _guarded(program: Program) -> Jacobian:
+    """The Jacobian as libraries get it that differentiate by themselves (decision 0184)."""
+    return jacobian_of(guard_infinite_slopes(guard_untaken(program)), parameters=True)
+
+
+def _roundings(
+    subject: Subject, slopes: Jacobian, matrices: Sequence[Matrix], drawn: Points
+) -> list[NDArray[np.float64]]:
+    """The bound of each entry's rounding, twice: that of the judge and that of the export."""
+    wanted = [node for matrix in matrices for node in matrix.nodes]
+    graph, found = _bounds(subject, slopes.graph, wanted, drawn)
+    spreads = {node: 2.0 * found[node].spread(graph.unit) for node in wanted}
+    # an entry that is a number is the same in all programs
+    blank = [replace(one, known=tuple(0.0 for _ in one.known)) for one in matrices]
+    return [matrix.filled(spreads, drawn.count, np.dtype(np.float64)) for matrix in blank]
 
 
 def _largest(vector: Vector, values: Arrays, drawn: Points) -> NDArray[np.float64]:
@@ -185,15 +247,22 @@ def _bounded(
     subject: Subject, nodes: Graph, wanted: Sequence[NodeId], drawn: Points
 ) -> tuple[dict[NodeId, NDArray[Any]], dict[NodeId, NDArray[Any]]]:
     """Values of nodes at the points, and their bounds of rounding over the unit roundoff."""
-    log, rows = log_of(subject.program, drawn.inputs, drawn.count, np.float64)
-    states = {name: exact(values.astype(np.float64)) for name, values in drawn.states.items()}
-    weights = physical_weights(subject.program, subject.weights)
-    graph = BoundedGraph(nodes, wanted, weights, np.dtype(np.float64))
-    found = graph.run(log, rows, states)
+    graph, found = _bounds(subject, nodes, wanted, drawn)
     return (
         {node: found[node].value for node in wanted},
         {node: found[node].spread(graph.unit) / graph.unit for node in wanted},
     )
+
+
+def _bounds(
+    subject: Subject, nodes: Graph, wanted: Sequence[NodeId], drawn: Points
+) -> tuple[BoundedGraph, list[Bounded]]:
+    """Nodes at the points with bounds of their rounding, and the graph that has its unit."""
+    log, rows = log_of(subject.program, drawn.inputs, drawn.count, np.float64)
+    states = {name: exact(values.astype(np.float64)) for name, values in drawn.states.items()}
+    weights = physical_weights(subject.program, subject.weights)
+    graph = BoundedGraph(nodes, wanted, weights, np.dtype(np.float64))
+    return graph, graph.run(log, rows, states)
 
 
 def _matrices(subject: Subject, jacobian: Jacobian, drawn: Points, dtype: FloatType) -> Arrays:

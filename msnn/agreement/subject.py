@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from compiler.ir.program import Program
 from msnn.agreement.judging.judgement import Judge, NumberType, Promise
@@ -38,6 +38,8 @@ class Deviations:
     """What the interpreter in single precision is off."""
     bits: Mapping[str, int]
     """Values that differ from that interpreter's, where bits are promised."""
+    undecided: Mapping[str, int] = field(default_factory=dict[str, int])
+    """Steps at which nothing bounds the rounding of a value, so that it was not compared."""
 
 
 NOTHING = Deviations({}, {}, {})

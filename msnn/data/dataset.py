@@ -42,6 +42,16 @@ class FileRows:
         """The row of the file that a row of the series was."""
         return int(self.rows[row - self.start])
 
+    def shared_with(self, other: FileRows) -> int:
+        """The count of rows that are among those of another choice of the same file."""
+        mine, others = np.asarray(self.rows), np.asarray(other.rows)
+        if (mine == BETWEEN_ROWS).any() or (others == BETWEEN_ROWS).any():
+            # moments between rows: those within the time of the other
+            if self.time is None or other.time is None or not len(self.time) * len(other.time):
+                return 0
+            return int(((self.time >= other.time[0]) & (self.time <= other.time[-1])).sum())
+        return len(np.intersect1d(mine, others))
+
     def file_rows(self, first: int, stop: int) -> IntArray:
         """The rows of the file that rows of the series were."""
         return np.asarray(self.rows[first - self.start : stop - self.start], np.int64)

@@ -11,6 +11,7 @@ import numpy as np
 from compiler.ir.program import Program, Role, Signal
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, Record
 from msnn.data_check.signals.sampling import follows
+from spec_schema.units.unit import Unit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,8 +26,12 @@ class Channel:
     @property
     def unit(self) -> str:
         """The unit after a number, with a blank before it."""
-        unit = self.signal.unit
-        return "" if unit is None or unit.text == "1" else f" {unit.text}"
+        return _after_number(self.signal.unit)
+
+    @property
+    def difference_unit(self) -> str:
+        """The unit after the difference of two values, K of degC."""
+        return _after_number(self.signal.unit and self.signal.unit.difference)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,3 +77,7 @@ def channels_of(program: Program, dataset: Dataset) -> Iterator[Channel]:
             values = np.where(filtered, np.nan, table[:, element])
             name = signal.name if not signal.axes else f"{signal.name}[{element}]"
             yield Channel(name=name, signal=signal, values=values)
+
+
+def _after_number(unit: Unit | None) -> str:
+    return "" if unit is None or unit.text == "1" else f" {unit.text}"

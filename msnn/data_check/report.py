@@ -16,6 +16,7 @@ from msnn.data_check.found import (
 )
 from msnn.data_check.signals.sampling import StepsOfTime
 from msnn.tables import table_text
+from msnn.validation.reports.words import difference_text
 from spec_schema.diagnostics.render import records
 
 _MOST_FILES = 20
@@ -82,7 +83,7 @@ def _channel_row(one: CheckedChannel) -> tuple[str, ...]:
         str(found.rows - found.missing),
         _count(found.missing),
         _number(found.mean),
-        _number(found.deviation),
+        difference_text(_number(found.deviation), unit),
         _number(found.low),
         _number(found.high),
         _count(len(found.spikes)),
@@ -163,6 +164,8 @@ def _channel_record(one: CheckedChannel, rows: RowsOfData) -> dict[str, Any]:
     return {
         "name": one.channel.name,
         "unit": None if unit is None else unit.text,
+        # of `deviation`, `step` and heights of spikes: K in a column in degC
+        "difference_unit": None if unit is None else unit.difference.text,
         "rows": found.rows,
         "missing": found.missing,
         "mean": found.mean,

@@ -38,6 +38,8 @@ class DrawnNumber:
     """The channel that it predicts, and how many samples ahead."""
     predicted_source: str = ""
     """The signal of that channel."""
+    error_unit: str = ""
+    """The unit of its errors, K of one in degC."""
 
     def of(self, values: FloatArray) -> FloatArray:
         """Its numbers among the (steps, *shape) of its source."""
@@ -71,7 +73,13 @@ def channels(signals: Sequence[Signal]) -> list[DrawnNumber]:
             unit = unit_of(signal.unit)
             found.append(
                 DrawnNumber(
-                    name=name, source=signal.name, index=index, unit=unit, low=low, high=high
+                    name=name,
+                    source=signal.name,
+                    index=index,
+                    unit=unit,
+                    low=low,
+                    high=high,
+                    error_unit=unit_of(signal.unit and signal.unit.difference),
                 )
             )
     return found[:MOST_CHANNELS]
@@ -99,6 +107,7 @@ def output_channels(program: Program) -> list[DrawnNumber]:
                     source=output.name,
                     index=index,
                     unit=unit_of(unit),
+                    error_unit=unit_of(unit and unit.difference),
                     low=low,
                     high=high,
                     predicts=None

@@ -8,6 +8,7 @@ from spec_schema.expressions.latex import expression_latex, name_latex
 from spec_schema.expressions.text import length_text
 from spec_schema.expressions.tree import Duration, Samples
 from spec_schema.fields.formulas import Prediction
+from spec_schema.sections.signals import InitialState
 from spec_schema.sections.spec import Spec
 
 
@@ -31,8 +32,8 @@ def formulas(spec: Spec) -> Iterator[tuple[str, str]]:
             yield rf"\dot{{{name_latex(name)}}}", expression_latex(state.der)
         if state.next is not None:
             yield _indexed(name, "t+1"), expression_latex(state.next)
-        if state.start is not None:
-            yield _indexed(name, "t_0"), expression_latex(state.start)
+        if state.init is not None:
+            yield _indexed(name, "t_0"), _start(state.init)
     for name, output in spec.outputs.items():
         left = name_latex(name)
         if output.predicts is not None:
@@ -40,6 +41,16 @@ def formulas(spec: Spec) -> Iterator[tuple[str, str]]:
         yield left, expression_latex(output.expr)
     for name, loss in spec.losses.items():
         yield rf"L_{{{name_latex(name)}}}", expression_latex(loss.expr)
+
+
+def _start(init: InitialState) -> str:
+    """The initial value of each run; of one that is fitted also where the search for it begins."""
+    begin = None if init.expression is None else expression_latex(init.expression)
+    if init.fit is None:
+        assert begin is not None
+        return begin
+    words = init.fit.words
+    return rf"\text{{{words}}}" if begin is None else rf"\text{{{words}, guess }} {begin}"
 
 
 def _predicted(prediction: Prediction) -> str:

@@ -11,6 +11,7 @@ from msnn.tables import Table
 from msnn.training.records.learned.parameters_record import has_unidentified, parameters_record
 from msnn.training.records.learned.standard_errors import StandardErrors
 from msnn.training.records.progress import EpochEnd, Progress, StageEnd, StageStart, leading_epochs
+from msnn.validation.reports.words import difference_text, unit_of_record
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _MOST_SHOWN = 8
@@ -83,6 +84,8 @@ def parameters_table(record: Mapping[str, Any]) -> str:
 def parameters_cells(record: Mapping[str, Any]) -> Table:
     """One row a parameter: where it began, what it is now, how sure that is, all in its unit.
 
+    The error of a temperature in degC is in K.
+
     `record` is that of `parameters_record`.
     """
     rows = [
@@ -91,7 +94,7 @@ def parameters_cells(record: Mapping[str, Any]) -> Table:
             found["unit"] or "",
             _values(found["initial"]),
             _values(found["values"]),
-            _errors(found["standard_errors"]),
+            difference_text(_errors(found["standard_errors"]), unit_of_record(found["unit"])),
             _remark(record, found),
         )
         for found in record["parameters"]

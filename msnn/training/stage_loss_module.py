@@ -80,7 +80,7 @@ class StageLoss(nn.Module):
         """What the user should know of how it is computed."""
         self._model = build_module(plan.program, getattr(torch, plan.dtype), plan.device)
         # before gradients are asked for: what is loaded is no step
-        self._model.load_physical(weights)
+        self._model.load_physical(weights, plan.trained)
         for parameter in plan.program.parameters:
             self._model.raw(parameter.name).requires_grad_(parameter.name in plan.trained)
         self._objective = self._opened()

@@ -10,6 +10,7 @@ import numpy as np
 
 from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.starts import Runs
 from msnn.errors.learning import run_ends, second_order
 from msnn.errors.learning import stages as stage_errors
 from msnn.errors.learning import training as errors
@@ -77,8 +78,11 @@ class TrainingRun:
             result = self._stage(plan, data, now, stop_asked)
             # epoch 0 counts (decision 0022): nothing was better than the weights before it
             if not result.best_epoch:
+                has_rate = not plan.optimizer.needs_squares
                 self.progress.warned(
-                    run_ends.nothing_learned(plan.name, result.best_value, plan.span)
+                    run_ends.nothing_learned(
+                        plan.name, result.best_value, plan.span, has_rate=has_rate
+                    )
                 )
             hint = self.jumps.hint(plan)
             if hint is not None:
@@ -90,7 +94,8 @@ class TrainingRun:
             self.reached.checkpoint = now
             if self.safe.is_stale:
                 self.safe.save(now, now.begin)
-        for note in unmoved([plan for plan, _ in self.stages], now.ended, self.first):
+        plans = [plan for plan, _ in self.stages]
+        for note in unmoved(plans, now.ended, self.first, self.data):
             self.progress.warned(note)
         last, rollouts = self.stages[-1]
         kept = kept_starts(last, self.data, now.ended[-1], self.progress.warned)
@@ -100,7 +105,11 @@ class TrainingRun:
         self._finish(now)
         spread = (
             with_bounds(
-                standard_errors(last, self.data, now.begin), last, self.data, rollouts, now.begin
+                standard_errors(last, self.data, now.begin, now.ended[-1].starts),
+                last,
+                self.data,
+                rollouts,
+                now.begin,
             )
             if self.options.has_errors
             else without_errors("not estimated in a comparison")
@@ -227,6 +236,7 @@ class TrainingRun:
                 weights=plan.loss_weights if plan.weighs_by_variance else None,
                 fed_back=plan.rollout.fed_back,
                 epoch=epoch,
+                counted=_counted(plan, data.train),
             )
         )
 
@@ -246,3 +256,12 @@ class TrainingRun:
         return TrainingResult(
             weights=weights, stages=now.ended, folder=path, warnings=self.progress.said
         )
+
+
+def _counted(plan: StagePlan, runs: Runs) -> int:
+    """The most rollouts of a stage that score the same row (R2)."""
+    rollout = plan.rollout
+    if isinstance(rollout.horizon, str):
+        return 1
+    scored = int(runs.steps.max(initial=1)) - rollout.skip
+    return min(-(-scored // rollout.stride), len(runs))

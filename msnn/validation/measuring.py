@@ -84,7 +84,7 @@ class Measuring:
         there = ~np.isnan(self._target[rows].reshape(len(rows), -1)).all(axis=1)
         return Measurement(
             of=check.plan.of,
-            unit=check.plan.output_unit,
+            unit=check.plan.error_unit,
             horizon=str(rollout.horizon),
             closed=rollout.closed,
             details=check.plan.details,

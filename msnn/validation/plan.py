@@ -43,7 +43,8 @@ class CheckPlan:
     """Whether the set is of `files:` of the entry, not one of the data section."""
     unit: Unit | None
     """Of the metric or loss."""
-    output_unit: Unit | None
+    error_unit: Unit | None
+    """Of the errors of the output; None for a loss."""
     minimum: float | None
     maximum: float | None
     span: Span | None
@@ -106,8 +107,8 @@ def _default_plans(program: Program) -> tuple[CheckPlan, ...]:
             rollout=default,
             data=None,
             from_files=False,
-            unit=_unit(program, output),
-            output_unit=_unit(program, output),
+            unit=_error_unit(program, output),
+            error_unit=_error_unit(program, output),
             minimum=None,
             maximum=None,
             span=output.span,
@@ -138,7 +139,7 @@ def _planned(
     metric: Metric | None
     target: Prediction | None = None
     unit: Unit | None
-    output_unit: Unit | None = None
+    error_unit: Unit | None = None
     if name in outputs:
         output, metric = outputs[name], check.metric
         target = output.predicts
@@ -147,8 +148,8 @@ def _planned(
             target = _target(program, check.target, findings)
         elif target is None:
             findings.report(errors.nothing_predicted(name, check.of.span))
-        output_unit = _unit(program, output)
-        unit = _metric_unit(metric, output_unit)
+        error_unit = _error_unit(program, output)
+        unit = _metric_unit(metric, error_unit)
         missing = target is None
     elif name in losses:
         metric, unit, missing = None, None, False
@@ -172,7 +173,7 @@ def _planned(
         data=data,
         from_files=check.files is not None,
         unit=unit,
-        output_unit=output_unit,
+        error_unit=error_unit,
         minimum=minimum,
         maximum=maximum,
         span=check.place.value,
@@ -184,11 +185,12 @@ def _sample(target: Prediction) -> str:
     return f"{target.signal}[t{target.ahead:+d}]" if target.ahead else f"{target.signal}[t]"
 
 
-def _unit(program: Program, output: Output) -> Unit | None:
+def _error_unit(program: Program, output: Output) -> Unit | None:
+    """The unit of the errors of an output: K of one in degC."""
     unit = program.step[output.node].type.unit
     if unit is None and output.predicts is not None:
         unit = program.signal(output.predicts.signal).unit
-    return unit
+    return unit and unit.difference
 
 
 def _metric_unit(metric: Metric, unit: Unit | None) -> Unit | None:

@@ -6,7 +6,8 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors import states as state_errors
-from spec_schema.expressions.tree import Expression, Length
+from spec_schema.expressions.text import length_text
+from spec_schema.expressions.tree import Expression, Length, Samples
 from spec_schema.fields.entry import Entry, OneOf, findings_of, single_key
 from spec_schema.fields.formulas import ExpressionField, PredictionField
 from spec_schema.fields.located import Choice
@@ -76,6 +77,14 @@ class FittedStart(Entry):
     """First evaluations of each run that decide it and are not scored; `record`: all of the run."""
     begin: ExpressionField | None = Field(default=None, alias="from")
     """Where the search begins, from the log: `x.meas`; 0 by default."""
+
+    @property
+    def words(self) -> str:
+        """For papers, in place of a formula: no run begins where the search for its start does."""
+        if self.over == "record":
+            return "fitted to each run"
+        unit = " samples" if isinstance(self.over, Samples) else ""
+        return f"fitted to the first {length_text(self.over)}{unit} of each run"
 
 
 class InitialState(OneOf):

@@ -51,7 +51,7 @@ function record_spec(record) {
     series.push({name: 'simulated', label: `${output.name} simulated`, color: 'simulated', wide: true, y: simulated, x});
     panels.push({label: with_unit(output.name, output.unit), height: 190, series, lines: range_lines(output)});
     if (output.residual) {
-      panels.push({label: 'error', height: 84, zero: true, lines: [{y: 0, solid: true, color: 'muted'}],
+      panels.push({label: with_unit('error', output.error_unit), height: 84, zero: true, lines: [{y: 0, solid: true, color: 'muted'}],
         series: [{name: 'error', label: `error of ${output.name}`, color: 'residual', ...output.residual}]});
     }
   }
@@ -65,7 +65,7 @@ function record_spec(record) {
 
 function score_text(record) {
   return record.outputs.filter((o) => o.rmse !== null).map((o) =>
-    `${o.name}: ${o.fit === null ? '' : `fit ${number(o.fit, 4)} %, `}rmse ${number(o.rmse, 4)}${o.unit ? ` ${o.unit}` : ''}`).join(' · ');
+    `${o.name}: ${o.fit === null ? '' : `fit ${number(o.fit, 4)} %, `}rmse ${number(o.rmse, 4)}${o.error_unit ? ` ${o.error_unit}` : ''}`).join(' · ');
 }
 
 function show_records() {

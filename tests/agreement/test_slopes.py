@@ -127,6 +127,33 @@ def test_slopes_by_a_parameter_of_0_are_compared_by_their_own_size(
     assert ("the matrix dy_dp" in {fault.of for fault in found.faults}) != agrees
 
 
+FAST = """
+inputs: {u: {range: [0, 1]}}
+parameters: {p: 1, q: 1, r: 1}
+outputs: {y: "cos(p * cos(q * sin(u)))", z: "sqrt(u) * r"}
+"""
+
+
+@pytest.mark.parametrize("factor", [1.0, 1 + 1e-3])
+def test_an_entry_is_as_right_as_float64_can_be(
+    factor: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The rounding of 1e9·x is seven digits of its cosine; 1e-50 of 1e30 is not steep."""
+    spoil(monkeypatch, lambda matrix: matrix * factor)
+    plan = plan_of("casadi", to_step_form(compiled(FAST)), "float64")
+    large = {"p": np.array(1e9), "q": np.array(1e3), "r": np.array(1e-50)}
+    found = checked(plan, large, tmp_path)
+    assert found.agrees == (factor == 1.0), found
+
+
+def test_points_without_a_bound_of_rounding_are_counted(tmp_path: Path) -> None:
+    plan = plan_of("casadi", to_step_form(compiled(FAST)), "float64")
+    large = {"p": np.array(1e100), "q": np.array(1e100), "r": np.array(1.0)}
+    found = checked(plan, large, tmp_path)
+    assert found.agrees, found
+    assert found.undecided["the matrix D"] > 0
+
+
 @pytest.mark.parametrize("factor", [1e-24, -1.0])
 def test_a_slope_in_place_of_an_infinite_one_is_as_steep_and_has_its_direction(
     factor: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

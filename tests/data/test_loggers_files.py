@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import subprocess
 import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -373,6 +375,68 @@ def test_dates_that_do_not_compare_are_refused(
     assert {found.code for found in caught.value.diagnostics} == {code}
 
 
+@pytest.mark.parametrize(
+    ("text", "date"),
+    [
+        (MINUTES, "2026-11-22 17:04Z"),
+        (MINUTES, "2026-11-22T17:04:00.5+01:00"),
+        (MINUTES, "2026-11-22 17:04 -0130"),
+        (MINUTES.replace(".000,", "Z,"), "2026-11-22 17:04"),
+        # a day alone takes no offset
+        (MINUTES.replace(".000,", "Z,"), "2026-11-22"),
+        (MINUTES.replace(".000,", "+01:00,"), "2026-11-22"),
+        ("time,F,x\n0,1,0\n60,2,0\n", "2026-11-22"),
+    ],
+)
+def test_the_date_that_is_advised_is_read(tmp_path: Path, text: str, date: str) -> None:
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text, spec=BY_MINUTES, **{"from": date})
+    (fault,) = caught.value.diagnostics
+    assert fault.code == "E0979"
+    advised = str(fault.help).split("`")[-2]
+    assert len(output(read(tmp_path, text, spec=BY_MINUTES, **{"from": advised}))) > 0
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        ("0", "0.5", ""),
+        ("", "0.5", "1"),
+        ("0", "0.5", "nan"),
+        ("2026-11-22 17:00", "2026-11-22 17:00:00.5", "NA"),
+    ],
+)
+@pytest.mark.parametrize("nan", ["error", "split", "drop"])
+def test_a_time_that_is_missing_is_told_how_to_mend(
+    tmp_path: Path, cells: tuple[str, ...], nan: str
+) -> None:
+    """`nan:` says nothing of times, so that it is no advice."""
+    rows = [f"{cell},{i},{i}\n" for i, cell in enumerate(cells)]
+    text = "".join(["time,F,x\n", *rows])
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text, nan=nan)
+    (fault,) = caught.value.diagnostics
+    assert fault.code == "E0809"
+    assert "`nan:" not in str(fault.help)
+    # the advice: without these rows, or without `time:`
+    kept = [row for row, cell in zip(rows, cells, strict=True) if cell not in ("", "nan", "NA")]
+    assert len(output(read(tmp_path, "".join(["time,F,x\n", *kept]), nan=nan))) == 2
+    untimed = SPEC.replace("  time: time\n", "")
+    assert len(output(read(tmp_path, text, spec=untimed, nan=nan))) == 3
+
+
+@pytest.mark.parametrize("kind", ["a.npz", "a.parquet"])
+def test_a_time_that_arrays_lack_is_told_how_to_mend(tmp_path: Path, kind: str) -> None:
+    columns = {"time": [0, np.nan, 1.0], "F": [1.0, 2, 3], "x": [1.0, 2, 3]}
+    if kind == "a.npz":
+        np.savez(tmp_path / kind, time=columns["time"], F=columns["F"], x=columns["x"])
+    else:
+        pd.DataFrame(columns).to_parquet(tmp_path / kind)
+    with pytest.raises(SpecError) as caught:
+        simulated(tmp_path, kind)
+    assert "remove `time:`" in str(caught.value.diagnostics[0].help)
+
+
 @pytest.mark.parametrize("resample", [None, "linear"])
 def test_a_clock_that_is_set_back_by_an_hour_asks_for_offsets(
     tmp_path: Path, resample: str | None
@@ -388,3 +452,121 @@ def test_a_clock_that_is_set_back_by_an_hour_asks_for_offsets(
     assert "offset from UTC" in str(caught.value.diagnostics[0].help)
     found = read(tmp_path, "\n".join(["time,F,x", *rows]), spec=spec, **more)
     assert output(found) == [0, 2, 4, 6]
+
+
+@pytest.mark.parametrize(
+    ("times", "layout", "rows"),
+    [
+        # two recordings in one file: sorted, their rows would be mixed
+        ((0, 0.5, 1, 0, 0.5, 1), {"resample": "none"}, [3, 3]),
+        # printed with too few digits, of 0, 0.5, 1, …: of each pair one would be lost
+        ((0, 0, 1, 1, 2, 2), {"time": None}, [6]),
+    ],
+)
+def test_rows_that_do_not_rise_are_kept_by_the_advice(
+    tmp_path: Path, times: tuple[float, ...], layout: dict[str, Any], rows: list[int]
+) -> None:
+    lines = [f"{time},{row},0\n" for row, time in enumerate(times)]
+    text = "".join(["time,F,x\n", *lines])
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text)
+    (fault,) = caught.value.diagnostics
+    assert fault.code == "E0813"
+    assert ("`resample: none`" if "resample" in layout else "remove `time:`") in str(fault.help)
+    spec = SPEC.replace("  time: time\n", "") if "time" in layout else SPEC
+    kept = {key: value for key, value in layout.items() if value is not None}
+    runs = read(tmp_path, text, spec=spec, **kept)
+    assert [len(run.outputs["y"]) for run in runs] == rows
+
+
+def test_a_choice_of_rows_by_times_that_occur_twice_is_advised_rows(tmp_path: Path) -> None:
+    lines = [f"{time},{row},0\n" for row, time in enumerate((0, 0.5, 1, 0, 0.5, 1))]
+    text = "".join(["time,F,x\n", *lines])
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text, resample="none", **{"from": "0.5 s"})
+    assert caught.value.diagnostics[0].code == "E0813"
+    assert "numbers of rows" in str(caught.value.diagnostics[0].help)
+    runs = read(tmp_path, text, resample="none", **{"from": 1})
+    assert [len(run.outputs["y"]) for run in runs] == [2, 3]
+
+
+BEGINNINGS = {
+    "gzip": (b"\x1f\x8b\x08\x00", "gzip -dc log.csv > unpacked.csv"),
+    "bzip2": (b"BZh91AY", "bzip2 -dc log.csv"),
+    "xz": (b"\xfd7zXZ\x00\x00", "xz -dc log.csv"),
+    "zstd": (b"\x28\xb5\x2f\xfd\x04", "zstd -dc log.csv"),
+    "HDF5": (b"\x89HDF\r\n\x1a\n\x00", "`.h5`"),
+    "Parquet": (b"PAR1\x15\x04", "`.parquet`"),
+    "MAT": (b"MATLAB 5.0 MAT-file", "`.mat`"),
+    "MDF": (b"MDF     4.10    ", "`.mf4`"),
+    "ROS bag": (b"#ROSBAG V2.0\n", "`.bag`"),
+    "NPY": (b"\x93NUMPY\x01\x00", "numpy.savez"),
+    "Feather": (b"ARROW1\x00\x00", "Parquet"),
+    "NetCDF 3": (b"CDF\x01\x00", "nccopy"),
+}
+
+
+@pytest.mark.parametrize("kind", BEGINNINGS)
+def test_a_file_that_is_no_text_is_told_what_it_is(tmp_path: Path, kind: str) -> None:
+    """`iconv` makes no table of it."""
+    begin, repair = BEGINNINGS[kind]
+    (tmp_path / "log.csv").write_bytes(begin + bytes(range(256)))
+    with pytest.raises(SpecError) as caught:
+        simulated(tmp_path, "log.csv")
+    (fault,) = caught.value.diagnostics
+    assert fault.code == "E0802"
+    assert kind in fault.message
+    assert repair in str(fault.help)
+    assert "iconv" not in str(fault.help)
+
+
+@pytest.mark.parametrize("suffix", [".gz", ""])
+def test_a_compressed_table_is_read_after_the_advice(tmp_path: Path, suffix: str) -> None:
+    name = f"log.csv{suffix}"
+    (tmp_path / name).write_bytes(gzip.compress(GOOD["byte order mark"].encode()))
+    with pytest.raises(SpecError) as caught:
+        simulated(tmp_path, name)
+    command = str(caught.value.diagnostics[0].help).split("`")[1]
+    subprocess.run(["sh", "-c", command], cwd=tmp_path, check=True)
+    assert output(simulated(tmp_path, "unpacked.csv")) == PLAIN.tolist()
+
+
+@pytest.mark.parametrize("member", ["log.csv", "F.npy", "xl/workbook.xml", "content.xml"])
+def test_archives_are_told_apart(tmp_path: Path, member: str) -> None:
+    with zipfile.ZipFile(tmp_path / "log.csv", "w") as archive:
+        archive.writestr(member, "")
+    with pytest.raises(SpecError) as caught:
+        simulated(tmp_path, "log.csv")
+    (fault,) = caught.value.diagnostics
+    shown = {"log.csv": "unzip log.csv", "F.npy": "`.npz`"}.get(member, "`….xlsx`")
+    assert shown in str(fault.help)
+
+
+@pytest.mark.parametrize(
+    "header", ["x [deg C]", "x [J/(kg K)]", "x (deg C)", "x [furlong per hour]", "x"]
+)
+@pytest.mark.parametrize("column", ["x", "header"])
+def test_a_lone_column_is_not_split_at_the_blanks_of_its_unit(
+    tmp_path: Path, header: str, column: str
+) -> None:
+    unit = "K" if "deg" in header else "J/kg/K" if "kg" in header else "m"
+    spec = f"""\
+msnn: 1
+name: plant
+sample_time: 0.5 s
+inputs: {{x: {unit}}}
+outputs: {{y: x}}
+data:
+  source: {{train: FILE}}
+  columns: {{x: "{header if column == "header" or "furlong" in header else "x"}"}}
+"""
+    found = output(read(tmp_path, f"{header}\n1\n2\n4\n", spec=spec))
+    shift = 273.15 if "deg" in header else 0
+    assert found == pytest.approx([1 + shift, 2 + shift, 4 + shift])
+
+
+def test_a_header_between_blanks_has_units_with_blanks(tmp_path: Path) -> None:
+    text = "time [s]  F [N]  x [J/(kg K)]  T [deg C]\n0 1 0.1 3\n0.5 2 0.2 3\n1 4 0.3 3\n"
+    spec = SPEC.replace("x: {unit: m}", "x: {unit: J/kg/K}").replace("m/N", "J/kg/K/N")
+    spec = spec.replace("unit: m}", "unit: J/kg/K}")
+    assert output(read(tmp_path, text, spec=spec)) == PLAIN.tolist()

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from msnn.data.dataset import Dataset
-from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from tests.data.specs import load, table
 
 
@@ -33,6 +33,11 @@ def test_split_by_time_takes_dates(tmp_path: Path) -> None:
     text = "".join(f"{d},{n}\n" for d, n in zip(dates, numbers, strict=True))
     data = load(tmp_path, section + "resample: none\n", {"a.csv": text})
     assert data.set_of_row.tolist() == [0, 0, 1, 1, 1, 0, 0, 0, 2, 2]
+
+
+def told(data: Dataset) -> list[Diagnostic]:
+    """The warnings of sets; numbers of rows are beyond the range of `x`."""
+    return [warning for warning in data.warnings if warning.code != "W0801"]
 
 
 def test_blocks_that_end_between_rows_differ_by_one_row(tmp_path: Path) -> None:
@@ -115,3 +120,36 @@ def test_more_folds_than_rows_are_refused(tmp_path: Path, count: int) -> None:
     with pytest.raises(SpecError, match="E0819") as caught:
         load(tmp_path, section.replace("COUNT", str(count)).replace("FOLD", "1"), files)
     assert caught.value.diagnostics[0].help == "write `k: 9` or less"
+
+
+@pytest.mark.parametrize(
+    ("split", "covered"),
+    [
+        ("{by: time, val: [60 s, 80 s]}", ": the data are from 0 s to 1.6 s"),
+        ("{by: time, val: [0 s, 1 s], test: [1.65 s, 2 s]}", ": the data are from 0 s to 1.6 s"),
+        ("{by: fraction, val: 0.05}", ""),
+    ],
+)
+def test_a_set_that_gets_no_row_is_told(tmp_path: Path, split: str, covered: str) -> None:
+    section = f"source: {{train: a.csv}}\ntime: time\nsplit: {split}\n"
+    data = load(tmp_path, section, {"a.csv": table(9)})
+    (said,) = told(data)
+    name = "test" if "test" in split else "val"
+    assert (said.code, said.message) == ("W0833", f"`split: {name}` has no rows{covered}")
+    assert said.span is not None
+
+
+@pytest.mark.parametrize("times", ["", "time: time\n", "time: time\nresample: linear\n"])
+@pytest.mark.parametrize("other", ["a.csv", "./a.csv", "sub/../a.csv", "'*.csv'"])
+def test_rows_of_a_file_in_two_sets_are_told(tmp_path: Path, times: str, other: str) -> None:
+    (tmp_path / "sub").mkdir()
+    section = f"source: {{train: a.csv, val: {other}}}\n{times}"
+    data = load(tmp_path, section, {"a.csv": table(9)})
+    (said,) = told(data)
+    assert said.code == "W0834"
+    assert "is in the sets `train` and `val`: 9 of its rows are in both" in said.message
+    # each its own rows, as the repair says
+    apart = "source: {train: {files: a.csv, to: 5}, val: {files: a.csv, from: 6}}\n"
+    assert not told(load(tmp_path, apart + times))
+    touching = apart.replace("from: 6", "from: 4")
+    assert "2 of its rows" in told(load(tmp_path, touching + times))[0].message

@@ -172,3 +172,32 @@ def test_an_si_unit_has_the_same_number(place: str) -> None:
         plain = plain.replace(scaled, si)
     plain = plain.replace("90 deg", "1.5 rad").replace("20 degC", "293 K")
     assert "W0510" not in warnings_of(f"inputs: {{u: {{}}}}\n{plain}\n")
+
+
+@pytest.mark.parametrize("integrator", ["euler", "rk4", "midpoint", "semi_implicit"])
+@pytest.mark.parametrize("rate", ["0", "-0", "0 * u", "0.0 + 0", "0 - 0", "0 * 3"])
+@pytest.mark.parametrize("unit", ["m", "degC", "1", "rad/s"])
+def test_a_rate_of_zero_has_every_unit(integrator: str, rate: str, unit: str) -> None:
+    spec = f"""
+    integrator: {integrator}
+    inputs: {{u: V}}
+    states: {{x: {{der: "{rate}", init: 1, unit: {unit}}}}}
+    outputs: {{y: "x + 0 * u"}}
+    """
+    assert warnings_of(spec) == []
+
+
+@pytest.mark.parametrize("rate", ["0", "0 * q", "0 * q * u"])
+def test_a_rate_of_zeros_has_every_unit(rate: str) -> None:
+    spec = f"""
+    dims: {{n: 2}}
+    inputs: {{u: V}}
+    states: {{q: {{der: "{rate}", dims: n, unit: m}}}}
+    outputs: {{y: q * u}}
+    """
+    assert warnings_of(spec) == []
+
+
+def test_a_rate_that_is_not_zero_needs_its_unit() -> None:
+    spec = "inputs: {u: V}\nstates: {x: {der: 0 * u + 1, unit: m}}\noutputs: {y: x}\n"
+    assert "W0504" in warnings_of(spec)

@@ -527,3 +527,13 @@ def test_a_unit_in_capitals_is_taken_where_it_is_one(
     values = read_data(model, None, "a test").series
     for name, column in zip(("U", "W", "Y"), ("u", "w", "y"), strict=True):
         assert values[name] == pytest.approx(columns[column], rel=1e-4)
+
+
+@pytest.mark.parametrize("name", ["a.h5", "a.npz", "a.parquet", "a.mf4", "a.csv.gz"])
+def test_a_file_that_init_does_not_read_is_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"\x1f\x8b\x08" if name.endswith("gz") else b"\x89HDF\r\n\x1a\n")
+    with pytest.raises(SpecError) as caught:
+        columns_of(tmp_path / name)
+    (fault,) = caught.value.diagnostics
+    assert fault.code == ("E0802" if name.endswith("gz") else "E0827")
+    assert ("gzip -dc" if name.endswith("gz") else f"train: {name}") in str(fault.help)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
+import msnn
 from msnn.reports.latex import formulas
+from msnn.reports.page.equations import equations
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.expressions.latex import expression_latex, name_latex
@@ -78,3 +81,45 @@ def test_each_part_of_a_deep_product_is_written_once() -> None:
     expression = parse_expression("a * (" * depth + "b" + ")" * depth)
     assert expression is not None
     assert expression_latex(expression).count("a") == depth
+
+
+FITTED = """\
+msnn: 1
+name: oven
+sample_time: 1 s
+inputs: {P: {}}
+states:
+  a: {next: 0.9*a + P, init: INIT}
+outputs: {y: {expr: a, predicts: "y_seen[t]"}}
+targets: {y_seen: {}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("init", "words", "guess"),
+    [
+        ("{fit: {over: 20}}", "fitted to the first 20 samples of each run", None),
+        ("{fit: {over: 2 min}}", "fitted to the first 2 min of each run", None),
+        ("{fit: {over: record}}", "fitted to each run", None),
+        (
+            "{fit: {over: 20, from: 3 * y_seen.meas}}",
+            "fitted to the first 20 samples of each run",
+            "3",
+        ),
+        ("3 * y_seen.meas", None, "3"),
+    ],
+)
+def test_a_fitted_start_is_not_shown_as_its_guess(
+    tmp_path: Path, init: str, words: str | None, guess: str | None
+) -> None:
+    spec = tmp_path / "oven.msnn.yaml"
+    spec.write_text(FITTED.replace("INIT", init))
+    model = msnn.load(spec)
+    latex = next(right for left, right in formulas(model.spec) if left == "a_{t_0}")
+    shown = next(e.mathml for e in equations(model.spec, model.program) if "t₀" in e.mathml)
+    for text in (latex, shown):
+        before, found, after = text.partition("guess")
+        assert (words in before) if words else ("fitted" not in text)
+        assert bool(found) is bool(words and guess)
+        assert guess is None or guess in (after or before)
+    ElementTree.fromstring(shown)  # noqa: S314  (our own)

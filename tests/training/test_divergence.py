@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import FloatArray
+from msnn.data.starts import Runs
 from msnn.model.weights.weights_file import read_weights
+from msnn.training.engines.engine import NonFiniteLossError
+from msnn.training.plans.stage_plan import plan_stages
 from msnn.training.records.training_options import TrainingOptions
+from msnn.training.stages.divergence import explain_divergence
 from msnn.training.train import train
 from msnn.training.training_result import TrainingDivergedError
+from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_tool
 from tests.training.cases import compiled, dataset
 
@@ -62,6 +67,26 @@ def test_what_has_no_name_is_named_by_its_equation(grown: str, named: str) -> No
     with pytest.raises(TrainingDivergedError) as caught:
         train(program, data, spec.train, TrainingOptions(runs=None))
     assert f": {named} is not finite at step" in caught.value.diagnostic.message
+
+
+@pytest.mark.parametrize(
+    ("optimizer", "repair"),
+    [
+        ("{sgd: {lr: 1}}", "try a smaller learning rate or `clip:`"),
+        ("lbfgs", "try a smaller learning rate or `clip:`"),
+        ("levenberg_marquardt", "try `min:` and `max:` of `a`, or an `init` that is nearer"),
+    ],
+)
+def test_advice_against_an_infinite_parameter_names_keys_of_its_optimizer(
+    optimizer: str, repair: str
+) -> None:
+    program, spec = compiled(TEXT + f"  - {{rollout: 3, epochs: 2, optimizer: {optimizer}}}\n")
+    (plan,) = plan_stages(program, spec.train, Findings())
+    data = dataset({"x": np.full(100, 2.0)}, train=[100])
+    fault = NonFiniteLossError(Runs(np.arange(5), np.full(5, 3), 0, 100))
+    said = explain_divergence(plan, data, {"a": np.array(np.inf)}, fault, 2)
+    assert said.code == "E0914"
+    assert said.help == repair
 
 
 def test_the_best_weights_before_are_kept() -> None:

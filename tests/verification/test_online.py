@@ -233,6 +233,20 @@ FAULTS = {
         "drawn numbers",
         "error: an estimate that is not finite",
     ),
+    "a filter without its guard against an infinite covariance": (
+        "plant_ekf.c",
+        "finite &= e->work[i][j] * 0 == 0;",
+        "finite &= 1;",
+        "golden solves",
+        "the self-test of plant_ekf returned 0x00000008",
+    ),
+    "a filter that forgets what is no covariance": (
+        "plant_ekf.c",
+        "    if (!finite) {\n        return PLANT_EKF_DIVERGED;",
+        "    if (0) {\n        return PLANT_EKF_DIVERGED;",
+        "golden solves",
+        "the self-test of plant_ekf returned 0x00000008",
+    ),
     "an index that is too large": (
         "plant_ekf.c",
         "    for (int i = 0; i < ALL; i++) {\n        e->gain[i] /= sum;",

@@ -21,6 +21,12 @@ def _no_place(row: int) -> Span | None:
     del row
 
 
+def _no_cell(row: int, key: ColumnKey) -> tuple[str, Span | None]:
+    """Numbers of a binary file have no text but this where they are missing."""
+    del row, key
+    return "NaN", None
+
+
 @dataclass(frozen=True, slots=True)
 class TimeSource:
     """The column of times that the spec names, where it is named, and the unit given there."""
@@ -56,6 +62,8 @@ class ColumnTable:
     """The moment of their time 0, where the format keeps it."""
     place: Callable[[int], Span | None] = _no_place
     """Where a row stands in the file."""
+    cell: Callable[[int, ColumnKey], tuple[str, Span | None]] = _no_cell
+    """The text of the cell in a row and column, and where it stands."""
     units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
     """What the file itself says of columns."""
     begins: Mapping[ColumnKey, Moment] = field(default_factory=dict[ColumnKey, Moment])

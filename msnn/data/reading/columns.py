@@ -189,15 +189,20 @@ def _unfit_unit(
 
 def misfit(signal: str, column: str, unit: Unit, declared: Unit, span: Span | None) -> Diagnostic:
     """E0999, with the unit that the file may mean by the one that it states."""
-    meant = next((other for other in confused_units(unit) if other.converts_to(declared)), None)
     return data_units.misfitting_file_unit(
         signal=signal,
         column=column,
         found=unit.text,
         declared=declared.text,
-        meant=None if meant is None else meant.text,
+        meant=_meant(unit, declared),
         span=span,
     )
+
+
+def _meant(unit: Unit, declared: Unit) -> str | None:
+    """The unit that people may mean by one that does not convert to the signal's, if it does."""
+    found = (other for other in confused_units(unit) if other.converts_to(declared))
+    return next((other.text for other in found), None)
 
 
 def _turns_fault(
@@ -247,8 +252,11 @@ def _conversion(signal: Signal, column: Column, findings: Findings) -> Line:
         elif unit.converts_to(declared):
             line = unit.line_to(declared)
         else:
+            meant = _meant(unit, declared)
             findings.report(
-                errors.inconvertible_column(signal.name, unit.text, declared.text, column.unit.span)
+                errors.inconvertible_column(
+                    signal.name, unit.text, declared.text, meant, column.unit.span
+                )
             )
     # the spec's scale and offset make a value in the column's unit, which is converted then
     return line.after(column.scale, column.offset)

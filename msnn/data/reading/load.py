@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from compiler.ir.program import Program, Signal
-from msnn.data.dataset import BoolArray, Dataset, FloatArray, Record
+from msnn.data.dataset import BoolArray, Dataset, FileRows, FloatArray, Record
 from msnn.data.formats.table import ColumnKey
 from msnn.data.formats.table_of_formats import require_reader
 from msnn.data.reading.disk_series import DiskSeries
 from msnn.data.reading.files import DataFile, find_files
-from msnn.data.reading.part import FilePart, KeptValues, read_part
+from msnn.data.reading.part import FilePart, KeptValues, part_of
+from msnn.data.reading.read_file import ReadFile, read_file
+from msnn.data.reading.recordings import recordings
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data.reading.splits import RecordTimes, SetCodes, split_rows, split_source
 from msnn.data.reading.unused_keys import unused_keys
 from msnn.errors.data import rows as errors
+from msnn.errors.data.recordings import rows_in_two_sets
 from msnn.errors.disk_data import not_on_disk
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
@@ -70,17 +73,19 @@ def joined_files(
     left_out = Findings()
     outside: dict[tuple[str, Path], Findings] = {}
     reached: set[tuple[str, Path]] = set()
-    for file in files:
-        own = Findings()
-        part = read_part(program, data, file, filters.get(file.source), own, beside)
-        if part is None and _is_outside(file, own):
-            outside.setdefault((file.source, file.path), own)
-            continue
-        reached.add((file.source, file.path))
-        findings.report(*own.since(0))
-        if part is None or (drops and _dropped(part, left_out)):
-            continue
-        parts.append(part if disk is None else disk.taken(part))
+    for group in _groups(files, data):
+        condition = filters.get(group[0].source)
+        for recording in _recordings(program, data, group, condition, findings, beside):
+            own, file = Findings(), recording.file
+            part = part_of(recording, program, data, condition, own)
+            if part is None and _is_outside(file, own):
+                outside.setdefault((file.source, file.path), own)
+                continue
+            reached.add((file.source, file.path))
+            findings.report(*own.since(0))
+            if part is None or (drops and _dropped(part, left_out)):
+                continue
+            parts.append(part if disk is None else disk.taken(part))
     for file, own in outside.items():
         if file not in reached:
             findings.report(*own.since(0))
@@ -95,9 +100,10 @@ def joined_files(
     if disk is not None:
         parts, whole = disk.returned(parts)
     _report_kept(parts, program.sample_time, findings)
-    parts = _with_files_joined(parts, data, program.sample_time)
     sets = data.sets
     rows = _sets(data, parts, sets, program.sample_time, findings)
+    if not findings.failed:
+        _report_shared(parts, files, data, findings)
     signals = (*program.signals, *beside)
     _report_ranges(signals, parts, findings)
     findings.raise_errors()
@@ -136,38 +142,42 @@ def _once(faults: Iterable[Diagnostic]) -> list[Diagnostic]:
 
 
 def _dropped(part: FilePart, findings: Findings) -> bool:
-    if part.usable.all():
+    if part.missing is None:
         return False
-    (piece,) = part.pieces  # files are joined later
-    findings.report(errors.record_dropped(part.file.shown, piece.row(int(np.argmin(part.usable)))))
+    findings.report(errors.record_dropped(part.file.shown, *part.missing))
     return True
 
 
-def _with_files_joined(
-    parts: Sequence[FilePart], data: Data, sample_time: float | None
-) -> list[FilePart]:
-    """Parts whose files follow each other in time as one record, where `join:` asks for it."""
-    found: list[FilePart] = []
-    for part in parts:
-        join = part.file.layout.join if part.file.layout.join is not None else data.join
-        before = found[-1] if found else None
-        if join and before is not None and _follows(before, part, sample_time):
-            # in the order of the files, which is that of their names
-            found[-1] = before.with_next(part)
-        else:
-            found.append(part)
-    return found
+def _groups(files: Sequence[DataFile], data: Data) -> Iterator[list[DataFile]]:
+    """Each file alone, those of a set that are joined together."""
+    joining: dict[str, list[DataFile]] = {}
+    for file in files:
+        if file.layout.join if file.layout.join is not None else data.join:
+            joining.setdefault(file.source, []).append(file)
+    for file in files:
+        group = joining.get(file.source, [file])
+        if file is group[0]:
+            yield group
+        elif file not in group:
+            yield [file]
 
 
-def _follows(before: FilePart, after: FilePart, sample_time: float | None) -> bool:
-    if before.file.source != after.file.source or sample_time is None:
-        return False
-    # files without time: nobody knows whether they follow
-    if before.time is None or after.time is None or not len(before.time) * len(after.time):
-        return False
-    # NaN where clocks cannot be compared, which follows nothing
-    step = float(after.time[0] - before.time[-1]) + before.seconds_to(after)
-    return abs(step - sample_time) <= GAP_TOLERANCE * sample_time
+def _recordings(
+    program: Program,
+    data: Data,
+    group: Sequence[DataFile],
+    condition: RowFilter | None,
+    findings: Findings,
+    beside: Sequence[Signal],
+) -> list[ReadFile]:
+    """The files of a group, those that follow each other in time as one; reports faulty ones."""
+    own = Findings()
+    read = [read_file(program, data, file, condition, own, beside) for file in group]
+    findings.report(*own.since(0))
+    found = [file for file in read if file is not None]
+    if len(group) == 1 or len(found) < len(group) or findings.failed:
+        return found
+    return recordings(found, data, program.sample_time, findings)
 
 
 def _sets(
@@ -239,6 +249,29 @@ def _report_ranges(
                     place=place,
                 )
             )
+
+
+def _report_shared(
+    parts: Sequence[FilePart], files: Sequence[DataFile], data: Data, findings: Findings
+) -> None:
+    """Warns of rows of one file that are in two sets: what is measured on them was trained on."""
+    paths = {(file.source, file.shown): file for file in files}
+    seen: dict[object, list[tuple[str, FileRows]]] = {}
+    for part in parts:
+        for piece in part.pieces:
+            file = paths[part.file.source, piece.file]
+            # arrays of a session have no path, row groups share one
+            path = file.path if file.arrays else file.path.resolve()
+            key = (path, file.shown if file.is_row_group else "")
+            for name, other in seen.setdefault(key, []):
+                count = piece.shared_with(other) if name != part.file.source else 0
+                if count:
+                    sets = (name, part.file.source)
+                    place = data.source[part.file.source].place.key
+                    findings.report(
+                        rows_in_two_sets(file=file.shown, sets=sets, rows=count, span=place)
+                    )
+            seen[key].append((part.file.source, piece))
 
 
 def _report_kept(parts: Sequence[FilePart], sample_time: float | None, findings: Findings) -> None:

@@ -1,35 +1,29 @@
-"""Reads one file into the series of a program's signals, with its gaps and missing inputs."""
+"""Picks the rows of a recording, as series of signals with their gaps and missing inputs."""
 
 from __future__ import annotations
 
-import math
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from compiler.ir.program import Program, Role, Signal
-from msnn.data.dataset import BoolArray, FileRows, FloatArray, IntArray
-from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, TimeSource, WantedColumns
-from msnn.data.formats.text.csv_header import Dialect
-from msnn.data.reading.columns import (
-    Feed,
-    columns_of_only,
-    feeds,
-    in_units_of_file,
-    wanted_columns,
-)
+from compiler.ir.program import Program, Role
+from msnn.data.dataset import BETWEEN_ROWS, BoolArray, FileRows, FloatArray, IntArray
+from msnn.data.formats.table import ColumnKey, ColumnTable
+from msnn.data.reading.columns import Feed
 from msnn.data.reading.files import DataFile
-from msnn.data.reading.record_rows import ColumnUses, RecordRows, record_rows, resampling
+from msnn.data.reading.read_file import ReadFile
+from msnn.data.reading.record_rows import RecordRows, record_rows
 from msnn.data.reading.row_filter import RowFilter
-from msnn.data.reads import compared_signals, signals_only_compared
+from msnn.errors.data import cells
 from msnn.errors.data import formats as data_formats
-from msnn.errors.data.files import no_column_read
-from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Moment
-from spec_schema.sections.data.data import Csv, Data, TimeColumn
+from spec_schema.sections.data.data import Data
 
-_TO = " … "
+_HAIR = 1e-9
+"""Seconds by which summed and printed times of one row differ."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,95 +67,56 @@ class FilePart:
     """Of resampled columns that predictions are compared with."""
     measured: Mapping[str, BoolArray] = field(default_factory=dict[str, BoolArray])
     """Of resampled signals that are read as well as compared: the rows with a measured value."""
-
-    def seconds_to(self, other: FilePart) -> float:
-        """From the time 0 of this one to that of another; NaN where the files do not tell."""
-        begins, ends = self.begins, other.begins
-        if begins is None and ends is None:
-            return 0.0
-        if begins is None or ends is None or begins.has_zone != ends.has_zone:
-            return math.nan
-        return ends.seconds_from(begins)
-
-    def with_next(self, other: FilePart) -> FilePart:
-        """One record of this one and of another that begins one sample later."""
-        assert self.time is not None
-        assert other.time is not None
-        first = self.file.shown.split(_TO)[0]
-        continues = np.concatenate((self.continues, other.continues))
-        # the only row whose flag says "begins a record" and no longer does
-        continues[len(self.continues)] = True
-        return FilePart(
-            file=replace(self.file, shown=f"{first}{_TO}{other.file.shown}"),
-            pieces=(*self.pieces, *(piece.moved(len(self.continues)) for piece in other.pieces)),
-            series={n: np.concatenate((v, other.series[n])) for n, v in self.series.items()},
-            time=np.concatenate((self.time, other.time + self.seconds_to(other))),
-            continues=continues,
-            usable=np.concatenate((self.usable, other.usable)),
-            begins=self.begins,
-            measured={n: np.concatenate((m, other.measured[n])) for n, m in self.measured.items()},
-        )
+    missing: tuple[str, int] | None = None
+    """The file and the row in it that lacks an input although it is used, of several the first."""
 
 
-def read_part(
+def part_of(
+    recording: ReadFile,
     program: Program,
     data: Data,
-    file: DataFile,
     row_filter: RowFilter | None,
     findings: Findings,
-    beside: Sequence[Signal] = (),
 ) -> FilePart | None:
-    """The rows of a file that the spec picks; None after a report of what is wrong.
-
-    `beside` are signals that the file need not have: their series are NaN then.
-    """
-    # of its own: `failed` is then about this file alone
-    mine = Findings()
-    columns = {**data.columns, **file.layout.columns}
-    compared, lone = compared_signals(program), signals_only_compared(program)
-    found = feeds(_signals(program, row_filter), columns, mine)
-    more = feeds(beside, columns, mine)
-    read = _read(file, data, found, more, mine)
-    rows = None
-    if read is not None:
-        found = in_units_of_file(found, read.units, file.shown, mine)
-        more = in_units_of_file(more, read.units, file.shown, mine)
-    if isinstance(read, ColumnTable) and not read.columns and not mine.failed:
-        mine.report(no_column_read(file.shown, program.name))
-    if read is not None and not mine.failed:
-        # a column that a signal of the program needs as well may not be missing
-        spare = wanted_columns(more).keys() - wanted_columns(found).keys()
-        targets = {f.signal.name for f in found if f.signal.role is Role.TARGET}
-        scored = columns_of_only(found, targets | lone)
-        keys = frozenset(k for feed in found if feed.signal.name in compared for k in feed.keys)
-        uses = ColumnUses(beside=frozenset(spare), scored=scored, compared=keys - spare)
-        rows = record_rows(read, file, data, program.sample_time, mine, uses)
-    findings.report(*mine.in_order)
+    """The rows of a recording that the spec picks; None after a report of what is wrong."""
+    rows = record_rows(recording, data, program.sample_time, findings)
     if rows is None:
         return None
+    found, uses = recording.found, recording.uses
     series = {feed.signal.name: feed.series(rows.columns) for feed in found}
     # a row in a hole is no measurement, a row without an input cannot be simulated; both end an
     # episode
     usable = rows.covered.copy()
-    if not usable.all():
-        for values in series.values():
-            values[~usable] = np.nan  # what resampling drew through a hole was not measured
+    in_hole = ~rows.covered
+    for lost in rows.lost.values():
+        in_hole &= ~lost.wanting
     for feed in found:
-        # missing targets are only not scored (R9)
-        if feed.signal.role is Role.INPUT and feed.signal in program.signals:
-            # a prediction alone is compared with it
-            if rows.measured.keys() >= set(feed.keys):
-                continue
-            values = series[feed.signal.name].reshape(len(usable), -1)
-            usable &= np.isfinite(values).all(axis=1)
-    single = columns_of_only(found, lone) & rows.measured.keys()
+        values = series[feed.signal.name].reshape(len(usable), -1)
+        values[in_hole] = np.nan  # what resampling drew through a hole was not measured
+        for element, key in enumerate(feed.keys):
+            if key in rows.lost:
+                values[rows.lost[key].wanting, element] = np.nan
+    needed = _needed(program, found, rows)
+    for feed in needed:
+        values = series[feed.signal.name].reshape(len(usable), -1)
+        usable &= np.isfinite(values).all(axis=1)
+    single = uses.measured & rows.measured.keys()
     offsets = {key: rows.offsets[key] for key in single}
     kept = {
         key: _kept_values(moments, usable, offsets.get(key, 0.0))
         for key, moments in rows.moments.items()
+        # of a signal that the model reads, rows that were not measured are worth a word
+        if key in single or (key in uses.counted and not _marked(key, rows)[usable].all())
     }
+    left_out = np.zeros(len(usable), np.bool_)
     if row_filter is not None:
-        usable &= _kept(row_filter, series, rows, file, findings)
+        passes = _kept(row_filter, series, rows, recording.file, findings)
+        # a missing value may be one of a row that the filter would keep
+        left_out = ~passes & _is_known(row_filter, series, len(usable))
+        usable &= passes
+    missing = _first_missing(recording, needed, rows, left_out, data, findings)
+    for values in series.values():
+        values[~rows.covered] = np.nan
     # after the filter, which may read between measured values
     columns = {**rows.columns, **{key: _at_moments(key, rows) for key in single}}
     series |= {feed.signal.name: feed.series(columns) for feed in found if single & set(feed.keys)}
@@ -169,23 +124,99 @@ def read_part(
     measured = {
         feed.signal.name: np.all([_marked(key, rows) for key in read], axis=0)
         for feed in found
-        if (read := set(feed.keys) & rows.moments.keys() - single) and feed.signal.name in compared
+        if (read := set(feed.keys) & uses.compared & rows.moments.keys() - single)
     }
     # what only the filter read is not kept
     series = {signal.name: series[signal.name] for signal in program.signals}
-    series |= {feed.signal.name: feed.series_if_there(rows.columns, len(usable)) for feed in more}
-    piece = FileRows(file=file.shown, start=0, stop=len(usable), rows=rows.rows, time=rows.time)
+    series |= {
+        feed.signal.name: feed.series_if_there(rows.columns, len(usable)) for feed in recording.more
+    }
     return FilePart(
-        file=file,
-        pieces=(piece,),
+        file=recording.file,
+        pieces=_pieces(recording, rows),
         series=series,
         time=rows.time,
         continues=rows.continues,
         usable=usable,
-        begins=rows.begins,
+        begins=recording.begins,
         kept=kept,
         measured=measured,
+        missing=missing,
     )
+
+
+def _needed(program: Program, found: Sequence[Feed], rows: RecordRows) -> list[Feed]:
+    """The inputs of the program, but for those that predictions alone are compared with."""
+    return [
+        feed
+        for feed in found
+        if feed.signal.role is Role.INPUT
+        and feed.signal in program.signals
+        and not rows.measured.keys() >= set(feed.keys)
+    ]
+
+
+def _is_known(row_filter: RowFilter, series: Mapping[str, FloatArray], rows: int) -> BoolArray:
+    """The rows that have all values that a filter reads."""
+    known = np.ones(rows, np.bool_)
+    for name in row_filter.read:
+        known &= np.isfinite(series[name].reshape(rows, -1)).all(axis=1)
+    return known
+
+
+def _first_missing(
+    recording: ReadFile,
+    needed: Sequence[Feed],
+    rows: RecordRows,
+    left_out: BoolArray,
+    data: Data,
+    findings: Findings,
+) -> tuple[str, int] | None:
+    """The first row, and its file, that lacks an input although it is used; None where none does.
+
+    Reports each column that does, where that is an error.
+    """
+    first: int | None = None
+    for key in dict.fromkeys(key for feed in needed for key in feed.keys):
+        lost = rows.lost.get(key)
+        if lost is None or not len(lost.rows):
+            continue
+        wanted_by = lost.wanted_by
+        used = lost.rows[(wanted_by < 0) | ~left_out[np.maximum(wanted_by, 0)]]
+        if not len(used):
+            continue
+        row = int(used[0])
+        first = row if first is None else min(first, row)
+        if data.nan == "error":
+            text, place = "", None
+            if isinstance(recording.read, ColumnTable):
+                text, place = recording.read.cell(row, key)
+            file, own = recording.row_of(row)
+            findings.report(cells.missing_value(file, own, str(key), text, len(used) - 1, place))
+    return None if first is None else recording.row_of(first)
+
+
+def _pieces(recording: ReadFile, rows: RecordRows) -> tuple[FileRows, ...]:
+    """The rows of each file of a recording."""
+    count, origins = len(rows.continues), recording.origins
+    if isinstance(rows.rows, range):
+        starts = [bisect_left(rows.rows, origin.row) for origin in origins]
+    else:
+        assert rows.time is not None, "rows between those of a file have a time"
+        # the grid is summed up: a row may be a hair before its file
+        starts = [int(np.searchsorted(rows.time, origin.begins - _HAIR)) for origin in origins]
+    starts[0] = 0
+    found: list[FileRows] = []
+    for origin, start, stop in zip(origins, starts, [*starts[1:], count], strict=True):
+        own = rows.rows[start:stop]
+        if isinstance(own, range):
+            own = range(own.start - origin.row, own.stop - origin.row, own.step)
+        else:
+            own = np.where(own == BETWEEN_ROWS, own, own - origin.row)
+        time = None if rows.time is None else rows.time[start:stop] - origin.seconds
+        if stop > start or len(origins) == 1:
+            found.append(FileRows(file=origin.file, start=start, stop=stop, rows=own, time=time))
+    return tuple(found)
 
 
 def _kept_values(moments: IntArray, usable: BoolArray, offset: float) -> KeptValues:
@@ -207,13 +238,6 @@ def _marked(key: ColumnKey, rows: RecordRows) -> BoolArray:
     return marked
 
 
-def _signals(program: Program, row_filter: RowFilter | None) -> tuple[Signal, ...]:
-    """The signals of the program and those that only the filter reads."""
-    known = {signal.name for signal in program.signals}
-    more = () if row_filter is None else row_filter.signals
-    return (*program.signals, *(signal for signal in more if signal.name not in known))
-
-
 def _kept(
     row_filter: RowFilter,
     series: dict[str, FloatArray],
@@ -225,54 +249,3 @@ def _kept(
     if len(kept) and not kept.any():
         findings.report(data_formats.empty_filter(file.shown, row_filter.span))
     return kept
-
-
-def _read(
-    file: DataFile, data: Data, found: Sequence[Feed], more: Sequence[Feed], findings: Findings
-) -> ColumnTable | Streams | None:
-    needed = wanted_columns(found)
-    users = {**wanted_columns(more), **needed}
-    # a column that both need is needed
-    spare = frozenset(users) - frozenset(needed)
-    targets = {feed.signal.name for feed in found if feed.signal.role is not Role.INPUT}
-    # resampling knows which missing values it fills
-    may_all_miss = data.nan != "error" or resampling(file, data) is not None
-    optional = spare | (frozenset(users) if may_all_miss else columns_of_only(found, targets))
-    time = file.layout.time or data.time
-    moments = frozenset[ColumnKey]()
-    if time is not None and not file.keeps_time:
-        moments = frozenset({time.column.column})
-        users[time.column.column] = "`time`"
-        # without time nobody knows how rows follow each other, whatever `nan:` says of values
-        optional -= {time.column.column}
-        spare -= {time.column.column}
-    try:
-        wanted = WantedColumns(users, optional, spare, moments, _time_source(file, time))
-        if file.arrays is not None:
-            return file.arrays.table(wanted)
-        dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")
-        return file.format.reader(file.path, file.shown, wanted, dialect)
-    except SpecError as error:
-        findings.report(*error.diagnostics)
-        return None
-
-
-def _time_source(file: DataFile, time: TimeColumn | None) -> TimeSource | None:
-    """The column that the spec names, for files whose reader finds the times of values itself."""
-    if time is None or not file.keeps_time:
-        return None
-    return TimeSource(time.column.column, time.place.value, time.unit)
-
-
-def _dialect(csv: Csv | None, *, tabs: bool) -> Dialect:
-    plain = "\t" if tabs else ","
-    if csv is None:
-        return Dialect(delimiter=plain, is_usual=True)
-    return Dialect(
-        delimiter=csv.delimiter or plain,
-        is_usual=csv.delimiter is None,
-        decimal=csv.decimal,
-        comment=csv.comment,
-        header=csv.header,
-        skip=csv.skip,
-    )

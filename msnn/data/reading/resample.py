@@ -38,6 +38,8 @@ class Resampled:
     """For each scored column its values at these moments, NaN at all others."""
     offsets: Mapping[ColumnKey, float]
     """For each scored column the most seconds between such a value and its moment."""
+    lost: Mapping[ColumnKey, BoolArray]
+    """For columns that have lost values the moments that want them, which are not covered."""
 
 
 def resample(
@@ -91,6 +93,7 @@ def resample(
     moments: dict[ColumnKey, IntArray] = {}
     at_moments: dict[ColumnKey, FloatArray] = {}
     offsets: dict[ColumnKey, float] = {}
+    lost: dict[ColumnKey, BoolArray] = {}
     for key, (time, values) in measured.items():
         # values that the user has not picked are not looked for
         picked = slice(None) if span is None else (time >= span[0]) & (time <= span[1])
@@ -117,8 +120,10 @@ def resample(
         elif key in hole_makers:
             covered &= ~_in_holes(grid, deciding[key], sample_time)
             if key not in scored:
-                covered &= ~_in_lost(grid, columns[key], sample_time)
-    return Resampled(grid, found, covered, moments, at_moments, offsets)
+                wanting = _in_lost(grid, columns[key], sample_time)
+                covered &= ~wanting
+                lost |= {key: wanting} if wanting.any() else {}
+    return Resampled(grid, found, covered, moments, at_moments, offsets, lost)
 
 
 def lost_values(samples: Samples, sample_time: float) -> IntArray:
@@ -202,7 +207,8 @@ def _nearest(grid: FloatArray, time: FloatArray) -> IntArray:
     return np.where(grid - time[before] <= time[after] - grid, before, after)
 
 
-def _longest_step(time: FloatArray, sample_time: float) -> float:
+def longest_step(time: FloatArray, sample_time: float) -> float:
+    """The longest step, in seconds, between values of a column that is no hole."""
     # a slow column has no holes between all of its rows
     # printed times of equal steps differ in their last digits
     return LONGEST_STEP * max(sample_time, _usual_step(time)) * (1 + _SLACK)
@@ -213,7 +219,7 @@ def _usual_step(time: FloatArray) -> float:
 
 
 def _in_holes(grid: FloatArray, time: FloatArray, sample_time: float) -> BoolArray:
-    longest = _longest_step(time, sample_time)
+    longest = longest_step(time, sample_time)
     return _inside(grid, time, np.diff(time) > longest, sample_time)
 
 

@@ -40,6 +40,11 @@ class RowFilter:
     def signals(self) -> tuple[Signal, ...]:
         return self.program.signals
 
+    @property
+    def read(self) -> tuple[str, ...]:
+        """The signals that the condition reads."""
+        return tuple(reads(self.program.step, [self.program.losses[0].prediction]))
+
     def kept(self, series: Mapping[str, FloatArray], rows: int) -> BoolArray:
         """The mask of rows where the condition holds; a missing value makes no condition true."""
         judge = Interpreter(self.program)

@@ -81,7 +81,9 @@ def picked_rows(
         # time rises: the rows before the bound are as many as are earlier
         bounds[index] = int(np.sum(later))
         if not later[: bounds[index]].all():  # of a clock that was set back, they are no range
-            findings.report(errors.time_not_increasing(file, *_disorder(time), None))
+            findings.report(
+                errors.time_not_increasing(file, *_disorder(time), None, is_picked=True)
+            )
             return None
     first, stop = max(bounds[0], 0), min(bounds[1], rows)
     if first >= stop:
@@ -91,10 +93,12 @@ def picked_rows(
     return RowRange(first, stop, every)
 
 
-def _disorder(time: FloatArray) -> tuple[int, int]:
-    """The first row whose time is not later than that of the row before, and how many more."""
-    wrong = ~(np.diff(time) > 0)
-    return int(np.argmax(wrong)) + 1, int(wrong.sum()) - 1
+def _disorder(time: FloatArray) -> tuple[int, float, int]:
+    """The first row whose time is not later than before, that step, and how many rows more."""
+    steps = np.diff(time)
+    wrong = ~(steps > 0)
+    row = int(np.argmax(wrong))
+    return row + 1, float(steps[row]), int(wrong.sum()) - 1
 
 
 def continuity(

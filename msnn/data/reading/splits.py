@@ -12,9 +12,18 @@ from numpy.typing import NDArray
 from msnn.data.dataset import UNASSIGNED, FloatArray
 from msnn.data.reading.time_bounds import time_bound
 from msnn.errors.data import rows as errors
+from msnn.errors.data.recordings import empty_set
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Moment
-from spec_schema.sections.data.splits import SETS, Blocks, DateRange, Fraction, Split, TimeRange
+from spec_schema.sections.data.splits import (
+    SETS,
+    Blocks,
+    DateRange,
+    Fraction,
+    OneShare,
+    Split,
+    TimeRange,
+)
 
 SetCodes = NDArray[np.int8]
 
@@ -46,7 +55,33 @@ class RecordTimes:
 def split_rows(
     split: Split, records: Sequence[RecordTimes], codes: Mapping[str, int], findings: Findings
 ) -> list[SetCodes]:
-    """The set of every row of every record."""
+    """The set of every row of every record; a set that is asked for and gets no row is reported."""
+    found = _rows_of_sets(split, records, codes, findings)
+    for name, share in _shares(split).items():
+        is_wanted = not isinstance(share, Fraction) or share.value > 0
+        if is_wanted and not findings.failed and not any((c == codes[name]).any() for c in found):
+            findings.report(empty_set(name, _covered(split, records), share.span))
+    return found
+
+
+def _shares(split: Split) -> dict[str, OneShare]:
+    """The shares that the spec names, by their sets."""
+    shares = {"train": split.train, "val": split.val, "test": split.test}
+    return {name: share for name, share in shares.items() if share is not None}
+
+
+def _covered(split: Split, records: Sequence[RecordTimes]) -> str | None:
+    """From when to when the data are, of a split by time."""
+    ends = [(float(t[0]), float(t[-1])) for r in records if (t := r.time) is not None and len(t)]
+    dated = next((r.begins for r in records if r.begins is not None), None)
+    if split.by != "time" or not ends or dated is not None:
+        return None
+    return f"{min(a for a, _ in ends):.6g} s to {max(b for _, b in ends):.6g} s"
+
+
+def _rows_of_sets(
+    split: Split, records: Sequence[RecordTimes], codes: Mapping[str, int], findings: Findings
+) -> list[SetCodes]:
     match split.by:
         case "file":
             chosen = _files(_fractions(split), len(records))
@@ -83,7 +118,7 @@ def _time_rows(
         return rows
     # printed times such as 59.99999 and 60 mean the same row
     slack = 1e-6 * np.maximum(np.abs(record.time), 1.0)
-    for name, share in {"train": split.train, "val": split.val, "test": split.test}.items():
+    for name, share in _shares(split).items():
         if isinstance(share, TimeRange):
             inside = (record.time >= share.start - slack) & (record.time < share.stop - slack)
             rows[inside] = codes[name]

@@ -89,7 +89,7 @@ def _values(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
             signal=name,
             count=len(found.spikes),
             height=float(found.spikes.heights[highest]),
-            unit=unit,
+            unit=channel.difference_unit,
             place=rows.place(int(found.spikes.rows[highest])),
         )
     for limit in found.saturations:
@@ -108,7 +108,7 @@ def _values(one: CheckedChannel, rows: RowsOfData) -> Iterator[Diagnostic]:
         yield errors.coarse_steps(
             signal=name,
             step=grid.step,
-            unit=unit,
+            unit=channel.difference_unit,
             levels=grid.levels,
             bits=grid.bits,
             share=grid.share,

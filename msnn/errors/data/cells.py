@@ -6,16 +6,27 @@ from msnn.errors.data.lists import and_more
 from spec_schema.diagnostics.decimal_commas import with_point_or_joined
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
+from spec_schema.expressions.moments import read_moment
 
 
 def ragged_row(
-    file: str, row: int, found: int, expected: int, more: int, place: Span, *, commas: bool
+    file: str,
+    row: int,
+    found: int,
+    expected: int,
+    more: int,
+    place: Span,
+    *,
+    commas: bool,
+    ends_empty: bool = False,
 ) -> Diagnostic:
     """E0806: a row with more or fewer cells than the header; `more` rows are like it."""
     message = f"row {row} of {file} has {found} cells, the header has {expected} columns"
     notes = and_more(more, "row")
     if commas:
         repair = _COMMA_HELP
+    elif ends_empty:
+        repair = "put the separator behind the header too: the rows end with one"
     elif found < expected:
         repair = "write a cell for each column, empty where there is no value, or remove the line"
     else:
@@ -47,14 +58,30 @@ def decimal_comma(
 
 
 def missing_value(
-    file: str, row: int, column: str, text: str, more: int, place: Span | None
+    file: str,
+    row: int,
+    column: str,
+    text: str,
+    more: int,
+    place: Span | None,
+    *,
+    is_time: bool = False,
+    is_all: bool = False,
 ) -> Diagnostic:
-    """E0809: an empty or NaN cell of an input while `nan: error` holds."""
+    """E0809: an empty or NaN cell of an input while `nan: error` holds, or of a time."""
     found = f"`{text}`" if text else "no value"
     message = f"column `{column}` has {found} in row {row} of {file}"
     notes = and_more(more, "cell")
     repair = "`nan: split` ends the episode here, `nan: drop` leaves the record out"
-    return error("E0809", place, message, "an input is missing here", notes=notes, help=repair)
+    label = "an input is missing here"
+    if is_all:
+        message = f"column `{column}` of {file} has no value at all"
+        notes = ()
+        repair = f"name another column for what reads `{column}`, under `data:`"
+    elif is_time:
+        repair = "write the time, or remove the row; if rows are one step apart, remove `time:`"
+        label = "every row needs its time"
+    return error("E0809", place, message, label, notes=notes, help=repair)
 
 
 def infinite_value(
@@ -84,6 +111,10 @@ def _repair_of(text: str, column: str) -> str | None:
     if united := _WITH_UNIT.fullmatch(text):
         number, unit = united.groups()
         return f"write `{number}` and the unit in the header: `{column} [{unit}]`"
+    if (plain := _plain_number(text)) is not None:
+        return f"write it as `{plain}`"
+    if _ISO_DATE.match(text) and read_moment(text) is None:
+        return "dates reach from 1823 to 2116: leave rows out whose clock was not set"
     if _DATE.match(text):
         return "write times as `2026-11-22 17:00:00.25` (ISO 8601), or as numbers"
     if text.upper() in _NOT_MEASURED:
@@ -99,6 +130,19 @@ def _repair_of(text: str, column: str) -> str | None:
     return None
 
 
+def _plain_number(text: str) -> str | None:
+    """The number that another notation means: `1,234.5`, `0x1F`, `1.5D+01`, `−5`."""
+    if _THOUSANDS.fullmatch(text):
+        return text.replace(",", "")
+    if _HEXADECIMAL.fullmatch(text):
+        return str(int(text, 16))
+    plain = text.replace("\u2212", "-").replace("D", "E").replace("d", "e")
+    return plain if plain != text and _NUMBER.fullmatch(plain) else None
+
+
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+([.]\d*)?")
+_HEXADECIMAL = re.compile(r"0[xX][0-9a-fA-F]{1,16}")
+_ISO_DATE = re.compile(r"\d{4}-\d\d-\d\d")
 _DATE = re.compile(r"\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d\d(:\d\d)?")
 _NOT_MEASURED = frozenset(
     ["N/A", "#N/A", "NONE", "#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "-", "--"]
@@ -107,4 +151,7 @@ _TRUTHS = {"TRUE": "1", "ON": "1", "YES": "1", "FALSE": "0", "OFF": "0", "NO": "
 _WITH_UNIT = re.compile(r"([+-]?\d+(?:[.]\d*)?(?:[eE][+-]?\d+)?)\s*([A-Za-zµμΩ°%][^\s\d]*)")
 _BLANKS = re.compile(r"[\s\u00a0\u2009\u202f]")
 _NUMBER = re.compile(r"[+-]?\d+([.]\d*)?([eE][+-]?\d+)?")
-_COMMA_HELP = 'a file with decimal commas needs `csv: {delimiter: ";", decimal: ","}`'
+_COMMA_HELP = (
+    "if its numbers have decimal commas, nothing tells them from separators: save it with `;` "
+    'between cells, and write `csv: {delimiter: ";", decimal: ","}`'
+)

@@ -53,8 +53,12 @@ def missing_columns(
     place: Span | None,
     *,
     numbers: bool,
+    width: int = 0,
 ) -> Diagnostic:
-    """E0804: columns that the header of a file does not have; `missing` says what each is for."""
+    """E0804: columns that the header of a file does not have; `missing` says what each is for.
+
+    `width` is the number of columns of a table without header.
+    """
     if len(missing) == 1:
         ((name, wanted_by),) = missing.items()
         message, label = f"{file} has no column `{name}` for {wanted_by}", f"no `{name}` here"
@@ -72,7 +76,12 @@ def missing_columns(
         own = member.rpartition(".")[2]
         repair = f"name its column: `columns: {{{member}: {own if own in columns else 'NAME'}}}`"
         repair += " under `data:`, or feed it by `connect:`"
+    elif repair is None:
+        key = key_of_column(next(iter(missing.values())), "0" if width else "NAME")
+        repair = f"say which column it is: `{key}` under `data:`"
     notes = (f"columns: {listed(columns)}",)
+    if width:
+        notes = (f"it has no header: its columns are 0 … {width - 1}",)
     return error("E0804", place, message, label, notes=notes, help=repair)
 
 
@@ -85,13 +94,23 @@ def _named(nearby: Mapping[str, str], wanted_by: Mapping[str, str]) -> str:
     return " and ".join([*keys, *(f"`time: {column}`" for column in time)])
 
 
+def key_of_column(wanted_by: str, column: str) -> str:
+    """The key under `data:` that names a column of the signal, or of the time, in backticks."""
+    name = wanted_by.strip("`")
+    return f"time: {column}" if name == _TIME else f"columns: {{{name}: {column}}}"
+
+
 _TIME = "time"
 """What a column of time is wanted by."""
 
 
 def _meant(name: str, columns: Sequence[str]) -> str | None:
     """The column that a name most likely means: `F [N]`, `force`, `Force`, a typing error."""
-    plain = {_UNIT_OF_HEADER.sub("", column).strip().casefold(): column for column in columns}
+    plain = {
+        # `# time`, as numpy begins a header
+        _UNIT_OF_HEADER.sub("", column).lstrip("#%").strip().casefold(): column
+        for column in columns
+    }
     if name.casefold() in plain:
         return plain[name.casefold()]
     if (near := nearest(name, columns)) is not None:
@@ -138,10 +157,16 @@ def no_such_index(index: int, file: str, count: int, wanted_by: str, place: Span
     return error("E0815", place, message, f"{count} columns")
 
 
-def inconvertible_column(signal: str, found: str, declared: str, span: Span | None) -> Diagnostic:
+def inconvertible_column(
+    signal: str, found: str, declared: str, meant: str | None, span: Span | None
+) -> Diagnostic:
     """E0816: a column's unit that does not convert to the signal's."""
     message = f"the column of `{signal}` is in {found}, which does not convert to {declared}"
-    return error("E0816", span, message, f"`{signal}` is declared in {declared}")
+    repair = f"write `unit: {meant or declared}` if the column is in {meant or declared}"
+    if meant is None:
+        repair += f", or declare `{signal}` in {found}"
+    label = f"`{signal}` is declared in {declared}"
+    return error("E0816", span, message, label, help=repair)
 
 
 def wrong_column_count(signal: str, found: int, expected: int, span: Span | None) -> Diagnostic:

@@ -5,8 +5,12 @@ from __future__ import annotations
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 
 
-def no_table(file: str) -> Diagnostic:
+def no_table(file: str, format: str | None = None) -> Diagnostic:
     """E0827: a file in which `msnn init --data` finds no columns of numbers."""
+    if format is not None:
+        message = f"`init --data` reads tables of text and workbooks, and {file} is {format}"
+        repair = f"begin with `msnn init NAME`, and write `data: {{source: {{train: {file}}}}}`"
+        return error("E0827", None, message, help=repair)
     message = f"{file} has no lines of numbers with cells between `,`, `;`, `|` or tabs"
     return error("E0827", None, message, help="other formats are read by a spec: `data:`")
 

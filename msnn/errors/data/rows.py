@@ -56,7 +56,7 @@ def _repair_of_step(found: float, expected: float, column: str) -> str:
         return f"`every: {every}` takes one row in {every}"
     if unit := next((u for u, f in _TIME_UNITS.items() if abs(ratio * f - 1) < 0.01), None):
         return f"if the time is in {unit}, write `time: {{column: {column}, unit: {unit}}}`"
-    return f"write `sample_time: {_seconds(found)}`, or bring the rows to it by `resample:`"
+    return f"write `sample_time: {seconds_text(found)}`, or bring the rows to it by `resample:`"
 
 
 _TIME_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}
@@ -66,22 +66,49 @@ _TIME_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}
 _DAY = 86400.0
 
 
-def _seconds(value: float) -> str:
+def seconds_text(value: float) -> str:
+    """A duration in s, below one second in ms."""
     return f"{value:.6g} s" if value >= 1 else f"{value * 1000:.6g} ms"
 
 
 def time_not_increasing(
-    file: str, row: int, more: int, place: Span | None, *, set_back: bool = False
+    file: str,
+    row: int,
+    step: float,
+    more: int,
+    place: Span | None,
+    *,
+    set_back: bool = False,
+    is_stream: bool = False,
+    is_picked: bool = False,
 ) -> Diagnostic:
     """E0813: a time that is not later than the one before."""
     message = f"the time in row {row} of {file} is not later than in the row before"
     notes = and_more(more, "row")
-    repair = "sort the rows by time, and of rows with the same time keep one"
     if set_back:
         # sorted, the rows of two hours would be mixed
         repair = (
             "the clock was set back by an hour, as at the end of summer time: write times with "
             "their offset from UTC, `02:50+02:00` and then `02:00+01:00`"
+        )
+    elif is_stream:
+        # nobody edits the rows of such a file
+        repair = "name another time with `time:`, or export the signals to a table of one time"
+    elif is_picked:
+        repair = (
+            "give `from` and `to` as numbers of rows, such as `from: 0`, beside `resample: none`; "
+            "if rows are out of order, sort them by time"
+        )
+    elif step < 0.0:
+        # sorted, the rows of two recordings would be mixed
+        repair = (
+            "if another recording begins there, `resample: none` makes an episode of each; if rows "
+            "are out of order, sort them by time"
+        )
+    else:
+        repair = (
+            "of rows with the same time keep one; if the time was rounded, remove `time:`, and "
+            "rows are one sample apart"
         )
     return error("E0813", place, message, "time does not increase", notes=notes, help=repair)
 
@@ -183,9 +210,10 @@ def episodes_skipped(
     return warning("W0802", None, message)
 
 
-def record_dropped(file: str, row: int) -> Diagnostic:
+def record_dropped(record: str, file: str, row: int) -> Diagnostic:
     """W0803: a record left out because an input is missing in it."""
-    return warning("W0803", None, f"{file} is left out: an input is missing in row {row}")
+    of = "" if file == record else f" of {file}"
+    return warning("W0803", None, f"{record} is left out: an input is missing in row {row}{of}")
 
 
 def kept_values(
@@ -202,6 +230,6 @@ def kept_values(
     if lost:
         notes.append(f"{lost} are nearest to a row without inputs, or to none")
     if offset:
-        notes.append(f"values are up to {_seconds(offset)} away from their rows")
+        notes.append(f"values are up to {seconds_text(offset)} away from their rows")
     make = warning if lost else remark
     return make("W0830", None, message, notes=tuple(notes))

@@ -1,10 +1,13 @@
 """E0508, E0512, E0878, E0979, E0989-91, E0997-99, E1319, W0511, W0831: dates and units of files."""
 
+import re
 from collections.abc import Sequence
 
 from msnn.errors.data.lists import and_more
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.source import Span
+
+_OFFSET = re.compile(r"\s*([Zz]|[+-]\d\d(:?\d\d)?)$")
 
 
 def misfitting_date(
@@ -16,10 +19,11 @@ def misfitting_date(
         repair = "write the time as they are, such as `20 s`"
     elif has_zone:
         times = f"the dates of {file} have an offset from UTC"
-        repair = f"write `Z` or the offset behind it: `{date}Z`"
+        # a day alone has no offset: it is midnight
+        repair = f"write `Z` or the offset behind it: `{date if ':' in date else f'{date} 00:00'}Z`"
     else:
         times = f"the dates of {file} have no offset from UTC"
-        repair = "write it as that clock showed it, without the offset"
+        repair = f"write it as that clock showed it, such as `{_OFFSET.sub('', date)}`"
     message = f"{what} is the date {date}, and {times}"
     return error("E0979", span, message, "not to be compared with them", help=repair)
 

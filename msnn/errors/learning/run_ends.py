@@ -43,13 +43,13 @@ def unfinished_run(folder: str, taken: str) -> Diagnostic:
     return warning("W0910", None, message, help=repair)
 
 
-def nothing_learned(stage: str, found: float, span: Span | None) -> Diagnostic:
+def nothing_learned(stage: str, found: float, span: Span | None, *, has_rate: bool) -> Diagnostic:
     """W0912: a stage without an epoch that is better than what it began with."""
     message = (
         f"stage `{stage}` has learned nothing: no epoch is better than what it began with, "
         f"{found:.6g}"
     )
-    repair = (
-        "try a smaller learning rate; where what it began with is good enough, leave the stage out"
-    )
+    # a step of least squares has no rate: it ends in the minimum that is nearest
+    other = "a smaller learning rate" if has_rate else "other initial values"
+    repair = f"try {other}; where what it began with is good enough, leave the stage out"
     return warning("W0912", span, message, "its best epoch is 0", help=repair)

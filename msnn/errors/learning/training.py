@@ -118,11 +118,17 @@ def diverged(
     return error("E0913", span, message, label, notes=notes, help=repair)
 
 
-def diverged_parameter(stage: str, epoch: int, name: str, span: Span | None) -> Diagnostic:
+def diverged_parameter(
+    stage: str, epoch: int, name: str, span: Span | None, *, has_rate: bool
+) -> Diagnostic:
     """E0914: a parameter that an optimiser step made infinite or NaN."""
     message = f"stage `{stage}` diverged in epoch {epoch}: a step made `{name}` not finite"
     notes = ("the best weights so far are kept",)
-    repair = "try a smaller learning rate or `clip:`"
+    repair = (
+        "try a smaller learning rate or `clip:`"
+        if has_rate
+        else f"try `min:` and `max:` of `{name}`, or an `init` that is nearer"
+    )
     return error("E0914", span, message, "not finite after the step", notes=notes, help=repair)
 
 

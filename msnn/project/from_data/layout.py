@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-from msnn.data.formats.table_of_formats import require_reader
+from msnn.data.formats.table_of_formats import format_of, require_reader
 from msnn.data.formats.text.csv_header import (
     Dialect,
     content_lines,
     header_cells,
     split_cells,
 )
-from msnn.data.formats.text.text_encoding import not_utf8
+from msnn.data.formats.text.text_encoding import not_utf8, refuse_other_formats
 from msnn.data.formats.text.xlsx_file import WORKBOOK, sheet_lines
 from msnn.data.formats.written_units import MISSING, is_number, is_unit
 from msnn.errors.data import files as errors
@@ -89,8 +89,14 @@ def number(cell: str, decimal: str) -> bool:
 
 def _first_lines(path: Path, dialect: Dialect) -> list[tuple[int, str]]:
     require_reader(path)
+    is_workbook = path.suffix.lower() == WORKBOOK
+    if not is_workbook:
+        format = format_of(path)
+        if not format.is_text:
+            raise SpecError([no_table(path.name, format.name)])
+        refuse_other_formats(path, path.name)
     try:
-        lines = sheet_lines if path.suffix.lower() == WORKBOOK else content_lines
+        lines = sheet_lines if is_workbook else content_lines
         return list(islice(lines(path, dialect, path.name), _LINES))
     except UnicodeDecodeError as error:
         raise SpecError([not_utf8(path, path.name, error)]) from error

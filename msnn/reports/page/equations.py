@@ -11,6 +11,7 @@ from spec_schema.expressions.mathml import enclosed, expression_mathml, indexed,
 from spec_schema.expressions.text import length_text
 from spec_schema.expressions.tree import Expression, Samples
 from spec_schema.fields.formulas import Prediction
+from spec_schema.sections.signals import InitialState
 from spec_schema.sections.spec import Spec
 
 
@@ -48,10 +49,9 @@ def equations(spec: Spec, program: Program) -> Iterator[ShownEquation]:
             yield ShownEquation(
                 "state", _equal(indexed(name_mathml(name), "t+1"), state.next), unit, doc
             )
-        if state.start is not None:
-            yield ShownEquation(
-                "state", _equal(indexed(name_mathml(name), "t₀"), state.start), unit, ""
-            )
+        if state.init is not None:
+            left = indexed(name_mathml(name), "t₀")
+            yield ShownEquation("state", _row(left, _start(state.init)), unit, "")
     for name, output in spec.outputs.items():
         left = name_mathml(name)
         if output.predicts is not None:
@@ -61,7 +61,21 @@ def equations(spec: Spec, program: Program) -> Iterator[ShownEquation]:
 
 
 def _equal(left: str, right: Expression) -> str:
-    return f"<mrow>{left}<mo>=</mo>{expression_mathml(right)}</mrow>"
+    return _row(left, expression_mathml(right))
+
+
+def _row(left: str, right: str) -> str:
+    return f"<mrow>{left}<mo>=</mo>{right}</mrow>"
+
+
+def _start(init: InitialState) -> str:
+    """The initial value of each run; of one that is fitted also where the search for it begins."""
+    begin = None if init.expression is None else expression_mathml(init.expression)
+    if init.fit is None:
+        assert begin is not None
+        return begin
+    words = f"<mtext>{init.fit.words}</mtext>"
+    return words if begin is None else f"<mrow>{words}<mtext>, guess&#xA0;</mtext>{begin}</mrow>"
 
 
 def _predicted(prediction: Prediction) -> str:

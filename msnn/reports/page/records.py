@@ -191,6 +191,7 @@ def _output(
     found: dict[str, Any] = {
         "name": channel.name,
         "unit": channel.unit,
+        "error_unit": channel.error_unit,
         "low": finite(channel.low),
         "high": finite(channel.high),
         "simulated": series(simulated, block),

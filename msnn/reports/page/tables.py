@@ -17,7 +17,7 @@ from msnn.training.records.learned.parameters_record import has_unidentified
 from msnn.training.records.run_log import Cost
 from msnn.validation.measurement import Measurement
 from msnn.validation.reports.report import limits
-from msnn.validation.reports.words import rollout_text, unit_text
+from msnn.validation.reports.words import difference_text, rollout_text, unit_of_record, unit_text
 from msnn.validation.validate import MetricRow
 
 _MOST_NUMBERS = 6
@@ -113,7 +113,7 @@ def parameters_table(record: Mapping[str, Any], program: Program) -> PageTable:
                 (
                     found["name"],
                     _numbers(values),
-                    _errors(errors),
+                    difference_text(_errors(errors), unit_of_record(found["unit"])),
                     found["unit"] or "",
                     _numbers(found["initial"]),
                     remark,
@@ -167,6 +167,7 @@ def data_tables(program: Program, data: Dataset) -> Iterator[PageTable]:
     )
     yield PageTable("Sets", ("set", "records", "rows", "time"), rows, (1, 2, 3))
     signals = [signal for signal in program.signals if signal.name in data.series]
+    units = {signal.name: signal.unit for signal in signals}
     found: list[PageRow] = []
     for channel in channels(signals):
         values = channel.of(data.series[channel.source])
@@ -179,7 +180,8 @@ def data_tables(program: Program, data: Dataset) -> Iterator[PageTable]:
                 (
                     channel.name,
                     channel.unit,
-                    *(short(float(value), 4) for value in (low, mean, high, spread)),
+                    *(short(float(value), 4) for value in (low, mean, high)),
+                    difference_text(short(float(spread), 4), units[channel.source]),
                     str(len(values) - len(known)),
                     "" if channel.low is None else range_text((channel.low, channel.high or 0.0)),
                 )

@@ -173,7 +173,7 @@ def _draw_output(axis: Any, run: Simulation, along: FloatArray, channel: DrawnNu
         errors = Errors.of(values, measured)
         fit, rmse = score("fit", errors).value, score("rmse", errors).value
         figures = [f"fit {fit:.4g} %"] if np.isfinite(fit) else []
-        figures += [f"rmse {rmse:.4g} {channel.unit}".strip()] if np.isfinite(rmse) else []
+        figures += [f"rmse {rmse:.4g} {channel.error_unit}".strip()] if np.isfinite(rmse) else []
         # over the legend, which with limits and intervals is as wide as the axis
         axis.annotate(
             ", ".join(figures),
@@ -216,7 +216,7 @@ def _draw_error(
     error = channel.of(run.outputs[channel.source]) - channel.of(run.logged[channel.source])
     plotting.draw_line(axis, along, error, color=plotting.ERROR, linewidth=0.9)
     axis.axhline(0.0, color="black", linewidth=0.6)
-    _finish(axis, "error", channel.unit)
+    _finish(axis, "error", channel.error_unit)
     rows = np.arange(len(error), dtype=np.int64)
     (found,) = residuals(error, rows, np.zeros_like(rows), {}, lags_of(program.sample_time))
     return found.itself

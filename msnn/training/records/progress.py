@@ -29,6 +29,8 @@ class StageStart:
     """Inputs that read what outputs predict for them."""
     epoch: int = 0
     """Epochs that a resumed run has behind it."""
+    counted: int = 1
+    """The most rollouts that score the same row."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,10 +155,17 @@ def stage_text(event: StageStart) -> str:
         f"stage {event.number}/{event.stages} {event.name}: {event.epochs} epochs, "
         f"{event.starts} starts, horizon {event.horizon}, best on {event.monitored_on}"
         + (f", best of {event.attempts} runs" if event.attempts > 1 else "")
+        + _overlap(event)
         + _feedback(event)
         + _weights(event)
         + (f", goes on after epoch {event.epoch}" if event.epoch else "")
     )
+
+
+def _overlap(event: StageStart) -> str:
+    if event.counted == 1:
+        return ""
+    return f", rollouts overlap: a row counts up to {event.counted} times, in `validate` once"
 
 
 def _feedback(event: StageStart) -> str:

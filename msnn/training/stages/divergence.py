@@ -44,7 +44,13 @@ def explain_divergence(
     # a step that overshot: with such a parameter every value is bad, and none of them is the cause
     for parameter in program.parameters:
         if not np.isfinite(weights[parameter.name]).all():
-            return errors.diverged_parameter(plan.name, epoch, parameter.name, parameter.span)
+            return errors.diverged_parameter(
+                plan.name,
+                epoch,
+                parameter.name,
+                parameter.span,
+                has_rate=not plan.optimizer.needs_squares,
+            )
     # in the stage's dtype: what overflows in float32 is finite in float64
     judge = Interpreter(program, weights, plan.dtype)
     for moment in moments(judge, dataset.series, runs, losses=True):

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from msnn.data.dataset import FloatArray
+from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.learning import notes
 from msnn.training.plans.known_terms_of_stage import has_priors
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import TOTAL, StagePlan
 from msnn.training.plans.stage_result import StageResult
+from msnn.training.records.learned.standard_errors import ways_alone
 from msnn.training.records.progress import EpochEnd
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
@@ -62,16 +64,23 @@ class StageCourse:
         found: list[Diagnostic | None] = []
         if first is not None and last is not None:
             found.append(_alone(plan, first.losses, last.losses))
-            if best is not None and best.epoch == result.best_epoch:
-                found.append(_kept(plan, data, first, best, after, last))
+            # epoch 0 ends without an event: it is what the first epoch begins with
+            known = after if not result.best_epoch else best
+            if known is not None and known.best_epoch == result.best_epoch:
+                kept = _Kept(result.best_epoch, result.best_value, known.horizon)
+                found.append(_kept(plan, data, first, kept, after, last))
         return [each for each in found if each is not None]
 
 
 def unmoved(
-    plans: Sequence[StagePlan], results: Sequence[StageResult], first: Weights
+    plans: Sequence[StagePlan], results: Sequence[StageResult], first: Weights, data: Dataset
 ) -> list[Diagnostic]:
-    """One line of the parameters that no stage has moved by a part of their scale."""
+    """One line of the parameters that no stage has moved by a part of their scale.
+
+    Not of those that went most of their way: 1 K is little of a level of 294 K, and may be all.
+    """
     moved: dict[str, bool] = {}
+    trained_by: dict[str, StagePlan] = {}
     begin = first
     for plan, result in zip(plans, results, strict=True):
         # a step of least squares is as long as it has to be; nothing better moves nothing
@@ -80,8 +89,15 @@ def unmoved(
             if plan.lr_factors.get(name) != 0.0:
                 found = stays or _has_moved(plan, name, begin[name], result.best[name])
                 moved[name] = moved.get(name, False) or found
+                trained_by[name] = plan
         begin = result.best
     names = [name for name, found in moved.items() if not found]
+    for plan in {id(trained_by[name]): trained_by[name] for name in names}.values():
+        ways = ways_alone(plan, data, begin)
+        for name in [one for one in names if trained_by[one] is plan] if ways else ():
+            assert ways is not None
+            if np.all(np.abs(ways[name]) <= np.abs(begin[name] - first[name])):
+                names.remove(name)
     if not names:
         return []
     return [notes.hardly_moved(names, plans[-1].program.parameter(names[0]).span)]
@@ -125,11 +141,20 @@ def _shares(plan: StagePlan, losses: Mapping[str, float]) -> dict[str, float]:
     return {name: part / total for name, part in parts.items()}
 
 
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """The epoch whose weights a stage keeps: its monitored loss, the horizon beside it."""
+
+    epoch: int
+    monitor: float
+    horizon: int
+
+
 def _kept(
     plan: StagePlan,
     data: StageData,
     first: EpochEnd,
-    best: EpochEnd,
+    best: _Kept,
     after: EpochEnd | None,
     last: EpochEnd,
 ) -> Diagnostic | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import Unit
 
 
@@ -48,3 +49,14 @@ def measured_as(row: ValidationRow) -> tuple[str, str, str]:
 def unit_text(unit: Unit | None) -> str:
     """The unit as it was written, empty without one."""
     return "" if unit is None else unit.text
+
+
+def difference_text(number: str, unit: Unit | None) -> str:
+    """A difference in a row with a unit, with its own where that is another: K in a row of degC."""
+    own = unit_text(unit and unit.difference)
+    return f"{number} {own}" if number and own != unit_text(unit) else number
+
+
+def unit_of_record(text: str | None) -> Unit | None:
+    """The unit that a record of a run has as text."""
+    return parse_unit(text) if text else None

@@ -118,6 +118,23 @@ def test_a_parameter_that_hardly_moved_is_named() -> None:
     assert slow("1e-4", "1", "12000", "lr: {far: 1e-3}") == []
 
 
+@pytest.mark.parametrize("loss", ["mse(z, y)", "rmse(z, y)", "huber(z, y, delta=0.5)"])
+@pytest.mark.parametrize(("level", "named"), [(295.0, False), (294.0, False), (310.0, True)])
+def test_a_level_that_went_its_way_is_none_that_hardly_moved(
+    loss: str, level: float, named: bool
+) -> None:
+    """1 K is a third of a percent of 294 K, and all that was missing; of 16 K 2 are not."""
+    text = SLOW.replace("lr: 0.02", "lr: 0.013")
+    text = text.replace("near: 1", "near: {init: 1, unit: K}").replace('predicts: "y[t]"', "")
+    text = text.replace("{init: INIT, scale: SCALE}", "{init: 294, unit: K}").replace(", }", "}")
+    text = text.replace("targets: {y: 1}", "targets: {y: {unit: K}}").replace("FACTOR * ", "")
+    text = text.replace("train:", f"losses: {{fit: '{loss}'}}\ntrain:").replace("MORE", "seed: 1")
+    u = np.linspace(-1, 1, 100)
+    y = 2 * u + level + 0.1 * np.random.default_rng(6).normal(size=100)
+    found = notes(text, dataset({"u": u, "y": y}, train=[100]))
+    assert [each.message.partition(" moved")[0] for each in found] == ["`far`"] * named
+
+
 def test_what_is_held_or_solved_for_is_no_parameter_that_hardly_moved() -> None:
     assert slow("5000", "1", "1e-4", "lr: {far: 0}") == []
     assert slow("5000", "1", "1e-4", "freeze: [far]") == []
@@ -239,3 +256,25 @@ def test_the_line_of_a_stage_names_what_is_fed_back(
     train(program, data, spec.train, TrainingOptions(runs=None), found)
     (line,) = found.lines
     assert ("predictions fed back into x" in line) == named
+
+
+@pytest.mark.parametrize("optimizer", ["levenberg_marquardt", "{adam: {lr: 0.05}}"])
+def test_a_stage_that_keeps_what_it_began_with_says_how_few_rollouts_decide(
+    optimizer: str,
+) -> None:
+    """The initial values are those of the validation rows; every step leads away from them."""
+    text = DECAY.replace("OPTIMIZER", f"optimizer: {optimizer}").replace("0.2}", "0.6}")
+    text = text.replace("{init: 0.1}", "{init: 0.5}").replace("epochs: 40", "epochs: 150")
+    data = unlike(0.6)
+    data.series["y"][1000:] += 0.5 * np.random.default_rng(5).normal(size=100)
+    said = heard(text, data).said
+    (kept,) = [each for each in said if each.code == "W0938"]
+    (learned,) = [each for each in said if each.code == "W0912"]
+    advice = learned.help or ""
+    if optimizer == "levenberg_marquardt":
+        assert kept.message.startswith("stage `fit` keeps epoch 0 of ")
+        # it has no rate that could be smaller
+        assert advice.startswith("try other initial values;")
+    else:
+        assert " in epoch 0, the best; over those of training it is " in kept.message
+        assert advice.startswith("try a smaller learning rate;")

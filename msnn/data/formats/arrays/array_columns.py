@@ -105,7 +105,8 @@ class NamedArrays:
                 faults.append(data_formats.unusable_array(str(key), self.file, user, reason))
                 continue
             columns[key] = column
-            faults += value_faults(self.file, key, column, may_miss=key in wanted.optional)
+            may_miss, is_time = key in wanted.optional, key in wanted.moments
+            faults += value_faults(self.file, key, column, may_miss=may_miss, is_time=is_time)
         if missing:
             faults.append(
                 errors.missing_columns(missing, self.file, self.names, None, numbers=False)
@@ -164,14 +165,24 @@ def length_faults(file: str, columns: Mapping[ColumnKey, FloatArray]) -> list[Di
 
 
 def value_faults(
-    file: str, key: ColumnKey, column: FloatArray, *, may_miss: bool
+    file: str, key: ColumnKey, column: FloatArray, *, may_miss: bool, is_time: bool = False
 ) -> list[Diagnostic]:
     """Values that are infinite, and those that are missing where they may not be."""
     faults: list[Diagnostic] = []
     missing, infinite = np.isnan(column), np.isinf(column)
     if missing.any() and not may_miss:
         row, more = int(np.argmax(missing)), int(missing.sum()) - 1
-        faults.append(cell_errors.missing_value(file, row, str(key), "NaN", more, None))
+        missed = cell_errors.missing_value(
+            file,
+            row,
+            str(key),
+            "NaN",
+            more,
+            None,
+            is_time=is_time,
+            is_all=bool(missing.all()) and not is_time,
+        )
+        faults.append(missed)
     if infinite.any():
         row, more = int(np.argmax(infinite)), int(infinite.sum()) - 1
         faults.append(cell_errors.infinite_value(file, row, str(key), "inf", more, None))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,7 @@ def dates_of(array: NDArray[Any], file: str, column: str, *, is_utc: bool) -> Da
     faults = tuple(
         make(file, rows[0], column, str(array[rows[0]]), len(rows) - 1, None)
         for make, rows in (
-            (cell_errors.missing_value, absent),
+            (partial(cell_errors.missing_value, is_time=True), absent),
             (data_units.not_a_moment, others),
             (data_units.mixed_zones, of_another_clock),
         )
@@ -77,7 +78,7 @@ def _of_numpy(array: NDArray[Any], file: str, column: str, *, is_utc: bool) -> D
     faults: tuple[Diagnostic, ...] = ()
     if absent.any():
         row, more = int(np.argmax(absent)), int(absent.sum()) - 1
-        faults = (cell_errors.missing_value(file, row, column, "NaT", more, None),)
+        faults = (cell_errors.missing_value(file, row, column, "NaT", more, None, is_time=True),)
     if absent.all():
         return Dates(np.full(len(array), np.nan), None, faults)
     unit, count = np.datetime_data(array.dtype)

@@ -99,10 +99,10 @@ def _encoded(value: object, arrays: list[FloatArray]) -> object:
         case Path():
             return {"path": str(value)}
         case _ if type(value) in _KINDS:
-            # rows of these files stand nowhere: `place` is that of any table
-            left = "place" if isinstance(value, ColumnTable) else ""
+            # cells of these files stand nowhere: their places are those of any table
+            left = ("place", "cell") if isinstance(value, ColumnTable) else ()
             of = fields(cast("Any", value))
-            names = [field.name for field in of if field.init and field.name != left]
+            names = [field.name for field in of if field.init and field.name not in left]
             held = {name: _encoded(getattr(value, name), arrays) for name in names}
             return {"class": type(value).__name__, "fields": held}
         case _:

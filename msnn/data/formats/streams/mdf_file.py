@@ -96,7 +96,7 @@ def _times(
             other_names=_names(file),
             other_units=partial(_units, file),
         )
-        table = arrays.table(WantedColumns({wanted: "`time`"}))
+        table = arrays.table(WantedColumns({wanted: "`time`"}, moments=frozenset({wanted})))
         if wanted in table.units:
             units[name] = table.units[wanted]
         return table.columns[wanted]

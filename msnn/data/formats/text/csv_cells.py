@@ -29,6 +29,8 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 """`1.500`, which is fifteen hundred where commas are decimal, and 1.5 where they are not."""
 _LONGEST_SHOWN = 40
+_ALL_MISSING: CellFault = partial(cell_errors.missing_value, is_all=True)
+_MISSING_TIME: CellFault = partial(cell_errors.missing_value, is_time=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,10 @@ def checked_columns(
                     faults.add((fault, reader.index), line.cell_fault(fault, reader.index))
     if line is None:
         raise SpecError((errors.empty_file(header.file, header=header.lines > 0),))
+    for reader in readers:
+        kind = (cell_errors.missing_value, reader.index)
+        if faults.count(kind) == line.row + 1:
+            faults.change(kind, line.cell_fault(_ALL_MISSING, reader.index))
     # all of the file first: who mends a log wants to know of every kind of fault at once
     faults.raise_found()
     begins = {
@@ -88,6 +94,11 @@ def line_of_row(lines: Lines, header: Header, row: int) -> int:
         if found == row + header.lines:
             return number
     raise IndexError("the file has fewer rows")
+
+
+def cell_of_row(lines: Lines, header: Header, row: int, index: int) -> tuple[str, Span]:
+    """The text of a cell in a data row, and where it stands."""
+    return next(line for line in _lines(lines, header) if line.row == row).cell(index)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -120,14 +131,13 @@ class _Times(_Numbers):
     def fault_of(self, cell: str) -> CellFault | None:
         # the first cell decides what the column is; a date further down in numbers is a fault of
         # that cell
-        if not self.nanoseconds and self.values:
-            return _Numbers.fault_of(self, cell)
-        moment = read_moment(cell)
+        moment = None if self.values else read_moment(cell)
         if moment is None:
-            if not self.nanoseconds:
-                return _Numbers.fault_of(self, cell)
-            is_missing = cell.lower() in MISSING
-            return cell_errors.missing_value if is_missing else data_units.not_a_moment
+            if self.nanoseconds:
+                is_missing = cell.lower() in MISSING
+                return _MISSING_TIME if is_missing else data_units.not_a_moment
+            fault = _Numbers.fault_of(self, cell)
+            return _MISSING_TIME if fault == cell_errors.missing_value else fault
         if not self.nanoseconds:
             self.has_zone = moment.has_zone
         self.nanoseconds.append(moment.nanoseconds)
@@ -203,17 +213,28 @@ class _Line:
         commas = self.header.dialect.delimiter == "," and found >= 2 * expected
         place = self._place(0, len(self.text))
         return cell_errors.ragged_row(
-            self.header.file, self.row, found, expected, more, place, commas=commas
+            self.header.file,
+            self.row,
+            found,
+            expected,
+            more,
+            place,
+            commas=commas,
+            ends_empty=found == expected + 1 and not self.cells[-1].strip(),
         )
 
-    def cell_fault(self, fault: CellFault, index: int) -> Callable[[int], Diagnostic]:
+    def cell(self, index: int) -> tuple[str, Span]:
+        """The text of a cell, and where it stands."""
         # cells lost their quotes when they were split: with quotes the whole line is underlined
         start = sum(len(cell) + 1 for cell in self.cells[:index])
         end = start + max(len(self.cells[index]), 1)
         if '"' in self.text:
             start, end = 0, len(self.text)
-        label, text = self.header.label(index), self.cells[index].strip()[:_LONGEST_SHOWN]
-        place = self._place(start, end)
+        return self.cells[index].strip()[:_LONGEST_SHOWN], self._place(start, end)
+
+    def cell_fault(self, fault: CellFault, index: int) -> Callable[[int], Diagnostic]:
+        label = self.header.label(index)
+        text, place = self.cell(index)
         return lambda more: fault(self.header.file, self.row, label, text, more, place)
 
 
@@ -228,6 +249,13 @@ class _Faults:
         # made at the end, when it is known how many more there are
         self._first.setdefault(kind, make)
         self._count[kind] = self._count.get(kind, 0) + 1
+
+    def count(self, kind: object) -> int:
+        return self._count.get(kind, 0)
+
+    def change(self, kind: object, make: Callable[[int], Diagnostic]) -> None:
+        """Makes another diagnostic of a kind."""
+        self._first[kind] = make
 
     def raise_found(self) -> None:
         if self._first:

@@ -12,7 +12,12 @@ import numpy as np
 
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
-from msnn.data.formats.text.csv_cells import CheckedColumns, checked_columns, line_of_row
+from msnn.data.formats.text.csv_cells import (
+    CheckedColumns,
+    cell_of_row,
+    checked_columns,
+    line_of_row,
+)
 from msnn.data.formats.text.csv_header import (
     BLANKS,
     Dialect,
@@ -22,7 +27,7 @@ from msnn.data.formats.text.csv_header import (
     read_header,
     with_blank_rows,
 )
-from msnn.data.formats.text.text_encoding import not_utf8
+from msnn.data.formats.text.text_encoding import not_utf8, refuse_other_formats
 from msnn.errors.data import files as errors
 from msnn.errors.data.formats import decimal_between_cells
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -38,7 +43,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
     the file's name in messages. Raises SpecError with all faults of the file.
     """
     # `log.csv` that is an Excel file: its bytes would be told of as text that is not UTF-8
-    _refuse_workbooks(path, shown)
+    refuse_other_formats(path, shown)
     try:
         return _table(path, shown, wanted, dialect)
     except UnicodeDecodeError as error:
@@ -82,27 +87,17 @@ def named_table(
         line = line_of_row(lines, header, row)
         return Span(file=header.file, line=line, column=1, end_line=line, end_column=1)
 
+    def cell(row: int, key: ColumnKey) -> tuple[str, Span]:
+        return cell_of_row(lines, header, row, places[key])
+
     units = header.units(places.values())
     return ColumnTable(
         columns=dict(zip(places, found.columns, strict=True)),
         place=place,
+        cell=cell,
         units={key: units[index] for key, index in places.items() if index in units},
         begins=found.begins,
     )
-
-
-_WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
-"""How files of .xlsx, .ods and of .xls begin."""
-
-
-def _refuse_workbooks(path: Path, shown: str) -> None:
-    try:
-        with path.open("rb") as file:
-            begins = file.read(4)
-    except OSError:
-        return  # what is wrong with it the reader says
-    if begins in _WORKBOOKS:
-        raise SpecError((errors.spreadsheet(shown),))
 
 
 def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatArray] | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -18,6 +17,7 @@ from msnn.data.formats.written_units import (
     column_and_unit,
     is_number,
     joint_unit,
+    plain_label,
     unit_of_cells,
     units_line,
     with_case,
@@ -26,7 +26,6 @@ from msnn.data.formats.written_units import (
 from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
-from spec_schema.yaml_tree.writer import scalar_text
 
 BLANKS = " "
 """The delimiter of tables whose cells stand apart by one or more blanks or tabs."""
@@ -35,7 +34,6 @@ BLANKS = " "
 _DELIMITERS = (";", ",", "\t", "|", BLANKS)
 LONGEST_LINE = 1 << 22
 """Characters of a line: 200,000 numbers, more columns than a table of measurements has."""
-_UNIT_ALONE = re.compile(r"[\[(].*[\])]")
 
 Lines: TypeAlias = Callable[[], Iterator[tuple[int, str]]]
 """The lines of a table with their numbers from 1, from its first on each time it is called."""
@@ -127,15 +125,22 @@ class Header:
             if len(alike) == 1:
                 found[key] = alike[0]
             elif alike:
-                first = f"columns: {{{scalar_text(key, in_flow=True)}: {alike[0]}}}"
-                repair = f"choose one by its index: `{first}`; {alike[1]} is the next"
+                named = errors.key_of_column(user, str(alike[0]))
+                repair = f"choose one by its index: `{named}`; {alike[1]} is the next"
                 faults.append(errors.duplicate_column(key, self.file, self.place, repair))
             elif key not in wanted.spare:
                 missing[key] = user
         if missing:
             numbers = self.lines > 0 and self.holds_numbers
             faults.append(
-                errors.missing_columns(missing, self.file, names, self.place, numbers=numbers)
+                errors.missing_columns(
+                    missing,
+                    self.file,
+                    names,
+                    self.place,
+                    numbers=numbers,
+                    width=0 if self.lines else self.width,
+                )
             )
         if faults:
             raise SpecError(faults)
@@ -171,7 +176,7 @@ def read_header(lines: Lines, shown: str, dialect: Dialect, keys: Iterable[Colum
         _refuse_late_header(lines, shown, dialect, keys)
     names = header_cells(text, dialect.delimiter)
     # a single column is no fault where nothing else is wanted
-    if len(names) == 1 and not keys <= {names[0], 0}:
+    if len(names) == 1 and not keys <= {names[0], plain_label(names[0])[0], 0}:
         meant = _meant_delimiter(text, keys)
         if meant is not None and not (dialect.is_usual and _finds_all(text, meant, keys)):
             place = Span(file=shown, line=line, column=1, end_line=line, end_column=len(text) + 1)
@@ -293,12 +298,17 @@ def split_cells(line: str, delimiter: str) -> list[str]:
 
 
 def header_cells(text: str, delimiter: str) -> tuple[str, ...]:
-    """The names in a header; between blanks `F [N]` is one."""
+    """The names in a header; between blanks `F [N]` is one, and so is `T [deg C]`."""
     found: list[str] = []
     for cell in split_cells(text, delimiter):
-        # `[N]` alone is the unit of the column before
-        if delimiter == BLANKS and found and _UNIT_ALONE.fullmatch(cell):
+        # `[N]` alone is the unit of the column before, and brackets hold together what is in them
+        is_inside = bool(found) and (cell[:1] in "[(" or _is_open(found[-1]))
+        if delimiter == BLANKS and is_inside:
             found[-1] += f" {cell}"
         else:
             found.append(cell.strip())
     return tuple(found)
+
+
+def _is_open(text: str) -> bool:
+    return any(text.count(left) > text.count(right) for left, right in ("[]", "()"))

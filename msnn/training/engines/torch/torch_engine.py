@@ -63,7 +63,7 @@ class TorchEngine:
         moving = {name for name in plan.trained if plan.lr_factors.get(name) != 0}
         self._fixed = {n: value for n, value in weights.items() if n not in moving}
         self._model = build_module(plan.program, dtype, plan.device)
-        self.moved = tuple(n for n in self._model.load_physical(weights) if n in moving)
+        self.moved = self._model.load_physical(weights, moving)
         self._variables = self._select()
         self._optimizer = _optimizer(plan, self._variables)
         self._series = series

@@ -85,6 +85,11 @@ class HeldStarts:
         """None: starts are those of squares, beside which a robust loss has no errors."""
         return {}
 
+    @property
+    def used_up(self) -> Mapping[str, float]:
+        """None: what starts take of the residuals is in the variances."""
+        return {}
+
     def of(self, free: IntArray) -> Information:
         """The same of some of the numbers."""
         some: dict[str, Products] = {}

@@ -26,6 +26,11 @@ class Information(Protocol):
         """The sums of losses whose curvature is not that of their squares."""
         ...
 
+    @property
+    def used_up(self) -> Mapping[str, float]:
+        """Residuals of each loss that starts have paid for."""
+        ...
+
     def of(self, free: IntArray) -> Information:
         """The same of some of the numbers, the others held."""
         ...

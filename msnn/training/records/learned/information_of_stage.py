@@ -14,7 +14,7 @@ from msnn.data.reads import reads
 from msnn.data.starts import Runs
 from msnn.model.weights.kept_starts import KeptStarts
 from msnn.simulation.rollout_plan import counted_rows, score_some, set_rollouts
-from msnn.simulation.start_fit import FoundStarts, StartFit, uncertain_starts
+from msnn.simulation.start_fit import FoundStarts, StartFit, TakenStarts, uncertain_starts
 from msnn.training.engines.native.kernel_or_not import try_natively
 from msnn.training.engines.native.native_slopes import NativeSlopes
 from msnn.training.engines.second_order.joint_starts import JointStarts, without_starts
@@ -40,11 +40,13 @@ def information_of(
     rows: Mapping[str, BoolArray] | None,
     runs: Runs,
     weights: Mapping[str, FloatArray],
+    trained: TakenStarts | None = None,
 ) -> tuple[Information, Mapping[str, Products], tuple[Diagnostic, ...]]:
     """The information of residuals about the numbers, and their products.
 
-    Starts that were estimated with the numbers are found again at the end, from all that is scored,
-    where the total is lowest in them too; those found apart, from the first evaluations alone.
+    Starts that were estimated with the numbers are `trained`, or found again at the end, from all
+    that is scored, where a total of squares is lowest in them too; those found apart, from the
+    first evaluations alone.
     """
     starts = plan.rollout.starts
     if starts is None:
@@ -52,7 +54,10 @@ def information_of(
         products = squares.products(runs, weights)
         return _symmetric(plan, products, {}), products, notes
     joint = plan.fits_starts_to_all
-    series = starts_at_the_end(plan, data, rows, runs, weights).series(data.rows)
+    if trained is None:
+        series = starts_at_the_end(plan, data, rows, runs, weights).series(data.rows)
+    else:
+        series = FoundStarts.of_none(None, trained.values, trained).series(data.rows)
     unknown = JointStarts(plan, data.series)
     moved = unknown.moved(weights)
     squares, notes = _squares(unknown.plan, data, rows, runs, moved)
@@ -60,8 +65,16 @@ def information_of(
     products = unknown.products(squares, runs, weights)
     shares = shares_of(plan, products)
     if joint:
-        left, used = without_starts(products, shares)
-        return _symmetric(plan, left, used), left, notes
+        # what starts minimise curves as the total does: clipped residuals have no part in it
+        curving = {
+            name: (f"{BREAD_OF}{name}", 0.5 * share)
+            if f"{BREAD_OF}{name}" in products
+            else (name, share)
+            for name, share in shares.items()
+        }
+        left, used = without_starts(products, dict(curving.values()))
+        used_up = {name: used[of] for name, (of, _) in curving.items()}
+        return _symmetric(plan, left, used_up), left, notes
     overlapping = _overlapping_runs(plan, data)
     if overlapping is not None:
         return of_overlapping_runs(plan, data, rows, overlapping, weights), products, notes
@@ -73,6 +86,23 @@ def information_of(
     squares.write(series, watched=False)
     first = unknown.of_each(squares, deciding, weights)
     return HeldStarts.of_runs(products, shares, first, plan.loss_weights), products, notes
+
+
+def trained_runs(runs: Runs, estimated: EstimatedStarts | None) -> tuple[Runs, TakenStarts] | None:
+    """Those of the runs whose starts training has estimated, and these starts; None without any.
+
+    The rest of a record that is shorter than the horizon was no run of the training.
+    """
+    if estimated is None:
+        return None
+    _, here, there = np.intersect1d(runs.t0, estimated.t0, return_indices=True)
+    # shorter rollouts on the way to whole ones have other starts
+    same = runs.steps[here] == estimated.steps[there]
+    here, there = here[same], there[same]
+    if not len(here):
+        return None
+    values = {name: value[there] for name, value in estimated.values.items()}
+    return runs.take(here), TakenStarts(runs.t0[here], values)
 
 
 def starts_at_the_end(

@@ -1,0 +1,263 @@
+"""Reads the columns of a file that signals need, with the seconds of its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from compiler.ir.program import Program, Role, Signal
+from msnn.data.dataset import FloatArray
+from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, TimeSource, WantedColumns
+from msnn.data.formats.text.csv_header import Dialect
+from msnn.data.formats.text.text_encoding import other_name
+from msnn.data.formats.written_units import StatedUnit
+from msnn.data.reading.columns import (
+    Feed,
+    columns_of_only,
+    feeds,
+    file_unit,
+    in_units_of_file,
+    misfit,
+    wanted_columns,
+)
+from msnn.data.reading.converted_cells import converted_cells
+from msnn.data.reading.files import DataFile
+from msnn.data.reading.row_filter import RowFilter
+from msnn.data.reads import compared_signals, signals_only_compared
+from msnn.errors.data import units as data_units
+from msnn.errors.data.files import no_column_read
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
+from spec_schema.expressions.moments import Moment
+from spec_schema.sections.data.data import SECOND, Csv, Data, TimeColumn
+from spec_schema.units.unit import UNCHANGED, Line
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ColumnUses:
+    """The columns of a file by the way in which a model uses them; it reads the others."""
+
+    beside: frozenset[ColumnKey] = frozenset()
+    """They have no say in which rows there are."""
+    scored: frozenset[ColumnKey] = frozenset()
+    """A value that is missing in them ends nothing: predictions are compared with them."""
+    measured: frozenset[ColumnKey] = frozenset()
+    """Those of which nobody needs the values between the measured ones."""
+    compared: frozenset[ColumnKey] = frozenset()
+    """Predictions may be compared with them: a value that was not measured is not compared."""
+    counted: frozenset[ColumnKey] = frozenset()
+    """Those with which predictions of the program are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileOrigin:
+    """A file of a recording, and where its rows begin there."""
+
+    file: str
+    row: int
+    """The row of the recording that is its row 0."""
+    begins: float
+    """Seconds of its first row in the recording."""
+    seconds: float
+    """Its time 0 in the recording."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadFile:
+    """All rows of a file, or of several that follow each other, for the signals that they feed."""
+
+    file: DataFile
+    read: ColumnTable | Streams
+    """Times of rows are seconds."""
+    found: Sequence[Feed]
+    """Of the signals of the program and of the filter."""
+    more: Sequence[Feed]
+    """Of signals that the file need not have."""
+    uses: ColumnUses
+    origins: tuple[FileOrigin, ...]
+
+    def row_of(self, row: int) -> tuple[str, int]:
+        """The file that a row of the recording is from, and which row it is there."""
+        origin = next(origin for origin in reversed(self.origins) if origin.row <= row)
+        return origin.file, row - origin.row
+
+    @property
+    def begins(self) -> Moment | None:
+        """Time 0, where times are dates."""
+        return self.read.begins if isinstance(self.read, Streams) else self.read.time_begins
+
+    @property
+    def times(self) -> Mapping[ColumnKey, FloatArray] | None:
+        """The seconds at which each column was recorded that decides which rows there are."""
+        if isinstance(self.read, Streams):
+            return {k: t for k, (t, _) in self.read.columns.items() if k not in self.uses.beside}
+        time = self.read.time
+        return None if time is None else {0: time}
+
+
+def read_file(
+    program: Program,
+    data: Data,
+    file: DataFile,
+    row_filter: RowFilter | None,
+    findings: Findings,
+    beside: Sequence[Signal] = (),
+) -> ReadFile | None:
+    """The columns of a file; None after a report of what is wrong.
+
+    `beside` are signals that the file need not have.
+    """
+    # of its own: `failed` is then about this file alone
+    mine = Findings()
+    columns = {**data.columns, **file.layout.columns}
+    found = feeds(_signals(program, row_filter), columns, mine)
+    more = feeds(beside, columns, mine)
+    column = file.layout.time or data.time
+    read = _columns(file, data, column, found, more, mine)
+    if read is not None:
+        found = in_units_of_file(found, read.units, file.shown, mine)
+        more = in_units_of_file(more, read.units, file.shown, mine)
+    if isinstance(read, ColumnTable) and not read.columns and not mine.failed:
+        mine.report(no_column_read(file.shown, program.name))
+    if read is not None and not mine.failed:
+        read = _in_seconds(read, file, column, mine)
+    findings.report(*mine.in_order)
+    if read is None or mine.failed:
+        return None
+    return ReadFile(
+        file=file,
+        read=read,
+        found=found,
+        more=more,
+        uses=_uses(program, found, more),
+        origins=(FileOrigin(file.shown, 0, 0.0, 0.0),),
+    )
+
+
+def _signals(program: Program, row_filter: RowFilter | None) -> tuple[Signal, ...]:
+    """The signals of the program and those that only the filter reads."""
+    known = {signal.name for signal in program.signals}
+    more = () if row_filter is None else row_filter.signals
+    return (*program.signals, *(signal for signal in more if signal.name not in known))
+
+
+def _uses(program: Program, found: Sequence[Feed], more: Sequence[Feed]) -> ColumnUses:
+    compared, lone = compared_signals(program), signals_only_compared(program)
+    # a column that a signal of the program needs as well may not be missing
+    spare = wanted_columns(more).keys() - wanted_columns(found).keys()
+    targets = {feed.signal.name for feed in found if feed.signal.role is Role.TARGET}
+    # `validate` may compare with any of them
+    keys = frozenset(wanted_columns(found))
+    return ColumnUses(
+        beside=frozenset(spare),
+        scored=columns_of_only(found, targets | lone),
+        measured=columns_of_only(found, lone),
+        compared=keys,
+        counted=frozenset(k for f in found if f.signal.name in compared for k in f.keys),
+    )
+
+
+def _columns(
+    file: DataFile,
+    data: Data,
+    time: TimeColumn | None,
+    found: Sequence[Feed],
+    more: Sequence[Feed],
+    findings: Findings,
+) -> ColumnTable | Streams | None:
+    needed = wanted_columns(found)
+    users = {**wanted_columns(more), **needed}
+    # a column that both need is needed
+    spare = frozenset(users) - frozenset(needed)
+    # rows are picked before anybody asks which of their values are missing
+    optional = frozenset(users)
+    moments = frozenset[ColumnKey]()
+    if time is not None and not file.keeps_time:
+        moments = frozenset({time.column.column})
+        users[time.column.column] = "`time`"
+        # without time nobody knows how rows follow each other, whatever `nan:` says of values
+        optional -= {time.column.column}
+        spare -= {time.column.column}
+    try:
+        wanted = WantedColumns(users, optional, spare, moments, _time_source(file, time))
+        if file.arrays is not None:
+            return file.arrays.table(wanted)
+        dialect = _dialect(file.layout.csv or data.csv, tabs=file.path.suffix.lower() == ".tsv")
+        return file.format.reader(file.path, file.shown, wanted, dialect)
+    except SpecError as error:
+        findings.report(*(_with_name(fault, file) for fault in error.diagnostics))
+        return None
+
+
+def _time_source(file: DataFile, time: TimeColumn | None) -> TimeSource | None:
+    """The column that the spec names, for files whose reader finds the times of values itself."""
+    if time is None or not file.keeps_time:
+        return None
+    return TimeSource(time.column.column, time.place.value, time.unit)
+
+
+def _with_name(fault: Diagnostic, file: DataFile) -> Diagnostic:
+    """The fault; if the file has another format than its name says, with the name for that."""
+    is_unread = fault.code == "E0802" and fault.help is None and not file.is_text
+    return (
+        replace(fault, help=other_name(file.path)) if is_unread and file.arrays is None else fault
+    )
+
+
+def _dialect(csv: Csv | None, *, tabs: bool) -> Dialect:
+    plain = "\t" if tabs else ","
+    if csv is None:
+        return Dialect(delimiter=plain, is_usual=True)
+    return Dialect(
+        delimiter=csv.delimiter or plain,
+        is_usual=csv.delimiter is None,
+        decimal=csv.decimal,
+        comment=csv.comment,
+        header=csv.header,
+        skip=csv.skip,
+    )
+
+
+def _in_seconds(
+    read: ColumnTable | Streams, file: DataFile, column: TimeColumn | None, findings: Findings
+) -> ColumnTable | Streams | None:
+    """Columns whose times are seconds; None after a report."""
+    if column is None:
+        return read
+    if isinstance(read, Streams):
+        columns: dict[ColumnKey, tuple[FloatArray, FloatArray]] = {}
+        for key, (time, values) in read.columns.items():
+            line = _to_seconds(column, read.time_units.get(key), file.shown, findings)
+            if line is None:
+                return None
+            columns[key] = (converted_cells(time, line), values)
+        return replace(read, columns=columns)
+    if file.keeps_time:
+        return read
+    key = column.column.column
+    begins = read.begins.get(key)
+    if begins is not None and column.unit is not None:
+        findings.report(
+            data_units.unit_of_moments(str(key), column.unit.value.text, column.unit.span)
+        )
+        return None
+    line = UNCHANGED
+    if begins is None:
+        line = _to_seconds(column, read.units.get(key), file.shown, findings)
+    if line is None:
+        return None
+    return replace(read, time=converted_cells(read.columns[key], line), time_begins=begins)
+
+
+def _to_seconds(
+    column: TimeColumn, stated: StatedUnit | None, file: str, findings: Findings
+) -> Line | None:
+    """From the unit of the spec, else from that which the file states, to seconds."""
+    place, key = column.place.value, str(column.column.column)
+    if column.unit is not None:
+        unit = column.unit.value
+    else:
+        unit = file_unit(stated, file, "time", key, SECOND, place, findings) or SECOND
+    if unit.same_dimension(SECOND):
+        return unit.line_to(SECOND)
+    findings.report(misfit("time", key, unit, SECOND, place))
+    return None

@@ -1,0 +1,168 @@
+"""What a message about a data file advises is tried: with it the file is read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from asammdf import MDF, Signal
+
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
+from tests.data.unit_files import load
+
+TIME = "  time: time\n"
+ROWS = "0,1\n0.1,2\n0.2,3\n"
+
+
+def fault_of(folder: Path, layout: str, unit: str = "m/s", name: str = "a.csv") -> Diagnostic:
+    with pytest.raises(SpecError) as caught:
+        load(folder, name, unit, layout)
+    return caught.value.diagnostics[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "layout", "code", "keys"),
+    [
+        # keys of the message, in place of those of the spec
+        (f"time,w\n{ROWS}", TIME, "E0804", "columns: {v: w}"),
+        (f"# time,v\n{ROWS}", TIME, "E0804", 'time: "# time"'),
+        ("time,v,v\n0,1,0\n0.1,2,0\n0.2,3,0\n", TIME, "E0814", "columns: {v: 1}"),
+        ("time,time,v\n0,0,1\n0.1,0,2\n0.2,0,3\n", TIME, "E0814", "time: 0"),
+        (
+            "time,a,a\n0,1,0\n0.1,2,0\n0.2,3,0\n",
+            TIME + "  columns: {v: a}\n",
+            "E0814",
+            "columns: {v: 1}",
+        ),
+        (ROWS, "  csv: {header: false}\n  time: 0\n", "E0804", "columns: {v: 0}"),
+    ],
+)
+def test_the_key_that_is_advised_reads_the_file(
+    tmp_path: Path, text: str, layout: str, code: str, keys: str
+) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    fault = fault_of(tmp_path, layout)
+    assert fault.code == code
+    # an example stands for the name of the column
+    advised = str(fault.help).split("`")[1].replace("NAME", "w")
+    assert advised == keys
+    own = advised.split(":")[0]
+    kept = [line for line in layout.splitlines() if not line.strip().startswith(own)]
+    data = load(tmp_path, "a.csv", "m/s", "\n".join([*kept, f"  {advised}", ""]))
+    # without header the only advice is how a column is named: its number here is that of the time
+    assert data.series["v"].tolist() == ([0.0, 0.1, 0.2] if "header" in layout else [1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    ("cell", "number"),
+    [
+        ('"1,234.5"', 1234.5),
+        ('"-12,345,678"', -12345678.0),
+        ("0x1F", 31.0),
+        ("1.5D+01", 15.0),
+        ("−5", -5.0),
+        ("ON", 1.0),
+        ("1'000", 1000.0),
+        ("1 000", 1000.0),
+    ],
+)
+def test_the_number_that_is_advised_is_read(tmp_path: Path, cell: str, number: float) -> None:
+    (tmp_path / "a.csv").write_text(f"time,v\n0,{cell}\n", "utf-8")
+    fault = fault_of(tmp_path, TIME)
+    assert fault.code == "E0807"
+    advised = str(fault.help).split("`")[1]
+    (tmp_path / "a.csv").write_text(f"time,v\n0,{advised}\n")
+    assert load(tmp_path, "a.csv", "m/s", TIME).series["v"].tolist() == [number]
+
+
+def test_rows_that_end_with_a_separator_are_read_after_the_advice(tmp_path: Path) -> None:
+    rows = "0,1,\n0.1,2,\n"
+    (tmp_path / "a.csv").write_text(f"time,v\n{rows}")
+    assert "behind the header" in str(fault_of(tmp_path, TIME).help)
+    (tmp_path / "a.csv").write_text(f"time,v,\n{rows}")
+    assert load(tmp_path, "a.csv", "m/s", TIME).series["v"].tolist() == [1, 2]
+    # one cell too many that is not empty
+    (tmp_path / "a.csv").write_text("time,v\n0,1,5\n")
+    assert "quotes" in str(fault_of(tmp_path, TIME).help)
+
+
+def test_decimal_commas_between_commas_are_no_matter_of_keys(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time,v\n0,0,1,5\n0,1,2,5\n")
+    fault = fault_of(tmp_path, TIME)
+    assert fault.code == "E0806"
+    key = str(fault.help).split("`")[-2]
+    assert "save it with `;` between cells" in str(fault.help)
+    (tmp_path / "a.csv").write_text("time;v\n0,0;1,5\n0,1;2,5\n")
+    assert load(tmp_path, "a.csv", "m/s", f"{TIME}  {key}\n").series["v"].tolist() == [1.5, 2.5]
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.npz"])
+def test_a_column_without_any_value_is_no_matter_of_missing_ones(tmp_path: Path, name: str) -> None:
+    """`nan: split` would leave no row."""
+    if name == "a.csv":
+        (tmp_path / name).write_text("time,v,w\n0,,1\n0.1,NaN,2\n0.2,,3\n")
+    else:
+        time, w = np.array([0, 0.1, 0.2]), np.array([1.0, 2, 3])
+        np.savez(tmp_path / name, time=time, v=np.full(3, np.nan), w=w)
+    fault = fault_of(tmp_path, TIME, name=name)
+    assert fault.code == "E0809"
+    assert "no value at all" in fault.message
+    assert "nan:" not in str(fault.help)
+    layout = TIME + "  columns: {v: w}\n"
+    assert load(tmp_path, name, "m/s", layout).series["v"].tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("unit", "declared", "advised"), [("C", "K", "degC"), ("kg", "m/s", "m/s"), ("lb", "N", "lbf")]
+)
+def test_a_unit_of_the_spec_that_does_not_convert_is_advised(
+    tmp_path: Path, unit: str, declared: str, advised: str
+) -> None:
+    (tmp_path / "a.csv").write_text(f"time,v\n{ROWS}")
+    layout = TIME + "  columns: {v: {column: v, unit: UNIT}}\n"
+    fault = fault_of(tmp_path, layout.replace("UNIT", unit), declared)
+    assert fault.code == "E0816"
+    assert f"`unit: {advised}`" in str(fault.help)
+    data = load(tmp_path, "a.csv", declared, layout.replace("UNIT", advised))
+    assert len(data.series["v"]) == 3
+
+
+@pytest.mark.parametrize("suffix", [".xlsx", ".h5", ".mat", ".parquet", ".npz", ".mf4", ".bag"])
+def test_text_under_another_name_is_read_after_the_advice(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.write_text(f"time,v\n{ROWS * 100}")
+    time = "" if suffix in (".mf4", ".bag") else TIME
+    fault = fault_of(tmp_path, time, name=path.name)
+    assert fault.code == "E0802"
+    assert fault.help == "it is text: give it a name that ends in `.csv`"
+
+
+def test_hdf5_under_another_name_is_read_after_the_advice(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["time"], file["v"] = [0.0, 0.1], [1.0, 2.0]
+    (tmp_path / "a.npz").write_bytes((tmp_path / "a.h5").read_bytes())
+    fault = fault_of(tmp_path, TIME, name="a.npz")
+    assert "its format is HDF5: give it a name that ends in `.h5`" in str(fault.help)
+
+
+def test_times_of_a_measurement_that_nobody_edits_are_no_rows_to_remove(tmp_path: Path) -> None:
+    with MDF(version="4.10") as file:
+        file.append([Signal(np.arange(4.0), np.array([0, 0.1, 0.1, 0.2]), name="v")])
+        file.save(tmp_path / "a.mf4", overwrite=True)
+    for layout in ("", "  resample: linear\n"):
+        fault = fault_of(tmp_path, layout, name="a.mf4")
+        assert fault.code == "E0813"
+        assert "keep one" not in str(fault.help)
+    with MDF(version="4.10") as file:
+        clock = Signal(np.array([0, 0.1, 0.2, 0.3]), np.array([0, 0.1, 0.1, 0.2]), name="clock")
+        file.append([Signal(np.arange(4.0), clock.timestamps, name="v"), clock])
+        file.save(tmp_path / "a.mf4", overwrite=True)
+    data = load(tmp_path, "a.mf4", "m/s", "  time: clock\n")
+    assert data.series["v"].tolist() == [0, 1, 2, 3]
+
+
+def test_a_clock_that_was_not_set_is_no_matter_of_spelling(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time,v\n0001-01-01 00:00:00,1\n2026-11-22 17:00:00,2\n")
+    assert "clock was not set" in str(fault_of(tmp_path, TIME).help)
