@@ -197,8 +197,14 @@ def _first_missing(
             text, place = "", None
             if isinstance(recording.read, ColumnTable):
                 text, place = recording.read.cell(row, key)
+                values = recording.read.columns[key]
+            else:
+                _, values = recording.read.columns[key]
             file, own = recording.row_of(row)
-            findings.report(cells.missing_value(file, own, str(key), text, len(used) - 1, place))
+            more, is_all = len(used) - 1, bool(np.isnan(values).all())
+            findings.report(
+                cells.missing_value(file, own, str(key), text, more, place, is_all=is_all)
+            )
     return None if first is None else recording.row_of(first)
 
 

@@ -180,7 +180,6 @@ def value_faults(
             more,
             None,
             is_time=is_time,
-            is_all=bool(missing.all()) and not is_time,
         )
         faults.append(missed)
     if infinite.any():

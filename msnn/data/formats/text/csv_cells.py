@@ -29,7 +29,6 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 """`1.500`, which is fifteen hundred where commas are decimal, and 1.5 where they are not."""
 _LONGEST_SHOWN = 40
-_ALL_MISSING: CellFault = partial(cell_errors.missing_value, is_all=True)
 _MISSING_TIME: CellFault = partial(cell_errors.missing_value, is_time=True)
 
 
@@ -72,10 +71,6 @@ def checked_columns(
                     faults.add((fault, reader.index), line.cell_fault(fault, reader.index))
     if line is None:
         raise SpecError((errors.empty_file(header.file, header=header.lines > 0),))
-    for reader in readers:
-        kind = (cell_errors.missing_value, reader.index)
-        if faults.count(kind) == line.row + 1:
-            faults.change(kind, line.cell_fault(_ALL_MISSING, reader.index))
     # all of the file first: who mends a log wants to know of every kind of fault at once
     faults.raise_found()
     begins = {
@@ -252,10 +247,6 @@ class _Faults:
 
     def count(self, kind: object) -> int:
         return self._count.get(kind, 0)
-
-    def change(self, kind: object, make: Callable[[int], Diagnostic]) -> None:
-        """Makes another diagnostic of a kind."""
-        self._first[kind] = make
 
     def raise_found(self) -> None:
         if self._first:
