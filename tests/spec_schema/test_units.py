@@ -252,6 +252,9 @@ def test_bad_text(text: str, start: int, end: int, repair: str | None) -> None:
         ("KHz", "kHz", "kHz"),
         ("kpa", "kPa", "kPa"),
         ("Mpa", "MPa", "MPa"),
+        ("Mhz", "MHz", "MHz"),
+        ("Mw", "MW", "MW"),
+        ("Ghz", "GHz", "GHz"),
         ("Kg", "kg", "kg"),
         ("kgs", "kg", "kg"),
         ("mins", "min", "min"),
@@ -262,6 +265,8 @@ def test_bad_text(text: str, start: int, end: int, repair: str | None) -> None:
         # a guess for people alone: mega or milli, a force or a mass, an angle or its rate
         ("mpa", None, "mPa"),
         ("mhz", None, "mHz"),
+        ("Mv", None, "MV"),
+        ("Ma", None, "MA"),
         ("lbs", None, "lb"),
         ("rads", None, "rad"),
         ("kgg", None, "kg"),
