@@ -137,7 +137,8 @@ def guessed_symbol(symbol: str) -> str | None:
     same_start = [unit for unit in alike if unit[0] == symbol[0]]
     if is_capital and alike:
         return (_kilo(symbol)[-1:] + same_start + alike)[0]
-    readings = same_start + _kilo(symbol)[-1:] + _slips(symbol) + _products(symbol) + alike
+    slips = _slips(symbol.lower() if is_capital else symbol)
+    readings = same_start + _kilo(symbol)[-1:] + slips + _products(symbol) + alike
     if readings:
         return readings[0]
     return nearest(symbol, UNIT_ROWS) if len(symbol) > 2 else None  # any letter is a unit

@@ -307,6 +307,8 @@ def test_a_doubtful_symbol_is_no_unit_of_a_file(
         ("KPA", ["kPa"], "kPa"),
         ("DEG C", ["degC"], "deg"),
         ("U/MIN", ["rev/min"], None),
+        ("M·S⁻¹", ["m/S", "m/s"], None),
+        ("LBS", [], "lb"),
         # a prefix P may be peta, which no unit here has
         ("PHZ", [], "pHz"),
         ("PF", [], "pF"),

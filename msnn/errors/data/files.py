@@ -55,10 +55,8 @@ def missing_columns(
     numbers: bool,
     width: int = 0,
 ) -> Diagnostic:
-    """E0804: columns that the header of a file does not have; `missing` says what each is for.
-
-    `width` is the number of columns of a table without header.
-    """
+    """E0804: columns that the header of a file does not have; `missing` says what each is for."""
+    # `width` is the number of columns of a table without header
     if len(missing) == 1:
         ((name, wanted_by),) = missing.items()
         message, label = f"{file} has no column `{name}` for {wanted_by}", f"no `{name}` here"
