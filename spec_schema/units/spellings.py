@@ -81,6 +81,7 @@ _CONFUSED = {
     "s": ("arcsec",),
     "sr": ("s",),
 }
+_OFTEN_MEGA = frozenset(["MPa", "MHz", "MW", "MN", "MJ", "MWh", "MeV", "Mohm", "MΩ"])
 _NEVER_MEGA = frozenset(["m", "s", "rad", "mol", "bar", "Ah"])
 """Units of which devices count thousandths and nobody millions."""
 
@@ -98,8 +99,14 @@ def meant_symbol(symbol: str) -> str | None:
         readings = readings_of_capitals(symbol)
         return readings[0] if len(readings) == 1 else None
     alike = _other_case(symbol)
-    # `Mpa` are megapascals; `mpa` may be, and millipascals as well
-    mega = [unit for unit in alike if unit[0] == symbol[0] and symbol[0].isupper()]
+    # `Mpa` are megapascals; `mpa` may be, and millipascals as well, and `Mv` millivolts
+    mega = [
+        unit
+        for unit in alike
+        if unit[0] == symbol[0]
+        and symbol[0].isupper()
+        and (symbol[0] != "M" or unit in _OFTEN_MEGA)
+    ]
     # `Nm`, `mAh`; without a capital letter it may be a word, as `cmd` is
     exact = [unit for unit in _products(symbol) if unit != unit.lower()] + mega
     readings = _kilo(symbol) or exact or alike
@@ -130,7 +137,8 @@ def guessed_symbol(symbol: str) -> str | None:
     same_start = [unit for unit in alike if unit[0] == symbol[0]]
     if is_capital and alike:
         return (_kilo(symbol)[-1:] + same_start + alike)[0]
-    readings = same_start + _kilo(symbol)[-1:] + _slips(symbol) + _products(symbol) + alike
+    slips = _slips(symbol.lower() if is_capital else symbol)
+    readings = same_start + _kilo(symbol)[-1:] + slips + _products(symbol) + alike
     if readings:
         return readings[0]
     return nearest(symbol, UNIT_ROWS) if len(symbol) > 2 else None  # any letter is a unit

@@ -127,6 +127,9 @@ def test_a_unit_of_another_dimension_is_refused(tmp_path: Path, kind: str) -> No
         ("mdeg/s", "deg/s", 0.036),
         ("KRPM", "rpm", 36e3),
         ("V/krpm", "V/rpm", 0.036),
+        ("LBS", "kg", 36 * 0.45359237),
+        # bar is like it, and no unit of the signal
+        ("VAR", "W", 36.0),
     ],
 )
 def test_the_unit_that_is_advised_is_the_one_that_is_meant(

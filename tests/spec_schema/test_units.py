@@ -252,6 +252,9 @@ def test_bad_text(text: str, start: int, end: int, repair: str | None) -> None:
         ("KHz", "kHz", "kHz"),
         ("kpa", "kPa", "kPa"),
         ("Mpa", "MPa", "MPa"),
+        ("Mhz", "MHz", "MHz"),
+        ("Mw", "MW", "MW"),
+        ("Ghz", "GHz", "GHz"),
         ("Kg", "kg", "kg"),
         ("kgs", "kg", "kg"),
         ("mins", "min", "min"),
@@ -262,6 +265,8 @@ def test_bad_text(text: str, start: int, end: int, repair: str | None) -> None:
         # a guess for people alone: mega or milli, a force or a mass, an angle or its rate
         ("mpa", None, "mPa"),
         ("mhz", None, "mHz"),
+        ("Mv", None, "MV"),
+        ("Ma", None, "MA"),
         ("lbs", None, "lb"),
         ("rads", None, "rad"),
         ("kgg", None, "kg"),
@@ -302,6 +307,8 @@ def test_a_doubtful_symbol_is_no_unit_of_a_file(
         ("KPA", ["kPa"], "kPa"),
         ("DEG C", ["degC"], "deg"),
         ("U/MIN", ["rev/min"], None),
+        ("M·S⁻¹", ["m/S", "m/s"], None),
+        ("LBS", [], "lb"),
         # a prefix P may be peta, which no unit here has
         ("PHZ", [], "pHz"),
         ("PF", [], "pF"),

@@ -14,7 +14,7 @@ from spec_schema.units.unit import Unit, UnitError, unit_symbol
 
 MOST_REPAIRS = 3
 """Of one unit: each is a spelling that is known, as `°` and `Nm`."""
-_SYMBOL = re.compile(r"[^\W\d_]+")
+_SYMBOL = re.compile(r"[^\W\d_¹²³⁰-⁹]+")
 _POWER = re.compile(r"(?<=[^\W\d_])(?=[2-4](?!\w))")
 _TURNS = re.compile(r"\b(?:U|R|TR)(?=\s*/\s*(?:MIN|S|SEC)\b)")
 _MOST_READINGS = 64

@@ -19,7 +19,7 @@ from msnn.errors.data import units as data_units
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.sections.data.columns import Column
-from spec_schema.units.parser import confused_units
+from spec_schema.units.parser import confused_units, parse_unit
 from spec_schema.units.turns import turn_readings
 from spec_schema.units.unit import UNCHANGED, Line, Unit
 
@@ -122,6 +122,9 @@ def file_unit(
     """The unit that a file states of a column; None, reported where it states one, if not clear."""
     match stated:
         case UnknownUnit(text=text, meant=meant, scale=scale):
+            # a likeness of another dimension is no advice
+            if meant is not None and not parse_unit(meant).converts_to(declared):
+                meant, scale = None, 1.0
             findings.report(
                 data_units.unread_unit(
                     signal=signal,
