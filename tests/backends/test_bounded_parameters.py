@@ -154,3 +154,31 @@ def test_weights_that_were_pushed_to_their_bounds_are_read_again(
     ends = {p.name: p.maximum if p.name in "ab" else p.minimum for p in program.parameters}
     type = np.float32 if "float32" in dtype else np.float64
     assert found == {name: float(type(end)) for name, end in ends.items()}
+
+
+HELD = """msnn: 1
+name: held
+sample_time: 10 ms
+inputs: {u: {}}
+targets: {y: {}}
+parameters:
+  a: {init: 0, min: 0}
+  b: 1
+outputs: {out: {expr: "b * u + 1.0e+7 * a", predicts: "y[t]"}}
+data: {source: {train: log.csv}}
+train: [{epochs: 1, batch: 60, engine: %s, dtype: float64, lr: {a: 0}, optimizer: {sgd: {lr: 0.01}}}]
+"""
+
+
+def test_a_value_on_its_bound_that_is_not_trained_stays_there_in_both_engines(
+    tmp_path: Path,
+) -> None:
+    """Off its bound by 1e-6 it was another model for torch."""
+    require_tool("gcc", install="apt install gcc")
+    rows = "\n".join(f"{k % 7 - 3},{k % 7 - 3}" for k in range(60))
+    (tmp_path / "log.csv").write_text(f"u,y\n{rows}\n", encoding="utf-8")
+    spec = tmp_path / "m.msnn.yaml"
+    for engine in ("native", "torch"):
+        spec.write_text(HELD % engine, encoding="utf-8")
+        result = msnn.train(msnn.load(spec), runs=tmp_path / "runs")
+        assert {name: float(value) for name, value in result.weights.items()} == {"a": 0, "b": 1}
