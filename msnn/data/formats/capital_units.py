@@ -99,7 +99,7 @@ def is_capital(text: str) -> bool:
 
 
 def keeps_case(text: str, units: Iterable[str], names: Iterable[str]) -> bool:
-    """Whether a unit means its capitals in a file with these texts of units and these names.
+    """True if a unit means its capitals in a file with these texts of units and these names.
 
     Units decide: `km/h` has small letters, and `KM/H` lacks them. Names with small letters decide
     without such units, for what is often counted in millions: `MW`, but not `MV`.

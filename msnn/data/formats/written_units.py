@@ -24,7 +24,7 @@ MISSING = frozenset(("", "na", "n/a", "#n/a", "nan", "null", "-"))
 
 # lazy up to the last brackets; what stands in these has none of their kind itself
 _INSIDE = r"(?:[^()]|\([^()]*\))*"
-"""What stands in parentheses, of which `(J/(kg K))` has more."""
+"""The text in parentheses, which may contain further ones, as in `(J/(kg K))`."""
 _BRACKETS = re.compile(rf"(.*?)\s*(?:\[([^\[\]]*)\]|\(({_INSIDE})\))\s*", re.DOTALL)
 _COLUMN_AND_UNIT = re.compile(rf"(.*\S)(?:\s*\[([^\[\]]*)\]|\s+\(({_INSIDE})\))\s*", re.DOTALL)
 _AROUND = re.compile(rf"\[(.*)\]|\(({_INSIDE})\)")
@@ -185,7 +185,7 @@ def with_case(
 
 
 def is_case_kept(unit: CapitalUnit, labels: Sequence[str], texts: Sequence[str]) -> bool:
-    """Whether a unit means its capitals in a file with these headers, and units apart from them."""
+    """True if a unit means its capitals in a file with these headers and other units."""
     plain = [plain_label(label) for label in labels]
     units = [text for text in (*texts, *(unit for _, unit in plain)) if text]
     return keeps_case(unit.text, units, (name for name, _ in plain))
