@@ -22,6 +22,7 @@ PACKED = np.array([360, 370, -1, 2000], np.int16)
 NAN = "  nan: split\n  time: time\n"
 CASES: dict[str, tuple[dict[str, Any], list[float]]] = {
     "factor": ({"scale_factor": 0.1}, [36.0, 37.0, -0.1, 200.0]),
+    "factor of 32 bits": ({"scale_factor": np.float32(0.1)}, [36.0, 37.0, -0.1, 200.0]),
     "summand": ({"add_offset": -300.0}, [60.0, 70.0, -301.0, 1700.0]),
     "both": ({"scale_factor": 0.1, "add_offset": 5.0}, [41.0, 42.0, 4.9, 205.0]),
     # fill values and limits are packed numbers

@@ -90,7 +90,8 @@ def unpacked(array: NDArray[Any], packing: Mapping[str, Any]) -> NDArray[Any]:
                 message = f"its `{key}` has {len(numbers)} numbers"
                 raise PackingError(message)
             for number in numbers:
-                found = apply(found, np.float64(number))
+                # a factor 0.1 of 32 bits is 0.1, not 0.10000000149
+                found = apply(found, np.float64(str(number)))
     found[missing] = np.nan
     return found
 
