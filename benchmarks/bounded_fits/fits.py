@@ -14,6 +14,7 @@ from benchmarks.bounded_fits.problems import Array, Problem
 from compiler.elaboration.compile import compile_spec
 from msnn.data.starts import Runs
 from msnn.simulation.rollout import LossSum
+from msnn.training.engines.engine import NonFiniteLossError
 from msnn.training.engines.second_order.levenberg_marquardt import LevenbergMarquardtEngine
 from msnn.training.plans.stage_plan import StagePlan, plan_stages
 from spec_schema.diagnostics.diagnostic import Findings
@@ -116,8 +117,11 @@ def by_msnn(problem: Problem, x: Array, *, most: int = MOST_JACOBIANS) -> Fit:
         lambda *_: squares,  # pyright: ignore[reportArgumentType]
     )
     runs = Runs(np.arange(1), np.ones(1, np.int64), 0, 0)
-    while engine.finished is None and squares.jacobians < most:
-        engine.train_batches(runs, 1)
+    try:
+        while engine.finished is None and squares.jacobians < most:
+            engine.train_batches(runs, 1)
+    except NonFiniteLossError as error:  # no derivative at the point itself
+        return Fit(x, problem.loss(x), squares.jacobians, squares.losses, str(error))
     found = _vector(engine.weights())
     ended = engine.finished or "epochs"
     return Fit(found, problem.loss(found), squares.jacobians, squares.losses, ended)

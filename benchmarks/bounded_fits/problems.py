@@ -332,7 +332,7 @@ def _with_points(problem: Problem, random: np.random.Generator) -> Problem:
     low, high = problem.low, problem.high
     inner = 1e-3 * (high - low)
     near = tuple(np.clip(one, low + inner, high - inner) for one in problem.points)
-    far = [_far(problem, near[0], random) for _ in range(2)]
+    far = [far_point(problem, near[0], random) for _ in range(2)]
     on = near[1]
     for _ in range(100):
         which, side = int(random.integers(len(low))), int(random.integers(2))
@@ -345,7 +345,7 @@ def _with_points(problem: Problem, random: np.random.Generator) -> Problem:
     return replace(problem, points=(*near, *far, on))
 
 
-def _far(problem: Problem, near: Array, random: np.random.Generator) -> Array:
+def far_point(problem: Problem, near: Array, random: np.random.Generator) -> Array:
     """A point with factors of up to 100, at which the loss is finite."""
     inner = 1e-3 * (problem.high - problem.low)
     for _ in range(100):

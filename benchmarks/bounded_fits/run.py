@@ -9,7 +9,8 @@ the least that any fit found, these and others from points around the known valu
 converged* if it ends "converged", has a derivative along which it could go on (cosine above 1e-4,
 on a bound only inward) and scipy's `trf` lowers its loss from there by more than 1 %. *On the
 bound* are those of the reached minima on a bound that have its exact value. Without bounds the
-problems are those whose minimum the bounds do not cut off.
+problems are those whose minimum the bounds do not cut off, from the same points and from 12 more
+that are wrong by factors of up to 100.
 
 `--write` puts the tables into RESULTS.md.
 """
@@ -18,6 +19,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -32,17 +34,20 @@ from benchmarks.bounded_fits.fits import (
     is_wrongly_converged,
     without_bounds,
 )
-from benchmarks.bounded_fits.problems import Problem, problems
+from benchmarks.bounded_fits.problems import Array, Problem, far_point, problems
 
 HERE = Path(__file__).resolve().parent
 ELSEWHERE = 4
 """Points around the known values from which the least loss is looked for."""
+FAR = 12
+"""Far-off points of each problem without bounds."""
 
 
 @dataclass
 class Row:
     """What one method did on all problems."""
 
+    pairs: list[str] = field(default_factory=list[str])
     reached: list[bool] = field(default_factory=list[bool])
     inside: list[bool] = field(default_factory=list[bool])
     beside: list[bool] = field(default_factory=list[bool])
@@ -55,6 +60,7 @@ class Row:
     def add(self, problem: Problem, place: int, fit: Fit, least: float) -> None:
         """Counts a fit from the point of this place."""
         reached = fit.reached(least)
+        self.pairs.append(f"{problem.name} {place + 1}")
         self.reached.append(reached)
         (self.beside if problem.on_bound else self.inside).append(reached)
         if place == len(problem.points) - 1:
@@ -109,16 +115,20 @@ def main() -> None:
     found = problems()
     bounded = {"levenberg_marquardt": Row(), "scipy trf": Row()}
     free = {"levenberg_marquardt": Row(), "scipy lm (MINPACK)": Row()}
+    far = {name: Row() for name in free}
     for problem in found:
-        _count(problem, bounded, "trf")
+        _count(problem, problem.points, bounded, "trf")
         if not problem.on_bound:
-            _count(without_bounds(problem), free, "lm")
+            # of the points of its own the last one is on a bound
+            _count(without_bounds(problem), problem.points[:-1], free, "lm")
+            _count(without_bounds(problem), _far_points(problem), far, "lm")
         print(problem.name, file=sys.stderr, flush=True)
     pairs = sum(len(problem.points) for problem in found)
     text = f"## With bounds: {len(found)} problems, {pairs} pairs of problem and point\n\n"
     text += _table(bounded)
-    text += f"\n## Without bounds: {len(free['levenberg_marquardt'].reached)} pairs\n\n"
-    text += _table(free)
+    for title, rows in (("", free), (" from far-off points", far)):
+        pairs = len(rows["levenberg_marquardt"].reached)
+        text += f"\n## Without bounds{title}: {pairs} pairs\n\n{_table(rows)}\n{_alone(rows)}"
     print(text)
     if write:
         about = about.strip().partition("\n\n")[2].partition("`--write`")[0].strip()
@@ -128,16 +138,28 @@ def main() -> None:
         (HERE / "RESULTS.md").write_text(f"{page}\n{text}", encoding="utf-8")
 
 
-def _count(problem: Problem, rows: dict[str, Row], method: str) -> None:
-    points = problem.points
-    if method == "lm":  # nothing is on a bound
-        points = points[:-1]
+def _far_points(problem: Problem) -> list[Array]:
+    random = np.random.Generator(np.random.Philox(777))
+    return [far_point(problem, problem.points[0], random) for _ in range(FAR)]
+
+
+def _count(problem: Problem, points: Sequence[Array], rows: dict[str, Row], method: str) -> None:
     ours = [by_msnn(problem, point) for point in points]
     theirs = [by_scipy(problem, point, method) for point in points]
     least = least_loss(problem, [*ours, *theirs])
     for row, fits in zip(rows.values(), (ours, theirs), strict=True):
         for place, fit in enumerate(fits):
             row.add(problem, place, fit, least)
+
+
+def _alone(rows: dict[str, Row]) -> str:
+    """The pairs of problem and point that one of two methods reaches alone."""
+    lines: list[str] = []
+    for (name, one), (_, other) in zip(rows.items(), reversed(rows.items()), strict=True):
+        both = zip(one.pairs, one.reached, other.reached, strict=True)
+        alone = [pair for pair, here, there in both if here and not there]
+        lines.append(f"Reached by {name} alone, {len(alone)}: {', '.join(alone)}.\n")
+    return "\n".join(lines)
 
 
 def _table(rows: dict[str, Row]) -> str:

@@ -67,6 +67,24 @@ def test_without_bounds_as_many_minima_are_reached_as_by_minpack() -> None:
     assert ours >= theirs
 
 
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        # a first step to a rate of 107, at which exp(−107 x) is nothing: nothing leads back
+        ("BoxBOD", 0),
+        ("BoxBOD", 3),
+        # the curvature in b3 is 10²¹ times as large at the initial point as at the minimum
+        ("Nelson", 3),
+    ],
+)
+def test_a_parameter_does_not_stay_where_one_long_step_has_taken_it(name: str, place: int) -> None:
+    """MINPACK reaches these minima; a stage ended in "no step lowers the total" there."""
+    problem = without_bounds(next(one for one in problems() if one.name == name))
+    fit = by_msnn(problem, problem.points[place])
+    assert fit.reached(problem.loss(problem.known))
+    assert fit.ended == "converged"
+
+
 def test_a_step_within_a_box_is_the_least_of_its_quadratic() -> None:
     """By the conditions of Karush, Kuhn and Tucker, for 200 random quadratics and boxes."""
     random = np.random.default_rng(8)

@@ -412,3 +412,22 @@ def test_advice_against_a_loss_that_is_not_finite_fits_the_optimiser(engine: str
     said = caught.value.diagnostic
     assert said.code == "E0913"
     assert said.help == "write `sqrt(max(x, 0))` for `sqrt(x)`: x falls below 0 there"
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_a_limit_that_no_row_reaches_is_passed(engine: str, noise: float) -> None:
+    """A parameter that rightly counts for nothing at the minimum does not keep others from it."""
+    text = """
+msnn: 1
+name: limited
+inputs: {u: 1}
+targets: {y: 1}
+parameters: {k: 0.5, c: 0.4}
+outputs: {z: {expr: "min(k*u, c)", predicts: "y[t]"}}
+train: [{engine: ENGINE, epochs: 40, optimizer: levenberg_marquardt}]
+"""
+    u = np.linspace(-2, 2, 200)
+    y = 1.5 * u + noise * np.random.default_rng(3).normal(size=200)
+    found = run(text.replace("ENGINE", engine), {"u": u, "y": y})
+    assert found.stages[0].reason == "converged"
+    assert found.weights["k"] == pytest.approx(1.5, abs=0.2 * noise + 1e-9)

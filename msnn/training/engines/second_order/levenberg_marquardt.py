@@ -4,8 +4,8 @@ A step δ of the variables solves (A + μD)δ = −g, where 2g is the slope of t
 2A its curvature without second derivatives of residuals. Variables are values divided by their
 scale, of bounded parameters the physical values, which steps keep within the bounds
 (`bounded_steps`). D is the largest diagonal of A so far (Moré 1978), so that units do not matter;
-μ follows the gain of the last step (Nielsen 1999). A step is taken where it lowers the total and
-slopes are finite there: the next one is made of these.
+μ follows the gain of the last step (Nielsen 1999). A step is taken where it lowers the total, and
+where slopes are finite and all variables still count: the next one is made of these.
 Residuals whose slopes are infinite have no share in A and g, but one in F.
 """
 
@@ -52,6 +52,15 @@ Weights = Mapping[str, FloatArray]
 
 _MOST_DAMPING = 1e16
 """Times the curvature: a step that is so much shorter is lost in the rounding of the variables."""
+
+LOST = float(np.finfo(float).eps)
+"""Of the curvature in a variable that one step may leave: what is less is rounding beside it."""
+
+_COUNTS = 0.1
+"""Of its largest curvature that a variable must have now for a step to lose it.
+
+A limit that fewer and fewer rows reach may leave the last of them.
+"""
 
 _LEAST_SHARE = 1e-12
 """Of the largest curvature in a bounded variable so far that its damping keeps."""
@@ -249,14 +258,17 @@ class LevenbergMarquardtEngine:
     def _counted(self, products: Mapping[str, Products]) -> CountedProducts:
         return counted_products(self._plan, products)
 
-    def _equations(self, products: Mapping[str, Products]) -> NormalEquations:
-        """F at the present variables, its derivative and curvature."""
+    def _equations(
+        self, products: Mapping[str, Products], at: FloatArray | None = None
+    ) -> NormalEquations:
+        """F, its derivative and curvature, at the present variables or at others."""
+        whole = self._raw if at is None else at
         shares = {
             name: self._plan.loss_weights[name] / found.count
             for name, found in self._counted(products).by_loss.items()
         }
-        losses = in_raw_variables(products, shares, self._numbers.slopes(self._raw))
-        raw = self._raw[: self._learned]
+        losses = in_raw_variables(products, shares, self._numbers.slopes(whole))
+        raw = whole[: self._learned]
         return losses.plus(self._quadratic_terms(raw), corners(self._known, raw))
 
     def _model(self, found: NormalEquations) -> QuadraticModel:
@@ -279,17 +291,24 @@ class LevenbergMarquardtEngine:
         """Takes the first step that lowers the total, shorter ones until one does."""
         model = self._model(equations)
         n = self._learned
+        lost: tuple[FloatArray, Mapping[str, Products]] | None = None
         while self._damping < _MOST_DAMPING:
             step, fall = model.step(self._damping)
             # the model promises no more than rounding
             if fall <= np.finfo(float).eps * model.total or not step.any():
-                break
+                if not self._forgets_largest(equations):
+                    break
+                model = self._model(equations)
+                continue
             trial = self._raw + step
             trial[:n] = self._bounds.moved(self._raw[:n], step[:n])
             # the cost alone first: slopes take as many times longer as there are learned numbers
             total = self._total_at(runs, trial)
             ahead = self._products_at(runs, trial) if total < model.total else None
-            if ahead is not None and self._counted(ahead).make_a_model:
+            goes_on = ahead is not None and self._counted(ahead).make_a_model
+            if ahead is not None and goes_on and self._loses(equations, ahead, trial):
+                lost, goes_on = (trial, ahead) if lost is None else lost, False
+            if ahead is not None and goes_on:
                 # 1 where the model was right: the damping falls to a third; Nielsen's rule is
                 # smooth between
                 gain = (model.total - total) / fall
@@ -308,8 +327,43 @@ class LevenbergMarquardtEngine:
         # the model sees nothing more to gain, or the damping has come to its end
         if self._is_stationary(equations):
             self._end_on_bounds(runs, equations)
+        elif lost is not None:
+            # a limit that no row reaches at the minimum rightly counts for nothing there
+            self._raw, self._ahead = lost[0], (runs, lost[1])
+            self._damping, self._growth = self._options.damping, 2.0
         else:
             self.finished = "no step lowers the total"
+
+    def _forgets_largest(self, equations: NormalEquations) -> bool:
+        """True if curvatures of long ago held the variables: damping begins again without them.
+
+        A variable whose curvature was 10¹⁰ times as large at a bad initial point, and is damped by
+        it, does not move for any damping that the others leave. Once per step.
+        """
+        present = equations.diagonal
+        if np.all(self._largest <= present) or self._is_stationary(equations):
+            return False
+        self._largest = present.copy()
+        self._damping, self._growth = self._options.damping, 2.0
+        return True
+
+    def _loses(
+        self, here: NormalEquations, ahead: Mapping[str, Products], trial: FloatArray
+    ) -> bool:
+        """True if residuals no longer depend on a variable at the trial.
+
+        No derivative brings back the rate of an exponential from where that is 0, and the steps of
+        other variables pay for one that has taken it there. It is too long, and is taken only if no
+        shorter one lowers the total. Corners and bounds are exact places: variables that count for
+        nothing there are right.
+        """
+        n = self._learned
+        on_bound = (trial[:n] == self._bounds.low) | (trial[:n] == self._bounds.high)
+        if self._known.has_corners or np.any(on_bound & (trial[:n] != self._raw[:n])):
+            return False
+        seen, left = here.diagonal, self._equations(ahead, trial).diagonal
+        counted = (seen > NO_INFLUENCE) & (seen > _COUNTS * self._largest)
+        return bool(np.any(counted & (left < LOST * seen)))
 
     def _end_on_bounds(self, runs: Runs, equations: NormalEquations) -> None:
         """Ends at a minimum, with values exactly on the bounds that they were about to reach."""
