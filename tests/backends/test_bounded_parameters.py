@@ -166,7 +166,8 @@ parameters:
   b: 1
 outputs: {out: {expr: "b * u + 1.0e+7 * a", predicts: "y[t]"}}
 data: {source: {train: log.csv}}
-train: [{epochs: 1, batch: 60, engine: %s, dtype: float64, lr: {a: 0}, optimizer: {sgd: {lr: 0.01}}}]
+train:
+  - {epochs: 1, batch: 60, engine: %s, dtype: float64, lr: {a: 0}, optimizer: {sgd: {lr: 0.01}}}
 """
 
 
