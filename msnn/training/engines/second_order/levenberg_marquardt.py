@@ -341,7 +341,9 @@ class LevenbergMarquardtEngine:
         it, does not move for any damping that the others leave. Once per step.
         """
         present = equations.diagonal
-        if np.all(self._largest <= present) or self._is_stationary(equations):
+        if self._bounds.some or np.all(self._largest <= present):
+            return False
+        if self._is_stationary(equations):
             return False
         self._largest = present.copy()
         self._damping, self._growth = self._options.damping, 2.0
@@ -357,9 +359,7 @@ class LevenbergMarquardtEngine:
         shorter one lowers the total. Corners and bounds are exact places: variables that count for
         nothing there are right.
         """
-        n = self._learned
-        on_bound = (trial[:n] == self._bounds.low) | (trial[:n] == self._bounds.high)
-        if self._known.has_corners or np.any(on_bound & (trial[:n] != self._raw[:n])):
+        if self._known.has_corners or self._bounds.some:
             return False
         seen, left = here.diagonal, self._equations(ahead, trial).diagonal
         counted = (seen > NO_INFLUENCE) & (seen > _COUNTS * self._largest)
