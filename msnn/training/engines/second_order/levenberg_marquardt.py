@@ -4,8 +4,9 @@ A step δ of the variables solves (A + μD)δ = −g, where 2g is the slope of t
 2A its curvature without second derivatives of residuals. Variables are values divided by their
 scale, of bounded parameters the physical values, which steps keep within the bounds
 (`bounded_steps`). D is the largest diagonal of A so far (Moré 1978), so that units do not matter;
-μ follows the gain of the last step (Nielsen 1999). A step is taken where it lowers the total, and
-where slopes are finite and all variables still count: the next one is made of these.
+μ follows the gain of the last step (Nielsen 1999). A step is taken where it lowers the total and
+slopes are finite, and without bounds where all variables still count (decision 0460): the next one
+is made of these.
 Residuals whose slopes are infinite have no share in A and g, but one in F.
 """
 
