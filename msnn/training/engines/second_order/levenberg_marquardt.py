@@ -4,8 +4,8 @@ A step δ of the variables solves (A + μD)δ = −g, where 2g is the slope of t
 2A its curvature without second derivatives of residuals. Variables are values divided by their
 scale, of bounded parameters the physical values, which steps keep within the bounds
 (`bounded_steps`). D is the largest diagonal of A so far (Moré 1978), so that units do not matter;
-μ follows the gain of the last step (Nielsen 1999). A step is taken where it lowers the total, and
-where slopes are finite and all variables still count: the next one is made of these.
+μ follows the gain of the last step (Nielsen 1999). A step is taken if it lowers the total and all
+derivatives are finite after it; without bounds, if all variables still count too (decision 0460).
 Residuals whose slopes are infinite have no share in A and g, but one in F.
 """
 
@@ -54,7 +54,7 @@ _MOST_DAMPING = 1e16
 """Times the curvature: a step that is so much shorter is lost in the rounding of the variables."""
 
 LOST = float(np.finfo(float).eps)
-"""Of the curvature in a variable that one step may leave: what is less is rounding beside it."""
+"""The share of the curvature in a variable that one step must leave; less is rounding beside it."""
 
 _COUNTS = 0.1
 """Of its largest curvature that a variable must have now for a step to lose it.
@@ -341,7 +341,9 @@ class LevenbergMarquardtEngine:
         it, does not move for any damping that the others leave. Once per step.
         """
         present = equations.diagonal
-        if np.all(self._largest <= present) or self._is_stationary(equations):
+        if self._bounds.some or np.all(self._largest <= present):
+            return False
+        if self._is_stationary(equations):
             return False
         self._largest = present.copy()
         self._damping, self._growth = self._options.damping, 2.0
@@ -357,9 +359,7 @@ class LevenbergMarquardtEngine:
         shorter one lowers the total. Corners and bounds are exact places: variables that count for
         nothing there are right.
         """
-        n = self._learned
-        on_bound = (trial[:n] == self._bounds.low) | (trial[:n] == self._bounds.high)
-        if self._known.has_corners or np.any(on_bound & (trial[:n] != self._raw[:n])):
+        if self._known.has_corners or self._bounds.some:
             return False
         seen, left = here.diagonal, self._equations(ahead, trial).diagonal
         counted = (seen > NO_INFLUENCE) & (seen > _COUNTS * self._largest)
