@@ -1,7 +1,8 @@
-"""E1030-E1069, E1132: the command line, its settings, and what must be installed for a command."""
+"""E1030-E1069, E1132-E1134: the command line, its settings, and what a command must have."""
 
 from collections.abc import Sequence
 
+from compiler.ir.program import Parameter
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, warning
 from spec_schema.diagnostics.suggest import did_you_mean
 
@@ -31,6 +32,13 @@ def foreign_file(path: str) -> Diagnostic:
     message = f"{path} is there already and was not written by msnn"
     repair = "move it away, or write to another place with `--out`"
     return error("E1054", None, message, help=repair)
+
+
+def too_large_for_float32(parameter: Parameter, value: float, target: str) -> Diagnostic:
+    """E1134: a weight that is infinite in the single precision of an export."""
+    message = f"`{parameter.name}` is {value:g}, which is infinite in the float32 of {target}"
+    repair = f"write `dtype: float64` at `{target}:` of `export:`, or train with `max:` and `min:`"
+    return error("E1134", parameter.span, message, "beyond 3.4e38", help=repair)
 
 
 def unusable_name(name: str, reason: str) -> Diagnostic:

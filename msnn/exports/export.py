@@ -8,13 +8,15 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
+
 from msnn.agreement.loaded import Loaded
 from msnn.errors import commands
 from msnn.errors.targets import predictive_control
 from msnn.exports.table import NAMES, ListedTarget, listed
 from msnn.exports.target import AnyPlan, AnyTarget, Request, Weights, Written
 from msnn.model.model import Model
-from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.sections.exports import Export, TargetEntry
 
 
@@ -98,16 +100,34 @@ def write_export(plan: AnyPlan, weights: Weights, folder: Path) -> Written:
     """Writes the files of one target into the folder.
 
     They appear there when all of them are written: a command that is killed leaves what was there.
-    Raises SpecError (E1054) where they would replace files that no export has written.
+    Raises SpecError (E1054) where they would replace files that no export has written, and E1134
+    for weights that its numbers do not hold.
     """
     from backends.files.atomic_write import replacing_files  # `check` plans exports without it
     from msnn.exports.foreign_files import spare_foreign_files
 
+    own = plan.of(weights)
+    if plan.dtype == "float32":
+        _refuse_infinite(plan, own)
     with replacing_files(folder) as temporary:
-        files = plan.target.write(plan, plan.of(weights), temporary)
+        files = plan.target.write(plan, own, temporary)
         spare_foreign_files(folder / path.relative_to(temporary) for path in files)
     # files were written elsewhere and have moved: told by where they are now
     return Written(folder, tuple(folder / path.relative_to(temporary) for path in files))
+
+
+def _refuse_infinite(plan: AnyPlan, weights: Weights) -> None:
+    """Raises SpecError (E1134) for weights whose nearest float32 is infinite."""
+    faults: list[Diagnostic] = []
+    for parameter in plan.program.parameters:
+        values = np.ravel(weights[parameter.name])
+        with np.errstate(over="ignore"):
+            lost = values[np.isinf(values.astype(np.float32))]
+        if len(lost):
+            value = float(lost[0])
+            faults.append(commands.too_large_for_float32(parameter, value, plan.target.name))
+    if faults:
+        raise SpecError(tuple(faults))
 
 
 def load_export(plan: AnyPlan, written: Written) -> AbstractContextManager[Loaded]:

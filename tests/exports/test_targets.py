@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -11,9 +12,11 @@ from typer.main import get_command
 
 from msnn.cli.application import application
 from msnn.exports.describe import exports_text
-from msnn.exports.export import plan_exports, target_named, target_names
+from msnn.exports.export import plan_exports, target_named, target_names, write_export
 from msnn.exports.table import EXTRAS, NAMES, TARGETS, ListedTarget
+from msnn.exports.target import AnyPlan
 from msnn.model.load import load_model
+from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.fields.entry_kinds import kinds_of
 from spec_schema.sections.exports import Export, Extra, OnlineExtra
@@ -135,3 +138,29 @@ def test_the_interface_of_fixed_point_names_its_type(tmp_path: Path) -> None:
         "export: {c: {dtype: q15}}\n"
     )
     assert exports_text(load_model(spec)).startswith("c, q15\n")
+
+
+@pytest.mark.parametrize("target", ["c", "fmu"])
+def test_a_weight_that_float32_does_not_hold_is_refused(target: str, tmp_path: Path) -> None:
+    spec = tmp_path / "large.msnn.yaml"
+    spec.write_text(
+        "msnn: 1\nname: large\nsample_time: 0.1 s\ninputs: {u: {}}\n"
+        "parameters: {k: 1.0e39, m: 3.4e38}\noutputs: {y: m * u + k * u}\n"
+    )
+    (plan,) = plans_of(spec, target)
+    with pytest.raises(SpecError) as refused:
+        write_export(plan, initial_weights(plan.program), tmp_path / "out")
+    (fault,) = refused.value.diagnostics
+    assert fault.code == "E1134"
+    assert "`k` is 1e+39" in fault.message
+    assert not (tmp_path / "out").exists()
+    spec.write_text(spec.read_text() + f"export: {{{target}: {{dtype: float64}}}}\n")
+    (plan,) = plans_of(spec, target)
+    assert write_export(plan, initial_weights(plan.program), tmp_path / "out").files
+
+
+def plans_of(spec: Path, target: str) -> Sequence[AnyPlan]:
+    model, findings = load_model(spec), Findings()
+    plans = plan_exports(model, (target,), findings)
+    assert not findings.in_order
+    return plans
