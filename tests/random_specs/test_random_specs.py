@@ -74,7 +74,7 @@ def test_drawn_weights_are_large_tiny_zero_and_at_bounds() -> None:
     program = Program("p", 0.1, (), parameters, (), Graph(()), Graph(()), ())
     drawn = [drawn_weights(program, seed) for seed in range(1, 64)]
     sizes = np.abs([float(each[name]) for each in drawn for name in each])
-    assert sizes.max() > 3.5e38
+    assert sizes.max() > 1e38
     assert np.any((sizes > 10) & (sizes < 1e5))
     assert np.any((sizes > 0) & (sizes < 1e-29))
     assert np.any(sizes == 0)
