@@ -46,6 +46,12 @@ def former_key(key: str, present: str, span: Span, owner: str) -> Diagnostic:
     )
 
 
+def both_names(key: str, present: str, span: Span, owner: str) -> Diagnostic:
+    """E0201: the old name of a key that is there by its present name too."""
+    message = f"`{key}` in {owner} is the old name of `{present}`, which is there too"
+    return error("E0201", span, message, "twice the same key", help=f"remove `{key}`")
+
+
 def missing_key(key: str, span: Span, owner: str) -> Diagnostic:
     """E0203: a key that must be there."""
     message = f"{owner} needs the key `{key}`"

@@ -26,6 +26,22 @@ def test_it_writes_what_check_asks_for(msnn: CommandLine, project: Path):
     assert msnn("fmt", "--check", SPEC).code == 0
 
 
+def test_it_writes_to_another_file_and_leaves_the_spec(msnn: CommandLine, project: Path):
+    formatted = (project / SPEC).read_bytes()
+    change(project, "integrator: rk4\n", "integrator: rk4   \n\n\n")
+    before = (project / SPEC).read_bytes()
+    assert msnn("fmt", SPEC, "-o", "other.yaml").code == 0
+    assert (project / "other.yaml").read_bytes() == formatted
+    said = msnn("fmt", SPEC, "-o", "-")
+    assert (said.code, said.out.encode()) == (0, formatted)
+    assert (project / SPEC).read_bytes() == before
+    for words in ((SPEC, "other.yaml"), (SPEC, "--check"), (SPEC, "--diff")):
+        assert msnn("fmt", *words, "-o", "third.yaml").code == 2
+    assert msnn("fmt", SPEC, "-o", SPEC).code == 2
+    assert (project / SPEC).read_bytes() == before
+    assert not (project / "third.yaml").exists()
+
+
 def test_line_ends_of_windows_are_replaced(msnn: CommandLine, project: Path):
     text = (project / SPEC).read_bytes()
     (project / SPEC).write_bytes(text.replace(b"\n", b"\r\n"))

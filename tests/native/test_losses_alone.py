@@ -44,18 +44,22 @@ def test_losses_have_the_same_bits_without_slopes(name: str) -> None:
     ("stage", "kernels"),
     [
         ("{epochs: 2, batch: 16}", ["training", "slopes"]),
-        ("{epochs: 2, optimizer: levenberg_marquardt}", ["slopes", "losses", "slopes"]),
+        ("{epochs: 2, optimizer: levenberg_marquardt}", ["slopes", "losses"]),
     ],
 )
 def test_standard_errors_build_no_kernel_of_losses(
     stage: str, kernels: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     built: list[str] = []
+    sources: set[tuple[str, bool]] = set()
     right = kernel_module.compiled_kernel
 
     def noted(source: str, *, on_lanes: bool = False) -> Built:
         kinds = {"msnn_train(": "training", "msnn_products(": "slopes"}
-        built.append(next((kind for name, kind in kinds.items() if name in source), "losses"))
+        kind = next((kind for name, kind in kinds.items() if name in source), "losses")
+        if (source, on_lanes) not in sources:  # a kernel that is there is not built again
+            built.append(kind)
+        sources.add((source, on_lanes))
         return right(source, on_lanes=on_lanes)
 
     monkeypatch.setattr(kernel_module, "compiled_kernel", noted)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from msnn.cli.exit_codes import ExitCode
+from msnn.cli.manners import STANDARD_OUTPUT
 
 if TYPE_CHECKING:
     from spec_schema.diagnostics.source import SourceText
@@ -21,6 +22,15 @@ def fmt(
     diff: Annotated[
         bool, typer.Option("--diff", help="Write nothing; print what would change.")
     ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Write the text of the one SPEC there, `-` for stdout; default: into the spec.",
+        ),
+    ] = None,
 ) -> None:
     """Lay specs out canonically.
 
@@ -32,6 +42,10 @@ def fmt(
     from spec_schema.diagnostics.diagnostic import SpecError
     from spec_schema.editors.format_spec import format_spec
 
+    if output is not None and (check or diff or len(files) > 1):
+        raise typer.BadParameter(
+            "it takes one SPEC, without `--check` and `--diff`", param_hint="-o"
+        )
     failed = False
     for file in files:
         try:
@@ -40,6 +54,12 @@ def fmt(
         except SpecError as error:
             report(error.diagnostics, error.sources)
             failed = True
+            continue
+        if output == STANDARD_OUTPUT:
+            result(formatted.removesuffix("\n"))
+            continue
+        if output is not None:
+            note(f"wrote {write_text(output, formatted)}")
             continue
         if formatted == source.text:
             continue

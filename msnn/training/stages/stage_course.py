@@ -14,7 +14,7 @@ from msnn.training.plans.known_terms_of_stage import has_priors
 from msnn.training.plans.stage_data import StageData
 from msnn.training.plans.stage_plan import TOTAL, StagePlan
 from msnn.training.plans.stage_result import StageResult
-from msnn.training.records.learned.standard_errors import ways_alone
+from msnn.training.records.learned.standard_errors import ways_left
 from msnn.training.records.progress import EpochEnd
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
@@ -93,7 +93,7 @@ def unmoved(
         begin = result.best
     names = [name for name, found in moved.items() if not found]
     for plan in {id(trained_by[name]): trained_by[name] for name in names}.values():
-        ways = ways_alone(plan, data, begin)
+        ways = ways_left(plan, data, begin)
         for name in [one for one in names if trained_by[one] is plan] if ways else ():
             assert ways is not None
             if np.all(np.abs(ways[name]) <= np.abs(begin[name] - first[name])):

@@ -72,10 +72,12 @@ With so many 89 to 93 % of the 95 % intervals of a line through rows with heavy 
 
 
 _GAIN = 0.1
-"""Part of the total that a number, moved alone, must take from it to have a way to go.
+"""Part of the total that the numbers of a stage must take from it to have a way to go.
 
 Steps of a fixed rate end beside the minimum, by about their length.
 """
+_FLAT = 1e-9
+"""Eigenvalue of the scaled curvature, relative to the largest, up to which a direction is flat."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,23 +123,27 @@ def standard_errors(
     return replace(errors, notes=found.notes)
 
 
-def ways_alone(
+def ways_left(
     plan: StagePlan,
     data: Dataset,
     weights: Mapping[str, FloatArray],
     estimated: EstimatedStarts | None = None,
 ) -> Mapping[str, FloatArray] | None:
-    """How far each number that a stage trains is, moved alone, from the minimum of its total.
+    """How far each number that a stage trains is from the minimum of its total.
 
-    By Gauss and Newton, −g/A; 0 where that takes less than a tenth from the total. None where the
-    curvature is not known.
+    All together by Gauss and Newton, −A⁻¹g, without directions that change nothing; 0 if that takes
+    less than a tenth from the total. None where the curvature is not known.
     """
     found = _at_the_end(plan, data, weights, estimated)
     if isinstance(found, str):
         return None
-    slope, bent, total = _derivatives(found, weights)
-    way = -slope / np.where(bent > 0.0, bent, np.inf)
-    way = np.where(way * way * bent > _GAIN * total, way, 0.0)
+    slope, curvature, total = _derivatives(found, weights)
+    bent = np.diagonal(curvature)
+    size = np.sqrt(np.where(bent > 0.0, bent, np.inf))
+    scaled = np.where(np.isfinite(size), curvature / np.outer(size, size), 0.0)
+    way = -(np.linalg.pinv(scaled, rcond=_FLAT, hermitian=True) @ (slope / size)) / size
+    if not -slope @ way > _GAIN * total:
+        way = np.zeros_like(way)
     sizes = np.cumsum([weights[p.name].size for p in found.parameters])[:-1]
     return {
         p.name: part.reshape(weights[p.name].shape)
@@ -312,14 +318,14 @@ def _kept(
 
 def _beside(end: _End, weights: Mapping[str, FloatArray]) -> BesideBounds:
     """The values at bounds, by the derivative of everything that the stage minimises."""
-    slope, bent, total = _derivatives(end, weights)
-    return beside_bounds(end.parameters, weights, slope, bent, total)
+    slope, curvature, total = _derivatives(end, weights)
+    return beside_bounds(end.parameters, weights, slope, np.diagonal(curvature), total)
 
 
 def _derivatives(
     end: _End, weights: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Half the derivative of the total in each number, half its curvature, and the total."""
+    """Half the derivative of the total (n), half its curvature (n, n), and the total."""
     plan, products = end.plan, end.products
     shares = shares_of(plan, products)
     inside = in_physical_units(end.parameters)
@@ -329,9 +335,10 @@ def _derivatives(
     decay = Decay(plan.weight_decay, end.parameters)
     terms = quadratic_terms(known_of(plan, inside), values, decay, spread)
     slope = sum(share * products[name].slope for name, share in shares.items())
-    bent = sum(share * np.diagonal(products[name].curvature) for name, share in shares.items())
+    bent = sum(share * products[name].curvature for name, share in shares.items())
     total = sum(share * products[name].cost for name, share in shares.items()) + terms.value
-    return slope + terms.slope / scales, bent + terms.curvature / scales**2, total
+    curvature = bent + np.diag(terms.curvature / scales**2)
+    return slope + terms.slope / scales, curvature, total
 
 
 def _prior_weight(plan: StagePlan, products: Mapping[str, Products]) -> float:
