@@ -13,9 +13,17 @@ from spec_schema.names import LONGEST_NAME, similar_name
 _SHORT_LIST = 12
 
 
-def unknown_key(key: str, span: Span, owner: str, known: Iterable[str]) -> Diagnostic:
-    """E0201: a key that the language does not have."""
+def unknown_key(
+    key: str, span: Span, owner: str, known: Iterable[str], present: str | None = None
+) -> Diagnostic:
+    """E0201: a key that the language does not have.
+
+    `present` is the name of the same key that is there too.
+    """
     known = tuple(known)
+    if present is not None:
+        message = f"`{key}` in {owner} is the old name of `{present}`, which is there too"
+        return error("E0201", span, message, "twice the same key", help=f"remove `{key}`")
     # a key of another tool is worth more than one of like letters, if this entry has it
     elsewhere = (meant for meant in KEYS_ELSEWHERE.get(key.lower(), ()) if meant in known)
     meant = next(elsewhere, None)
@@ -44,12 +52,6 @@ def former_key(key: str, present: str, span: Span, owner: str) -> Diagnostic:
     return warning(
         "W0220", span, message, "old name", help=f"write `{present}`", replacement=present
     )
-
-
-def both_names(key: str, present: str, span: Span, owner: str) -> Diagnostic:
-    """E0201: the old name of a key that is there by its present name too."""
-    message = f"`{key}` in {owner} is the old name of `{present}`, which is there too"
-    return error("E0201", span, message, "twice the same key", help=f"remove `{key}`")
 
 
 def missing_key(key: str, span: Span, owner: str) -> Diagnostic:
