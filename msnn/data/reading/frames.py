@@ -54,6 +54,7 @@ def frame_data(
     *,
     whole: Program | None = None,
     split: bool = True,
+    as_recorded: bool = False,
 ) -> Dataset:
     """Records of a session, read as the `data` section reads files: columns, units, split, gaps.
 
@@ -62,8 +63,9 @@ def frame_data(
     columns holds for all. A mapping may also have a signal under its own name: an array
     (rows, *shape) in the signal's unit, where the columns of the spec are not there. `whole`
     is the model of which the program is a part: the signals that it predicts besides are read where
-    a frame has them. Without `split` the records of no set are in `data`.
-    Raises SpecError with everything that is wrong, TypeError for other things than frames.
+    a frame has them. Without `split` the records of no set are in `data`; `as_recorded` does not
+    resample them. Raises SpecError with everything that is wrong, TypeError for other things than
+    frames.
     """
     sets = _sets(frames, "train" if split else GIVEN)
     layout = _layout(data, place)
@@ -95,7 +97,7 @@ def frame_data(
             )
     findings.raise_errors()
     chosen = {} if condition is None else dict.fromkeys(sets, condition)
-    return joined_files(program, section, files, chosen, findings, whole)
+    return joined_files(program, section, files, chosen, findings, whole, as_recorded)
 
 
 def _sets(frames: Frames, alone: str) -> dict[str, list[Frame]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import BoolArray, Dataset, FileRows, FloatArray, Record
-from msnn.data.formats.table import ColumnKey
+from msnn.data.formats.table import ColumnKey, ColumnTable
 from msnn.data.formats.table_of_formats import require_reader
 from msnn.data.reading.disk_series import DiskSeries
 from msnn.data.reading.files import DataFile, find_files
@@ -38,12 +38,16 @@ def load_data(
     folder: Path,
     filters: Mapping[str, RowFilter] | None = None,
     whole: Program | None = None,
+    *,
+    as_recorded: bool = False,
 ) -> Dataset:
     """The measured series of all signals of the program, divided into records and sets.
 
     Relative paths start in `folder`: that of the spec, or `--data-root`. `filters` are those of
     the sources by name. `whole` is the model of which `program` is a part, as a simulation is: the
-    signals that it predicts besides are read where a file has them. Raises SpecError
+    signals that it predicts besides are read where a file has them. `as_recorded` keeps the rows of
+    files where they are rows, joined as `resample:` wants it, and does not resample them. Raises
+    SpecError
     with the faults of all files, and MissingExtraError where the reader of a format is missing.
     """
     findings = Findings()
@@ -52,7 +56,7 @@ def load_data(
         # all formats before the first file is read: a package that is missing is told at once
         require_reader(file.path)
     findings.report(*unused_keys(data, files, program.sample_time))
-    return joined_files(program, data, files, filters or {}, findings, whole)
+    return joined_files(program, data, files, filters or {}, findings, whole, as_recorded)
 
 
 def joined_files(
@@ -62,6 +66,7 @@ def joined_files(
     filters: Mapping[str, RowFilter],
     findings: Findings,
     whole: Program | None = None,
+    as_recorded: bool = False,
 ) -> Dataset:
     """The series of these files, or arrays in their place. Raises SpecError with all faults."""
     disk = DiskSeries() if data.keep == "disk" else None
@@ -78,6 +83,8 @@ def joined_files(
     for group in _groups(files, data):
         condition = filters.get(group[0].source)
         for recording in _recordings(program, data, group, condition, findings, whole):
+            if as_recorded and isinstance(recording.read, ColumnTable):
+                recording = recording.as_recorded()
             own, file = Findings(), recording.file
             part = part_of(recording, program, data, condition, own)
             if part is None and _is_outside(file, own):

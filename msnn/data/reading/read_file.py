@@ -75,6 +75,11 @@ class ReadFile:
     uses: ColumnUses
     origins: tuple[FileOrigin, ...]
 
+    def as_recorded(self) -> ReadFile:
+        """The same with its rows as they are: not resampled, and gaps are none of an error."""
+        layout = self.file.layout.model_copy(update={"resample": "none"})
+        return replace(self, file=replace(self.file, layout=layout))
+
     @property
     def rows(self) -> int:
         """The count of rows; of streams with several times that of the first."""
