@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from compiler.ir.liveness import Extent, needed
 from compiler.ir.ops import ReadLog, ReadSignal
-from compiler.ir.program import Graph, NodeId, Program, Role
+from compiler.ir.program import Graph, NodeId, Program, Role, Signal
 
 
 def reads(graph: Graph, wanted: Iterable[NodeId]) -> dict[str, Extent]:
@@ -48,6 +48,13 @@ def signals_only_compared(program: Program) -> frozenset[str]:
     sides = (*_sides(program), starts)
     needed |= {n for side in sides for n, at in side.items() if at.first != at.last}
     return compared_signals(program) - needed
+
+
+def measured_beside(whole: Program, program: Program) -> tuple[Signal, ...]:
+    """The signals that outputs of a model predict and a program made of it does not read."""
+    read = {signal.name for signal in program.signals}
+    predicted = {out.predicts.signal for out in whole.outputs if out.predicts is not None}
+    return tuple(s for s in whole.signals if s.name in predicted - read)
 
 
 def _sides(program: Program) -> list[dict[str, Extent]]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from compiler.ir.program import Program, Role, Signal
 from msnn.data.dataset import BoolArray, Dataset, FloatArray, Record
+from msnn.data.reading.resample import lost_values
 from msnn.data_check.signals.sampling import follows
 from spec_schema.units.unit import Unit
 
@@ -22,6 +23,10 @@ class Channel:
     """`u`, or `tau[2]` of a vector."""
     signal: Signal
     values: FloatArray
+    left_out: BoolArray
+    """Rows that a filter has taken out; `values` has no value there."""
+    missing: BoolArray
+    """Rows that lack a value although the column usually has one."""
 
     @property
     def unit(self) -> str:
@@ -61,8 +66,14 @@ def rows_of(dataset: Dataset) -> RowsOfData:
     return RowsOfData(records=dataset.records, follows=found)
 
 
-def channels_of(program: Program, dataset: Dataset) -> Iterator[Channel]:
-    """Every element of every signal, inputs first; rows that the filter took out are missing."""
+def channels_of(
+    program: Program, dataset: Dataset, resampled_to: float | None = None
+) -> Iterator[Channel]:
+    """Every element of every signal, inputs first, without values in rows that a filter took out.
+
+    Of rows that are resampled later, to so many seconds, empty cells between the values of a slower
+    column are not missing.
+    """
     measured = np.ones(dataset.rows, dtype=np.bool_)
     inputs = [signal for signal in program.signals if signal.role is Role.INPUT]
     for signal in inputs:
@@ -74,9 +85,31 @@ def channels_of(program: Program, dataset: Dataset) -> Iterator[Channel]:
         size = math.prod(axis.size for axis in signal.axes)
         table = dataset.series[signal.name].reshape(dataset.rows, size)
         for element in range(size):
-            values = np.where(filtered, np.nan, table[:, element])
+            recorded = table[:, element]
+            missing = ~np.isfinite(recorded)
+            if resampled_to is not None:
+                missing = _lost(dataset, recorded, resampled_to)
+            values = np.where(filtered, np.nan, recorded)
             name = signal.name if not signal.axes else f"{signal.name}[{element}]"
-            yield Channel(name=name, signal=signal, values=values)
+            yield Channel(
+                name=name,
+                signal=signal,
+                values=values,
+                left_out=filtered,
+                missing=missing & ~filtered,
+            )
+
+
+def _lost(dataset: Dataset, values: FloatArray, sample_time: float) -> BoolArray:
+    """The rows that lack a value that resampling does not take from those around."""
+    found = np.zeros(dataset.rows, dtype=np.bool_)
+    for piece in (piece for record in dataset.records for piece in record.pieces):
+        own = values[piece.start : piece.stop]
+        if piece.time is None:
+            found[piece.start : piece.stop] = ~np.isfinite(own)
+        else:
+            found[piece.start + lost_values((piece.time, own), sample_time)] = True
+    return found
 
 
 def _after_number(unit: Unit | None) -> str:

@@ -62,7 +62,7 @@ def check_datasets(
     findings = Findings()
     checked: list[DatasetCheck] = []
     for name, dataset in recorded.items():
-        checked.append(_dataset(model, name, dataset))
+        checked.append(_dataset(model, name, dataset, resampled=resampled is not None))
         findings.report(*dataset.warnings)
         findings.report(*sampling_findings(model, checked[-1], resampled=resampled is not None))
         findings.report(*signal_findings(checked[-1]))
@@ -86,15 +86,18 @@ def check_datasets(
     )
 
 
-def _dataset(model: Model, name: str, dataset: Dataset) -> DatasetCheck:
+def _dataset(model: Model, name: str, dataset: Dataset, *, resampled: bool) -> DatasetCheck:
     rows = rows_of(dataset)
+    to = model.program.sample_time if resampled else None
     pieces = [piece for record in dataset.records for piece in record.pieces]
     return DatasetCheck(
         name=name,
         sampling=tuple(found for piece in pieces if (found := sampling_of(piece)) is not None),
         channels=tuple(
-            CheckedChannel(channel, check_series(channel.values, rows.follows))
-            for channel in channels_of(model.program, dataset)
+            CheckedChannel(
+                one, check_series(one.values, rows.follows, one.missing, int(one.left_out.sum()))
+            )
+            for one in channels_of(model.program, dataset, to)
         ),
         rows=rows,
     )

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from msnn.data.dataset import Dataset
-from msnn.data.formats.table_of_formats import format_of
 from msnn.data.reading.file_sets import file_sections
 from msnn.data.reading.files import data_of_files
 from msnn.data.reading.frames import Frames, frame_data
@@ -48,7 +47,7 @@ def read_as_recorded(
     # diagnostics show lines of the spec and of data files
     with sources_of(model), told_where_they_were(model, data_root):
         return {
-            name: _read(model, _as_recorded(section, model), data_root)
+            name: _read(model, section, data_root, as_recorded=True)
             for name, section in sections.items()
         }
 
@@ -63,12 +62,12 @@ def read_resampled(
     if files:
         section = data_of_files(section, files)
     with sources_of(model):
-        return _read(model, section.model_copy(update=_KEPT), data_root)
+        return _read(model, section, data_root, as_recorded=False)
 
 
 def frames_as_recorded(model: Model, frames: Frames) -> Dataset:
     """The records of a session, laid out as the section `data` says, if there is one."""
-    return _framed(model, _as_recorded(model.spec.data or plain_layout(model), model), frames)
+    return _framed(model, model.spec.data or plain_layout(model), frames, as_recorded=True)
 
 
 def frames_resampled(model: Model, frames: Frames) -> Dataset | None:
@@ -76,37 +75,31 @@ def frames_resampled(model: Model, frames: Frames) -> Dataset | None:
     section = model.spec.data
     if section is None or not _resamples(section):
         return None
-    return _framed(model, section.model_copy(update=_KEPT), frames)
+    return _framed(model, section, frames, as_recorded=False)
 
 
-def _framed(model: Model, section: Data, frames: Frames) -> Dataset:
+def _framed(model: Model, section: Data, frames: Frames, *, as_recorded: bool) -> Dataset:
+    section = section.model_copy(update=_KEPT)
     filters = row_filters(model.spec.model_copy(update={"data": section}))
     with sources_of(model):
-        return frame_data(model.program, section, frames, model.spec.place, filters, split=False)
+        return frame_data(
+            model.program,
+            section,
+            frames,
+            model.spec.place,
+            filters,
+            split=False,
+            as_recorded=as_recorded,
+        )
 
 
-def _read(model: Model, section: Data, data_root: str | Path | None) -> Dataset:
-    spec = model.spec.model_copy(update={"data": section})
-    return load_data(model.program, section, data_folder(model, data_root), row_filters(spec))
-
-
-def _as_recorded(data: Data, model: Model) -> Data:
-    """The section with nothing filled in, left out or refused; streams keep their resampling."""
-    # streams have no common rows before they are resampled
-    if any(
-        _has_streams(pattern.value) for source in data.source.values() for pattern in source.files
-    ):
-        return data.model_copy(update=_KEPT)
-    # gaps and uneven steps are what is to be found: nothing fills them
-    source = {name: one.model_copy(update={"resample": None}) for name, one in data.source.items()}
-    has_time = data.time is not None or any(one.time is not None for one in source.values())
-    how = "none" if has_time and model.program.sample_time is not None else None
-    update = {"nan": "split", "resample": how, "source": source, "split": None}
-    return data.model_copy(update=update)
-
-
-def _has_streams(file: str) -> bool:
-    return format_of(file).keeps_time
+def _read(
+    model: Model, section: Data, data_root: str | Path | None, *, as_recorded: bool
+) -> Dataset:
+    section = section.model_copy(update=_KEPT)
+    filters = row_filters(model.spec.model_copy(update={"data": section}))
+    folder = data_folder(model, data_root)
+    return load_data(model.program, section, folder, filters, as_recorded=as_recorded)
 
 
 def _resamples(data: Data) -> bool:

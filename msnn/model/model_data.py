@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from compiler.ir.program import Program, Signal
+from compiler.ir.program import Program
 from msnn.data.dataset import Dataset, FloatArray
 from msnn.errors.commands import no_data_section
 from msnn.errors.disk_data import not_on_disk
@@ -26,11 +26,10 @@ def read_data(
     data_root: str | Path | None,
     purpose: str,
     program: Program | None = None,
-    beside: Sequence[Signal] = (),
 ) -> Dataset:
     """The measured data of the spec, for the signals of `program` (default: all of the model).
 
-    `beside` are more signals, read where a file has them.
+    Signals that the model predicts and `program` does not read are read where a file has them.
     """
     from msnn.data.reading.load import load_data
     from msnn.data.reading.row_filter import row_filters
@@ -41,7 +40,8 @@ def read_data(
     # the inner one adds a note to what is wrong, the outer one the lines that are shown
     with sources_of(model), told_where_they_were(model, data_root):
         signals = program or model.program
-        found = load_data(signals, model.spec.data, folder, row_filters(model.spec), beside)
+        filters = row_filters(model.spec)
+        found = load_data(signals, model.spec.data, folder, filters, model.program)
         # a training sums over rows; others keep a result for each
         if found.is_on_disk and purpose != "training" and found.rows > MOST_ROWS:
             raise SpecError((_too_many_rows(purpose, found.rows),))

@@ -15,7 +15,7 @@ from compiler.differentiation.estimated_starts import (
     with_read_starts,
 )
 from compiler.ir.liveness import extents, states_beside_the_log
-from compiler.ir.program import NodeId, Program, Role, Signal
+from compiler.ir.program import NodeId, Program, Role
 from compiler.passes.close_loop import close_loop
 from msnn.data.dataset import BETWEEN_ROWS, UNASSIGNED, Dataset, FloatArray, IntArray, Record
 from msnn.data.reads import reads
@@ -129,13 +129,6 @@ def _reading(program: Program, compared: Iterable[NodeId]) -> Program:
     read = {**reads(program.step, [*wanted, *compared])}
     read |= reads(program.start, [state.start for state in program.states])
     return replace(program, signals=tuple(s for s in program.signals if s.name in read))
-
-
-def measured_beside(model: Program, program: Program) -> tuple[Signal, ...]:
-    """The signals that outputs of a model predict and its simulation does not read."""
-    read = {signal.name for signal in program.signals}
-    predicted = {out.predicts.signal for out in model.outputs if out.predicts is not None}
-    return tuple(s for s in model.signals if s.name in predicted - read)
 
 
 def simulate(

@@ -15,7 +15,6 @@ from msnn.data.reading.row_filter import row_filters
 from msnn.errors.data.files import no_file
 from msnn.model.model import Model
 from msnn.model.model_data import plain_layout, read_data, sources_of
-from msnn.simulation.simulate import measured_beside
 from spec_schema.diagnostics.diagnostic import SpecError
 
 GivenData: TypeAlias = "Frames | Sequence[Path | str] | Path | str"
@@ -33,17 +32,16 @@ def simulation_data(
     Data in place of the spec's are one set, not split: `data`, or `data_set`, whose layout files
     have. Raises SpecError with all that is wrong with the data.
     """
-    beside = measured_beside(model.program, program)
     if data is None:
         # the data of the spec, with its sets
-        return read_data(model, data_root, "simulation", program, beside)
+        return read_data(model, data_root, "simulation", program)
     files = given_files(data)
     with sources_of(model):
         if files is None:
             spec, frames = model.spec, cast("Frames", data)
             filters = row_filters(spec)
             return frame_data(
-                program, spec.data, frames, spec.place, filters, beside=beside, split=False
+                program, spec.data, frames, spec.place, filters, whole=model.program, split=False
             )
         # files of a command line are relative to where it is typed, not to the spec
         missing = [file for file in files if not matching(Path.cwd(), str(file))]
@@ -52,7 +50,7 @@ def simulation_data(
         # other files have the columns of the spec's: only what is read of them differs
         section = data_of_files(model.spec.data or plain_layout(model), files, data_set)
         filters = row_filters(model.spec.model_copy(update={"data": section}))
-        return load_data(program, section, Path.cwd(), filters, beside)
+        return load_data(program, section, Path.cwd(), filters, model.program)
 
 
 def given_files(data: GivenData) -> list[Path] | None:

@@ -149,9 +149,7 @@ def test_a_sparse_target_is_scored_with_its_measured_values(
     known = ~np.isnan(data.series["y"])
     assert known.sum() == 100
     assert set(data.series["y"][known].tolist()) == {0.0, 100.0}
-    # streams begin together, where the last of them does
-    is_off = () if name == "a.mf4" else ("values are up to 4 ms away from their rows",)
-    assert data.warnings[0].notes == is_off
+    assert data.warnings[0].notes == ("values are up to 4 ms away from their rows",)
     model = msnn.load(tmp_path / "plant.yaml")
     (row,) = msnn.validate(model, weights={"k": 0.0}).rows
     assert row.value == pytest.approx(50 * 2**0.5)
@@ -353,3 +351,33 @@ def test_what_reads_several_rows_of_a_target_finds_lines_between_its_values(
         assert known.sum() == 90
     else:
         assert np.flatnonzero(~known).tolist() == [*range(196, 250), *range(496, 500)]
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.mf4"])
+@pytest.mark.parametrize("method", ["linear", "nearest"])
+@pytest.mark.parametrize("late", [-0.002, 0.003, 0.005, 0.063])
+def test_validate_and_simulate_use_one_grid(
+    tmp_path: Path, name: str, method: str, late: float
+) -> None:
+    """An input that a model predicts, every 100 ms, begins and ends off the rows of the other."""
+    time, at = 100 + 0.01 * np.arange(400), 100 + late + 0.1 * np.arange(40)
+    moments = np.union1d(np.round(time, 3), np.round(at, 3))
+    u = np.where(np.isin(moments, np.round(time, 3)), np.cos(3 * moments), np.nan)
+    y = np.where(np.isin(moments, np.round(at, 3)), np.sin(9 * moments), np.nan)
+    WRITERS[name](tmp_path / name, {"t": moments, "u": u, "y": y})
+    spec = READ.replace('"k*y[t]"', '"0.9*y + 0.1*u"').replace("parameters: {k: {init: 1}}\n", "")
+    spec = spec.replace("data: train}", "data: train, rollout: record}")
+    data = load(tmp_path, name, method, spec=spec)
+    first = 0 if late < 0.006 else 6
+    time_of_rows = data.records[0].pieces[0].time
+    assert time_of_rows is not None
+    np.testing.assert_allclose(time_of_rows[0], 100 + 0.01 * first, atol=1e-9)
+    model = msnn.load(tmp_path / "plant.yaml")
+    (row,) = msnn.validate(model).rows
+    (run,) = msnn.simulate(model)
+    places = run.places.time
+    assert places is not None
+    np.testing.assert_allclose(places[0], 100 + 0.01 * first, atol=1e-9)
+    errors = run.outputs["o"] - run.logged["o"]
+    assert row.value == pytest.approx(np.sqrt(np.nanmean(errors**2)), rel=1e-6)
+    assert row.scored == np.isfinite(errors).sum()

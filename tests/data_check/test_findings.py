@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from msnn.data.dataset import FloatArray
+from msnn.data.reading.load import load_data
 from msnn.data_check.check import check_data
 from msnn.data_check.found import DataCheck
 from msnn.model.load import load_model
@@ -230,6 +231,52 @@ def test_resampled_data_are_looked_at_as_recorded_and_at_the_sample_time(tmp_pat
     assert found.system is not None
     assert found.system.step == 0.1
     assert "W0811" not in said(found)
+
+
+RESAMPLED = SPEC.replace("time: time}", "time: time, resample: linear MORE}")
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.02])
+def test_data_are_joined_as_validate_joins_them(tmp_path: Path, jitter: float):
+    """Files that follow after 1.3 steps, or with uneven rows: `resample:` joins them."""
+    table = columns(900)
+    table["time"] += jitter * np.random.default_rng(3).uniform(-1, 1, 900)
+    table["time"][300:] += 0.03
+    spec = RESAMPLED.replace("data.csv", "part_*.csv").replace(" MORE", ", join: true, from: 400")
+    for k in range(3):
+        part = {name: values[300 * k : 300 * (k + 1)] for name, values in table.items()}
+        written(tmp_path, part, spec)
+        (tmp_path / "data.csv").rename(tmp_path / f"part_{k}.csv")
+    model = load_model(tmp_path / "plant.msnn.yaml")
+    found = check_data(model)
+    assert "W0832" not in said(found)
+    assert len(found.datasets[0].rows.records) == 1
+    # `from` counts rows of all files
+    assert found.datasets[0].rows.follows.sum() + 2 >= 500
+    assert model.spec.data is not None
+    assert len(load_data(model.program, model.spec.data, tmp_path).records) == 1
+
+
+def test_rows_that_a_filter_leaves_out_are_not_missing(tmp_path: Path):
+    spec = SPEC.replace("time: time}", 'time: time, nan: split, filter: "y > 301"}')
+    table = columns()
+    assert "W0814" not in said(looked_at(tmp_path, table, spec))
+    kept = np.flatnonzero(table["y"] > 301)
+    table["u"][kept[5]] = np.nan
+    found = looked_at(tmp_path, table, spec)
+    assert f"1 of {len(kept)} values of `u` are missing" in said(found)["W0814"]
+
+
+def test_cells_between_values_of_a_slower_column_are_not_missing(tmp_path: Path):
+    """A table of two rates, which `resample:` is for; a value that is lost is missing."""
+    table = columns()
+    table["u"][np.arange(ROWS) % 5 != 0] = np.nan
+    spec = RESAMPLED.replace(" MORE", "")
+    table["time"][1::5] += 0.03
+    found = said(looked_at(tmp_path, table, spec))
+    assert not found.keys() & {"W0814", "W0810"}
+    table["u"][600] = np.nan
+    assert "9 of 3000 values of `u` are missing" in said(looked_at(tmp_path, table, spec))["W0814"]
 
 
 def test_a_static_model_has_columns_and_no_system(tmp_path: Path):

@@ -119,7 +119,7 @@ def test_numbers_of_full_precision_have_no_step():
 def test_missing_values_are_counted_with_their_longest_run():
     values = noise(100)
     values[[3, 50, 51, 52, 99]] = np.nan
-    found = check_series(values, follows(100))
+    found = check_series(values, follows(100), np.isnan(values))
     assert (found.missing, found.first_missing, found.longest_missing) == (5, 3, 3)
 
 
@@ -171,7 +171,7 @@ ANY = st.one_of(st.just(np.nan), st.floats(-1e9, 1e9), st.sampled_from([0.0, 1.0
 @given(arrays(np.float64, st.integers(0, 60), elements=ANY))
 @settings(max_examples=200, deadline=None)
 def test_no_series_breaks_the_checks(values: FloatArray):
-    found = check_series(values, follows(len(values)))
+    found = check_series(values, follows(len(values)), np.isnan(values))
     assert found.missing == np.sum(~np.isfinite(values))
     assert all(0 <= row < len(values) for row in found.spikes.rows.tolist())
     for limit in found.saturations:
@@ -192,8 +192,8 @@ def test_what_is_found_does_not_depend_on_units(factor: float, offset: float, bi
     step = 2 / 2**bits
     values = np.round(np.clip(SLOW[:8_000] + 1e-3 * noise(8_000), -0.7, 0.7) / step) * step
     values[4_000] += 9
-    here = check_series(values, follows(8_000))
-    there = check_series(factor * (values + offset * 1e-3), follows(8_000))
+    here = check_series(values, follows(8_000), np.isnan(values))
+    there = check_series(factor * (values + offset * 1e-3), follows(8_000), np.isnan(values))
     assert there.spikes.rows.tolist() == here.spikes.rows.tolist() == [4_000]
     assert here.quantisation is not None
     assert there.quantisation is not None

@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compiler.ir.program import Program, Signal
+from compiler.ir.program import Program
 from msnn.data.dataset import Dataset
 from msnn.data.formats.arrays.array_columns import NamedArrays
 from msnn.data.formats.arrays.array_units import (
@@ -24,6 +24,7 @@ from msnn.data.reading.files import GIVEN, DataFile
 from msnn.data.reading.load import joined_files
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.whole_signals import with_whole_signals
+from msnn.data.reads import measured_beside
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.fields.located import KeyAndValueSpan
 from spec_schema.sections.data.data import Data, Source
@@ -51,17 +52,20 @@ def frame_data(
     place: KeyAndValueSpan,
     filters: Mapping[str, RowFilter],
     *,
-    beside: Sequence[Signal] = (),
+    whole: Program | None = None,
     split: bool = True,
+    as_recorded: bool = False,
 ) -> Dataset:
     """Records of a session, read as the `data` section reads files: columns, units, split, gaps.
 
     Each frame is a record; a mapping is one of sets if its values are frames or lists of them, and
     of columns otherwise. What `data` says of files is left out, and what its first source says of
     columns holds for all. A mapping may also have a signal under its own name: an array
-    (rows, *shape) in the signal's unit, where the columns of the spec are not there. `beside` are
-    more signals, read where a frame has them; without `split` the records of no set are in `data`.
-    Raises SpecError with everything that is wrong, TypeError for other things than frames.
+    (rows, *shape) in the signal's unit, where the columns of the spec are not there. `whole`
+    is the model of which the program is a part: the signals that it predicts besides are read where
+    a frame has them. Without `split` the records of no set are in `data`; `as_recorded` does not
+    resample them. Raises SpecError with everything that is wrong, TypeError for other things than
+    frames.
     """
     sets = _sets(frames, "train" if split else GIVEN)
     layout = _layout(data, place)
@@ -77,6 +81,7 @@ def frame_data(
     # what the first source says holds for all, as of columns
     condition = next(iter(filters.values()), None)
     more = () if condition is None else condition.signals
+    beside = () if whole is None else measured_beside(whole, program)
     signals = {signal.name: signal for signal in (*more, *beside, *program.signals)}
     files: list[DataFile] = []
     findings = Findings()
@@ -92,7 +97,7 @@ def frame_data(
             )
     findings.raise_errors()
     chosen = {} if condition is None else dict.fromkeys(sets, condition)
-    return joined_files(program, section, files, chosen, findings, beside)
+    return joined_files(program, section, files, chosen, findings, whole, as_recorded)
 
 
 def _sets(frames: Frames, alone: str) -> dict[str, list[Frame]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from compiler.ir.program import Program, Signal
 from msnn.data.dataset import BoolArray, Dataset, FileRows, FloatArray, Record
-from msnn.data.formats.table import ColumnKey
+from msnn.data.formats.table import ColumnKey, ColumnTable
 from msnn.data.formats.table_of_formats import require_reader
 from msnn.data.reading.disk_series import DiskSeries
 from msnn.data.reading.files import DataFile, find_files
@@ -21,6 +21,7 @@ from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data.reading.splits import RecordTimes, SetCodes, split_rows, split_source
 from msnn.data.reading.unused_keys import unused_keys
+from msnn.data.reads import measured_beside
 from msnn.errors.data import rows as errors
 from msnn.errors.data.recordings import rows_in_two_sets
 from msnn.errors.disk_data import not_on_disk
@@ -36,12 +37,17 @@ def load_data(
     data: Data,
     folder: Path,
     filters: Mapping[str, RowFilter] | None = None,
-    beside: Sequence[Signal] = (),
+    whole: Program | None = None,
+    *,
+    as_recorded: bool = False,
 ) -> Dataset:
     """The measured series of all signals of the program, divided into records and sets.
 
     Relative paths start in `folder`: that of the spec, or `--data-root`. `filters` are those of
-    the sources by name. `beside` are more signals, read where a file has them. Raises SpecError
+    the sources by name. `whole` is the model of which `program` is a part, as a simulation is: the
+    signals that it predicts besides are read where a file has them. `as_recorded` keeps the rows of
+    files where they are rows, joined as `resample:` wants it, and does not resample them. Raises
+    SpecError
     with the faults of all files, and MissingExtraError where the reader of a format is missing.
     """
     findings = Findings()
@@ -50,7 +56,7 @@ def load_data(
         # all formats before the first file is read: a package that is missing is told at once
         require_reader(file.path)
     findings.report(*unused_keys(data, files, program.sample_time))
-    return joined_files(program, data, files, filters or {}, findings, beside)
+    return joined_files(program, data, files, filters or {}, findings, whole, as_recorded)
 
 
 def joined_files(
@@ -59,7 +65,8 @@ def joined_files(
     files: Sequence[DataFile],
     filters: Mapping[str, RowFilter],
     findings: Findings,
-    beside: Sequence[Signal] = (),
+    whole: Program | None = None,
+    as_recorded: bool = False,
 ) -> Dataset:
     """The series of these files, or arrays in their place. Raises SpecError with all faults."""
     disk = DiskSeries() if data.keep == "disk" else None
@@ -75,7 +82,9 @@ def joined_files(
     reached: set[tuple[str, Path]] = set()
     for group in _groups(files, data):
         condition = filters.get(group[0].source)
-        for recording in _recordings(program, data, group, condition, findings, beside):
+        for recording in _recordings(program, data, group, condition, findings, whole):
+            if as_recorded and isinstance(recording.read, ColumnTable):
+                recording = recording.as_recorded()
             own, file = Findings(), recording.file
             part = part_of(recording, program, data, condition, own)
             if part is None and _is_outside(file, own):
@@ -96,20 +105,21 @@ def joined_files(
         raise SpecError(faults, _texts(files, faults))
     for warning in left_out.in_order:
         findings.report(warning)
-    whole = None
+    on_disk = None
     if disk is not None:
-        parts, whole = disk.returned(parts)
+        parts, on_disk = disk.returned(parts)
     _report_kept(parts, program.sample_time, findings)
     sets = data.sets
     rows = _sets(data, parts, sets, program.sample_time, findings)
     if not findings.failed:
         _report_shared(parts, files, data, findings)
+    beside = () if whole is None else measured_beside(whole, program)
     signals = (*program.signals, *beside)
     _report_ranges(signals, parts, findings)
     findings.raise_errors()
     # what is said of a column is said once, not of each file
     warnings = tuple(dict.fromkeys(findings.in_order))
-    return _joined(signals, parts, sets, rows, warnings, whole)
+    return _joined(signals, parts, sets, rows, warnings, on_disk)
 
 
 def _is_outside(file: DataFile, own: Findings) -> bool:
@@ -168,11 +178,11 @@ def _recordings(
     group: Sequence[DataFile],
     condition: RowFilter | None,
     findings: Findings,
-    beside: Sequence[Signal],
+    whole: Program | None,
 ) -> list[ReadFile]:
     """The files of a group, those that follow each other in time as one; reports faulty ones."""
     own = Findings()
-    read = [read_file(program, data, file, condition, own, beside) for file in group]
+    read = [read_file(program, data, file, condition, own, whole) for file in group]
     findings.report(*own.since(0))
     found = [file for file in read if file is not None]
     if len(group) == 1 or len(found) < len(group) or findings.failed:

@@ -23,7 +23,7 @@ from msnn.data.reading.columns import (
 from msnn.data.reading.converted_cells import converted_cells
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.row_filter import RowFilter
-from msnn.data.reads import compared_signals, signals_only_compared
+from msnn.data.reads import compared_signals, measured_beside, signals_only_compared
 from msnn.errors.data import units as data_units
 from msnn.errors.data.files import no_column_read
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
@@ -75,6 +75,11 @@ class ReadFile:
     uses: ColumnUses
     origins: tuple[FileOrigin, ...]
 
+    def as_recorded(self) -> ReadFile:
+        """The same with its rows as they are: not resampled, and gaps are none of an error."""
+        layout = self.file.layout.model_copy(update={"resample": "none"})
+        return replace(self, file=replace(self.file, layout=layout))
+
     @property
     def rows(self) -> int:
         """The count of rows; of streams with several times that of the first."""
@@ -107,16 +112,17 @@ def read_file(
     file: DataFile,
     row_filter: RowFilter | None,
     findings: Findings,
-    beside: Sequence[Signal] = (),
+    whole: Program | None = None,
 ) -> ReadFile | None:
     """The columns of a file; None after a report of what is wrong.
 
-    `beside` are signals that the file need not have.
+    The file need not have signals that the model `whole` predicts and the program does not read.
     """
     # of its own: `failed` is then about this file alone
     mine = Findings()
     columns = {**data.columns, **file.layout.columns}
     found = feeds(_signals(program, row_filter), columns, mine)
+    beside = () if whole is None else measured_beside(whole, program)
     more = feeds(beside, columns, mine)
     column = file.layout.time or data.time
     read = _columns(file, data, column, found, more, mine)
@@ -135,7 +141,7 @@ def read_file(
         read=read,
         found=found,
         more=more,
-        uses=_uses(program, found, more),
+        uses=_uses(program, found, more, whole or program),
         origins=(FileOrigin(file.shown, 0, 0.0, 0.0),),
     )
 
@@ -147,8 +153,12 @@ def _signals(program: Program, row_filter: RowFilter | None) -> tuple[Signal, ..
     return (*program.signals, *(signal for signal in more if signal.name not in known))
 
 
-def _uses(program: Program, found: Sequence[Feed], more: Sequence[Feed]) -> ColumnUses:
+def _uses(
+    program: Program, found: Sequence[Feed], more: Sequence[Feed], whole: Program
+) -> ColumnUses:
     compared, lone = compared_signals(program), signals_only_compared(program)
+    # a part of a model is compared with what the model is compared with
+    as_measured = signals_only_compared(whole)
     # a column that a signal of the program needs as well may not be missing
     spare = wanted_columns(more).keys() - wanted_columns(found).keys()
     targets = {feed.signal.name for feed in found if feed.signal.role is Role.TARGET}
@@ -157,7 +167,7 @@ def _uses(program: Program, found: Sequence[Feed], more: Sequence[Feed]) -> Colu
     return ColumnUses(
         beside=frozenset(spare),
         scored=columns_of_only(found, targets | lone),
-        measured=columns_of_only(found, lone),
+        measured=columns_of_only([*found, *more], as_measured),
         compared=keys,
         counted=frozenset(k for f in found if f.signal.name in compared for k in f.keys),
     )

@@ -224,7 +224,17 @@ def _on_grid(
     span: tuple[float, float] | None,
     uses: ColumnUses,
 ) -> RecordRows:
-    found = resample(columns, sample_time, method, span, uses.beside, uses.scored, uses.compared)
+    found = resample(
+        columns,
+        sample_time,
+        method,
+        span,
+        beside=uses.beside,
+        scored=uses.scored,
+        compared=uses.compared,
+        predicted=uses.counted,
+        on_lines=uses.beside - uses.measured,
+    )
     count = len(found.time)
     none = np.zeros(count, dtype=np.bool_)
     lost = {

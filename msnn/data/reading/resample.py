@@ -50,8 +50,14 @@ def resample(
     beside: Collection[ColumnKey] = (),
     scored: Collection[ColumnKey] = (),
     compared: Collection[ColumnKey] = (),
+    predicted: Collection[ColumnKey] = (),
+    on_lines: Collection[ColumnKey] = (),
 ) -> Resampled:
     """Columns (seconds, values) at the moments that all of them cover, `sample_time` apart.
+
+    The grid begins where all columns have begun that are not `predicted`. A predicted one, scored
+    or read, covers the moments within half a sample time of its first and last value too, and
+    takes none of the others into the grid: what a program reads of it shifts no moment.
 
     `linear` draws straight lines between the measured values of a column, `nearest` takes the
     closest of them, the earlier of two. `span` limits the moments.
@@ -60,7 +66,8 @@ def resample(
     at the moment within half a sample time; where no step between two of them is longer than 1.5
     sample times, `linear` takes the line at that moment. `compared` columns are read as well:
     `moments` says which moments have a measured value. Columns `beside` are scored ones
-    that have no say in which moments there are.
+    that have no say in which moments there are; those of them `on_lines` are compared as a signal
+    that is read.
     """
     scored = {key for key in scored if key not in beside}
     measured = {key: _measured(samples) for key, samples in columns.items()}
@@ -70,17 +77,21 @@ def resample(
         for key, (time, _) in measured.items()
         if key not in beside
     }
-    # where all columns have begun and none has ended
-    low = max(float(time[0]) for time in deciding.values())
     # a lone target decides itself: no other column says where the record has rows
     hole_makers = deciding.keys() - scored or deciding.keys()
-    # a value that is only scored belongs to the nearest row, which may be behind it
+    given = deciding.keys() - scored - set(predicted)
+    # where all columns have begun and none has ended; without any that is given the rows decide
+    begins = [float(deciding[key][0]) for key in given]
+    low = max(begins or [float(columns[key][0][0]) for key in deciding])
+    # a value that is compared belongs to the nearest row, which may be behind it
     high = min(
-        float(time[-1]) + (0.0 if key in hole_makers else 0.5 * sample_time)
+        float(time[-1]) + (0.5 * sample_time if given and key not in given else 0.0)
         for key, time in deciding.items()
     )
     if span is not None:
         low, high = max(low, span[0]), min(high, span[1])
+    late = max((float(deciding[key][0]) for key in deciding.keys() - given), default=low)
+    low += sample_time * max(0.0, np.ceil((late - low) / sample_time - 0.5 - _SLACK))
     # the last row is kept where jitter puts it a hair before its moment
     count = int(np.floor((high - low) / sample_time + GAP_TOLERANCE)) + 1 if high >= low else 0
     # k · step, in place: adding steps up would gather rounding, and long logs have room for one
@@ -116,7 +127,10 @@ def resample(
             found[key] = _at(grid, time, values, method)
         if key in beside and len(time):
             marked = _marked(count, _moments_of(grid, time, sample_time))
-            found[key], _ = _as_measured(grid, marked, (time, values), sample_time, method)
+            if key in on_lines:
+                found[key] = np.where(marked, found[key], np.nan)
+            else:
+                found[key], _ = _as_measured(grid, marked, (time, values), sample_time, method)
         elif key in hole_makers:
             covered &= ~_in_holes(grid, deciding[key], sample_time)
             if key not in scored:

@@ -46,14 +46,14 @@ def sampling_findings(
                 longest=found.longest,
                 row=found.longest_row,
             )
-        if found.worst > GAP_TOLERANCE:
+        # uneven steps are what resampling is for
+        if found.worst > GAP_TOLERANCE and not resampled:
             yield errors.uneven_steps(
                 file=found.file,
                 step=found.step,
                 jitter=found.jitter,
                 worst=found.worst,
                 row=found.worst_row,
-                resampled=resampled,
             )
 
 

@@ -17,6 +17,7 @@ class SeriesCheck:
     """The properties of one series; numbers are NaN where it has no values."""
 
     rows: int
+    """Without those that a filter has taken out."""
     missing: int
     first_missing: int
     longest_missing: int
@@ -29,12 +30,16 @@ class SeriesCheck:
     quantisation: Quantisation | None
 
 
-def check_series(values: FloatArray, follows: BoolArray) -> SeriesCheck:
-    """Everything that one series shows; `follows` says which rows continue the row before."""
-    lacks = ~np.isfinite(values)
-    known = values[~lacks]
+def check_series(
+    values: FloatArray, follows: BoolArray, lacks: BoolArray, left_out: int = 0
+) -> SeriesCheck:
+    """Everything that one series shows; `follows` says which rows continue the row before.
+
+    `lacks` are the rows without a value that should have one, among all but those `left_out`.
+    """
+    known = values[np.isfinite(values)]
     return SeriesCheck(
-        rows=len(values),
+        rows=len(values) - left_out,
         missing=int(lacks.sum()),
         first_missing=int(np.argmax(lacks)) if lacks.any() else 0,
         longest_missing=_longest(lacks),

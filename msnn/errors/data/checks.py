@@ -5,17 +5,14 @@ from __future__ import annotations
 from spec_schema.diagnostics.diagnostic import Diagnostic, warning
 
 
-def uneven_steps(
-    *, file: str, step: float, jitter: float, worst: float, row: int, resampled: bool
-) -> Diagnostic:
+def uneven_steps(*, file: str, step: float, jitter: float, worst: float, row: int) -> Diagnostic:
     """W0810: rows that are not evenly spaced in time."""
     message = (
         f"the rows of {file} are {step:.6g} s apart, give or take {jitter:.2g} of that; "
         f"the step to row {row} is off by {worst:.2g}"
     )
     repair = "write `resample: linear` under `data:`, or take the rows as even: leave `time:` out"
-    help = "`resample:` brings them to the sample time" if resampled else repair
-    return warning("W0810", None, message, help=help)
+    return warning("W0810", None, message, help=repair)
 
 
 def gaps_in_time(*, file: str, count: int, longest: float, row: int) -> Diagnostic:
