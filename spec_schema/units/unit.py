@@ -155,6 +155,24 @@ class Unit:
         assert found is not None
         return found
 
+    def prefixed(self, exponent: int) -> "Unit | None":
+        """This unit times 10^exponent by another prefix, N of kN at -3; None where none does it."""
+        if self.offset:
+            return None
+        scale = _exact(self.scale) * Fraction(10) ** exponent
+        for index, (symbol, power) in enumerate(self.factors):
+            if power != 1:
+                continue
+            for other in _other_prefixes(symbol):
+                found = ONE
+                for place, (factor, of) in enumerate(self.factors):
+                    unit = unit_symbol(other if place == index else factor)
+                    assert unit is not None, "factors are symbols"
+                    found = found * (unit if of == 1 else unit.power(of))
+                if math.isclose(found.scale, scale, rel_tol=_SCALE_TOLERANCE):
+                    return found
+        return None
+
     def in_si(self, value: float) -> float:
         """The number in SI units, rounded once: 10 us is 1e-05 s, which 10 · 1e-06 is not."""
         return nearest_float(meant(value) * _exact(self.scale)) + self.offset
@@ -249,13 +267,22 @@ def _unit_of_row(symbol: str, row: UnitRow, prefix_scale: float) -> Unit:
 def _without_prefix(unit: Unit) -> Unit | None:
     found = ONE
     for symbol, power in unit.factors:
-        rows = (symbol, *(symbol.removeprefix(p) for p in PREFIXES if symbol.startswith(p)))
-        # `min` is no milli-inch: a symbol of its own keeps all of it
-        row = next((name for name in rows if name in UNIT_ROWS), symbol)
-        factor = unit_symbol(row)
+        factor = unit_symbol(_row_of(symbol))
         assert factor is not None, "factors are symbols"
         found = found * factor.power(power)
     return None if found.text == unit.text else found
+
+
+def _row_of(symbol: str) -> str:
+    rows = (symbol, *(symbol.removeprefix(p) for p in PREFIXES if symbol.startswith(p)))
+    # `min` is no milli-inch: a symbol of its own keeps all of it
+    return next((name for name in rows if name in UNIT_ROWS), symbol)
+
+
+def _other_prefixes(symbol: str) -> list[str]:
+    """`N` and all of its prefixes for `kN`; none for `min`, which takes none."""
+    row = _row_of(symbol)
+    return [row, *(prefix + row for prefix in PREFIXES)] if UNIT_ROWS[row].prefixes else []
 
 
 def _base_symbols(unit: Unit) -> Unit | None:

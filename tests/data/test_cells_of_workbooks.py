@@ -15,8 +15,15 @@ PERCENT, SPEED, PLAIN = "0%", '0.0 "km/h"', "General"
 LAYOUT = "  time: time\n"
 
 
-def write(path: Path, header: str, formats: Sequence[str | None], above: int = 0) -> None:
-    """A sheet whose cell in row i has the number i + 1 in a format; None leaves the cell empty."""
+def write(
+    path: Path,
+    header: str,
+    formats: Sequence[str | None],
+    above: int = 0,
+    values: Sequence[float] | None = None,
+) -> None:
+    """A sheet whose cell in row i has the number i + 1 or values[i] in a format; None leaves the
+    cell empty."""
     book = openpyxl.Workbook()
     sheet = book.active
     assert sheet is not None
@@ -25,7 +32,8 @@ def write(path: Path, header: str, formats: Sequence[str | None], above: int = 0
         sheet.cell(sheet.max_row, 2).number_format = '0 "kg"'
     sheet.append(["time", header])
     for row, format in enumerate(formats):
-        sheet.append([0.1 * row, None if format is None else row + 1.0])
+        value = row + 1.0 if values is None else values[row]
+        sheet.append([0.1 * row, None if format is None else value])
         if format is not None:
             sheet.cell(sheet.max_row, 2).number_format = format
     book.save(path)
@@ -85,6 +93,103 @@ def test_cells_of_one_unit_are_read(
     data = load(tmp_path, "a.xlsx", unit, LAYOUT)
     assert data.series["v"][0] == pytest.approx(first, rel=1e-15)
     assert data.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("header", "format", "unit", "expected"),
+    [
+        # the cell 12000 is shown as 12.0 kN: it is in N
+        ("v", '0.0, "kN"', "N", [12000.0, 10.0]),
+        ("v", '#,##0.0,\\ "kN"', "kN", [12.0, 0.01]),
+        ("v", '0.000,,"MN"', "N", [12000.0, 10.0]),
+        ("v", '0,.0" kN"', "N", [12000.0, 10.0]),
+        ("v", '0.0,"kN*m"', "N*m", [12000.0, 10.0]),
+        ("v", '[>=1000]0.0," kg";0.0" g"', "g", [12000.0, 10.0]),
+        # commas between digits are not shown as thousands
+        ("v", '#,##0.0 "kN"', "kN", [12000.0, 10.0]),
+        # the header is that of the shown numbers, or of the cells
+        ("v [kN]", '0.0, "kN"', "N", [12000.0, 10.0]),
+        ("v [N]", '0.0, "kN"', "N", [12000.0, 10.0]),
+        ("v", '0.0, "KN"', "N", [12000.0, 10.0]),
+    ],
+)
+def test_commas_behind_the_digits_show_thousandths_of_cells(
+    tmp_path: Path, header: str, format: str, unit: str, expected: list[float]
+) -> None:
+    write(tmp_path / "a.xlsx", header, [format] * 2, values=[12000.0, 10.0])
+    data = load(tmp_path, "a.xlsx", unit, LAYOUT)
+    assert data.series["v"].tolist() == pytest.approx(expected, rel=1e-15)
+    assert data.warnings == ()
+
+
+@pytest.mark.parametrize(("header", "unit"), [("v [kN]", "N"), ("v [MN]", "kN")])
+def test_commas_below_a_header_with_a_unit_are_asked(
+    tmp_path: Path, header: str, unit: str
+) -> None:
+    write(tmp_path / "a.xlsx", header, ["0.0,"] * 2)
+    with pytest.raises(SpecError, match="E0991") as caught:
+        load(tmp_path, "a.xlsx", unit, LAYOUT)
+    # the advice
+    key = str(caught.value.diagnostics[0].help).split("`")[1]
+    data = load(tmp_path, "a.xlsx", unit, f"{LAYOUT}  {key}\n")
+    assert data.series["v"][0] == 1.0
+
+
+@pytest.mark.parametrize("format", ['0.0," °C"', '0.0,"min"', '0.0,"apples"'])
+def test_a_unit_of_thousandths_that_has_no_name_is_a_warning(tmp_path: Path, format: str) -> None:
+    write(tmp_path / "a.xlsx", "v", [format] * 2)
+    data = load(tmp_path, "a.xlsx", "s" if "min" in format else "K", LAYOUT)
+    assert [warning.code for warning in data.warnings] == ["W0511"]
+    assert data.series["v"][0] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("format", "unit", "values", "expected"),
+    [
+        # escaped and plain letters, as well as quoted ones
+        (r"0.0\ \°\C", "K", [20.0], [293.15]),
+        (r"0.0\ °C", "K", [20.0], [293.15]),
+        (r"0.0\ \N", "kN", [20.0], [0.02]),
+        ('General" km/h"', "m/s", [36.0], [10.0]),
+        ('"v = "0.0 "km/h"', "m/s", [36.0], [10.0]),
+        # signs, blanks and dashes are no units
+        ('(0.0 "km/h")', "m/s", [36.0], [10.0]),
+        ('0.0 "km/h";-0.0 "km/h";"-"', "m/s", [36.0, 0.0, -36.0], [10.0, 0.0, -10.0]),
+        ('0.0 "km/h";-0.0;0', "m/s", [36.0, 0.0, -36.0], [10.0, 0.0, -10.0]),
+        ("# ?/?", "m/s", [36.0], [36.0]),
+        ("_-* 0.00_-;-* 0.00_-", "m/s", [36.0], [36.0]),
+        # the section that shows the number
+        ('0.0 "km/h";-0.0 "m/s"', "m/s", [36.0, 0.0], [10.0, 0.0]),
+        ('0.0 "km/h";-0.0 "m/s"', "m/s", [-36.0], [-36.0]),
+        ('[>100]0.0 "m/s";0.0 "km/h"', "m/s", [36.0, 100.0], [10.0, 100 / 3.6]),
+        ('[>100]0.0 "m/s";0.0 "km/h"', "m/s", [101.0], [101.0]),
+        ('0 "m";-0 "mm";0 "km"', "m", [0.0], [0.0]),
+        ('0 "m";-0 "mm";0 "km"', "m", [-5.0], [-0.005]),
+    ],
+)
+def test_the_section_that_shows_a_number_states_its_unit(
+    tmp_path: Path, format: str, unit: str, values: list[float], expected: list[float]
+) -> None:
+    write(tmp_path / "a.xlsx", "v", [format] * len(values), values=values)
+    data = load(tmp_path, "a.xlsx", unit, LAYOUT)
+    assert data.series["v"].tolist() == pytest.approx(expected, rel=1e-15)
+    assert data.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("format", "values"),
+    [
+        ('0.0 "km/h";-0.0 "m/s"', [36.0, -36.0]),
+        ('[>100]0.0 "m/s";0.0 "km/h"', [36.0, 101.0]),
+        ('[<=1]0.0 "m/s";[>100]0 "km/h";0.0 "mm/s"', [1.0, 50.0]),
+    ],
+)
+def test_sections_of_different_units_are_asked_where_both_show_numbers(
+    tmp_path: Path, format: str, values: list[float]
+) -> None:
+    write(tmp_path / "a.xlsx", "v", [format] * len(values), values=values)
+    with pytest.raises(SpecError, match="E0878"):
+        load(tmp_path, "a.xlsx", "m/s", LAYOUT)
 
 
 def test_cells_above_the_header_and_empty_ones_do_not_count(tmp_path: Path) -> None:

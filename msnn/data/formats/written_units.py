@@ -108,6 +108,8 @@ class ShownUnit:
     unit: Unit | CapitalUnit | UnknownUnit | None
     cell: str
     count: int
+    thousands: int = 0
+    """How often their numbers are divided by 1000 to be shown in that unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,12 +157,38 @@ def unit_of_cells(shown: Sequence[ShownUnit], stated: StatedUnit | None) -> Stat
     known = stated if isinstance(stated, Unit | CapitalUnit) else None
     different: list[ShownUnit] = []
     for one in shown:
-        mine = replace(one, unit=one.unit or known)
+        unit = one.unit or known
+        mine = replace(one, unit=_thousandth(unit, one.thousands))
         if not any(_is_same(mine.unit, other.unit) for other in different):
             different.append(mine)
+        # a header of kN above `12.0 kN` is that of the numbers that are shown
+        if one.thousands and isinstance(one.unit, Unit | CapitalUnit):
+            agreed = one_unit(stated, one.unit)
+            stated = stated if isinstance(agreed, TwoUnits) else mine.unit
     if len(different) > 1:
         return MixedUnits(tuple(different))
     return one_unit(stated, different[0].unit if different else None)
+
+
+def _thousandth(
+    unit: Unit | CapitalUnit | UnknownUnit | None, times: int
+) -> Unit | CapitalUnit | UnknownUnit | None:
+    """The unit of cells that are divided by 1000 so many times to be shown in `unit`.
+
+    N for kN and g for kg; a text of no unit where none with a prefix is that.
+    """
+    if not times or unit is None or isinstance(unit, UnknownUnit):
+        return unit
+    if isinstance(unit, CapitalUnit):
+        smaller = [_thousandth(reading, times) for reading in unit.readings]
+        readings = tuple(one for one in smaller if isinstance(one, Unit))
+        written = unit.written and _thousandth(unit.written, times)
+        if readings:
+            return replace(
+                unit, readings=readings, written=written if isinstance(written, Unit) else None
+            )
+    found = unit.prefixed(-3 * times) if isinstance(unit, Unit) else None
+    return found or UnknownUnit(f"{unit.text}/{1000**times}", None)
 
 
 def _is_same(

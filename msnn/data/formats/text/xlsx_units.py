@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import operator
 import re
 import warnings
 import zipfile
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from html import unescape
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -16,9 +20,38 @@ from spec_schema.units.unit import ONE, Unit
 
 _STYLES = "xl/styles.xml"
 _MOST = 1 << 20
-_SHOWS_UNIT = re.compile(rb'%|&quot;|numFmtId="(?:9|10)"')
-"""In the styles of a workbook; 9 and 10 are the built-in formats of percents."""
-_QUOTED = re.compile(r'"([^"]*)"|\\(.)')
+_PERCENTS = re.compile(rb'numFmtId="(?:9|10)"')
+"""In the styles of a workbook: the built-in formats of percents."""
+_CODES = re.compile(r"""formatCode=(?:"([^"]*)"|'([^']*)')""")
+_TOKEN = re.compile(
+    r'"(?P<quoted>[^"]*)"|\\(?P<escaped>.)|[_*].|\[\$(?P<currency>[^\]-]*)[^\]]*\]'
+    r"|\[(?P<condition>[<>=]+\s*-?[\d.]+(?:[Ee][+-]?\d+)?)\]|\[[^\]]*\]"
+    r"|(?P<digit>General|[0#?](?:[Ee][+-](?=[0#?]))?)|(?P<mark>[.,%@])|(?P<end>;)|(?P<letter>.)",
+    re.DOTALL,
+)
+_THOUSANDS = re.compile(r"(?<=0),+(?![0,])")
+"""Commas behind a digit and before none: each divides the number that is shown by 1000."""
+_CONDITION = re.compile(r"([<>=]+)\s*(.+)")
+_COMPARED: Mapping[str, Callable[[float, float], bool]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "=": operator.eq,
+    "<>": operator.ne,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Section:
+    """One of the sections of a number format, which are parted by `;`."""
+
+    unit: Unit | CapitalUnit | UnknownUnit | None
+    thousands: int = 0
+    """How often the number is divided by 1000 to be shown."""
+    condition: tuple[str, float] | None = None
+    """Of numbers that it shows, where the format says one: `[>=1000]`."""
+    has_digits: bool = True
 
 
 def units_of_formats(
@@ -26,7 +59,8 @@ def units_of_formats(
 ) -> Mapping[int, tuple[ShownUnit, ...]]:
     """The units with which the numbers of columns are shown below row `after`, by index.
 
-    A cell in percent holds the ratio itself: 0.5 where 50 % is shown.
+    A cell in percent holds the ratio itself: 0.5 where 50 % is shown. A comma behind the digits
+    shows a thousandth of the cell.
     """
     if not _may_show_units(path):
         return {}
@@ -36,39 +70,106 @@ def units_of_formats(
         book: Any = openpyxl.load_workbook(path, read_only=True, data_only=True)
         sheet: Any = book.worksheets[0]
         sheet.reset_dimensions()
-        formats: dict[int, dict[str, list[str]]] = {index: {} for index in columns}
+        found: dict[int, dict[tuple[str, int], ShownUnit]] = {index: {} for index in columns}
         for row in sheet.iter_rows(min_row=after + 1):
             for index in columns:
                 cell = row[index] if index < len(row) else None
-                if cell is not None and cell.data_type == "n" and cell.value is not None:
-                    cells = formats[index].setdefault(str(cell.number_format), [])
-                    cells.append(str(cell.coordinate))
+                if cell is None or cell.data_type != "n" or cell.value is None:
+                    continue
+                section = _section(_sections(str(cell.number_format)), float(cell.value))
+                if not section.has_digits:  # a dash for 0 says nothing of units
+                    continue
+                # formats of one unit differ in their digits
+                key = "" if section.unit is None else section.unit.text, section.thousands
+                one = found[index].get(key)
+                if one is None:
+                    one = ShownUnit(section.unit, str(cell.coordinate), 0, section.thousands)
+                found[index][key] = replace(one, count=one.count + 1)
         book.close()
-    return {index: _shown(found) for index, found in formats.items()}
-
-
-def _shown(formats: Mapping[str, list[str]]) -> tuple[ShownUnit, ...]:
-    """The different units of formats, each with the cells that show it."""
-    found: dict[str, tuple[Unit | CapitalUnit | UnknownUnit | None, list[str]]] = {}
-    for text, cells in formats.items():
-        unit = _unit(text)
-        # formats of one unit differ in their digits
-        found.setdefault("" if unit is None else unit.text, (unit, []))[1].extend(cells)
-    return tuple(ShownUnit(unit, cells[0], len(cells)) for unit, cells in found.values())
+    return {index: tuple(shown.values()) for index, shown in found.items()}
 
 
 def _may_show_units(path: Path) -> bool:
     # most workbooks show none, and opening one takes time
     try:
         with zipfile.ZipFile(path) as book, book.open(_STYLES) as styles:
-            return _SHOWS_UNIT.search(styles.read(_MOST)) is not None
+            text = styles.read(_MOST)
     except (OSError, KeyError, zipfile.BadZipFile):
         return False
+    codes = (a or b for a, b in _CODES.findall(text.decode("utf-8", "replace")))
+    sections = (section for code in codes for section in _sections(unescape(code)))
+    shows = any(section.unit is not None or section.thousands for section in sections)
+    return shows or _PERCENTS.search(text) is not None
 
 
-def _unit(format: str) -> Unit | CapitalUnit | UnknownUnit | None:
-    # of several sections the first is that of positive numbers
-    section = format.split(";")[0]
-    if "%" in _QUOTED.sub("", section):
-        return ONE
-    return stated_unit("".join(plain or letter for plain, letter in _QUOTED.findall(section)))
+def _section(sections: Sequence[_Section], value: float) -> _Section:
+    """The section that shows a number: that whose condition it fulfils, else the last one."""
+    *first, last = sections[:3]  # the fourth shows texts
+    # positive numbers and 0, negative ones; with three sections the last one shows 0
+    usual = ((">" if len(first) == 2 else ">=", 0.0), ("<", 0.0))
+    for section, condition in zip(first, usual, strict=False):
+        sign, limit = section.condition or condition
+        if _COMPARED[sign](value, limit):
+            return section
+    return last
+
+
+@lru_cache(256)
+def _sections(format: str) -> tuple[_Section, ...]:
+    """The sections of a number format. One that shows no unit has that of the others."""
+    parts: list[list[re.Match[str]]] = [[]]
+    for token in _TOKEN.finditer(format):
+        if token["end"]:
+            parts.append([])
+        else:
+            parts[-1].append(token)
+    sections = [_read(part) for part in parts]
+    unit = next((section.unit for section in sections if section.unit is not None), None)
+    return tuple(
+        section if section.unit is not None else replace(section, unit=unit) for section in sections
+    )
+
+
+def _read(tokens: Sequence[re.Match[str]]) -> _Section:
+    digits = [index for index, token in enumerate(tokens) if token["digit"]]
+    if not digits:
+        return _Section(None, condition=_condition(tokens), has_digits=False)
+    marks = "".join("0" if token["digit"] else token["mark"] or "" for token in tokens)
+    if "%" in marks:
+        unit = ONE
+    else:
+        before, between, after = (
+            _text(part)
+            for part in (
+                tokens[: digits[0]],
+                tokens[digits[0] : digits[-1]],
+                tokens[digits[-1] :],
+            )
+        )
+        # the unit stands behind the number, seldom before it: `"v = "0.0 "km/h"`
+        shown = before + between + after if _has_letters(between) else after or before
+        unit = stated_unit(shown) if shown else None
+    thousands = sum(map(len, _THOUSANDS.findall(marks)))
+    return _Section(unit, thousands, _condition(tokens))
+
+
+def _condition(tokens: Sequence[re.Match[str]]) -> tuple[str, float] | None:
+    for token in tokens:
+        if token["condition"] and (found := _CONDITION.fullmatch(token["condition"])):
+            return (found[1], float(found[2])) if found[1] in _COMPARED else None
+    return None
+
+
+def _text(tokens: Sequence[re.Match[str]]) -> str:
+    """The text around a number, without signs; empty where it has no letters."""
+    text = "".join(
+        token["quoted"] or token["escaped"] or token["currency"] or token["letter"] or ""
+        for token in tokens
+    ).strip(" \xa0\u202f-+:")
+    if text.count("(") != text.count(")"):  # negative numbers in parentheses
+        text = text.strip("() ")
+    return text if _has_letters(text) else ""
+
+
+def _has_letters(text: str) -> bool:
+    return any(letter.isalpha() or letter in "%°€$‰" for letter in text)
