@@ -16,11 +16,9 @@ _SHORT_LIST = 12
 def unknown_key(
     key: str, span: Span, owner: str, known: Iterable[str], present: str | None = None
 ) -> Diagnostic:
-    """E0201: a key that the language does not have.
-
-    `present` is the name of the same key that is there too.
-    """
+    """E0201: a key that the language does not have."""
     known = tuple(known)
+    # the name of today of the same key: it is there too
     if present is not None:
         message = f"`{key}` in {owner} is the old name of `{present}`, which is there too"
         return error("E0201", span, message, "twice the same key", help=f"remove `{key}`")

@@ -123,13 +123,10 @@ class Entry(BaseModel):
                 present = cls.former[name]
                 findings.report(errors.former_key(name, present, node.keys[name], cls.noun))
                 admitted[present] = value
-            elif name in cls.former:
-                findings.report(
-                    errors.both_names(name, cls.former[name], node.keys[name], cls.noun)
-                )
             # editors and other tools keep their own things in a spec
             elif not name.startswith("x-"):
-                findings.report(errors.unknown_key(name, node.keys[name], cls.noun, known))
+                place, present = node.keys[name], cls.former.get(name)
+                findings.report(errors.unknown_key(name, place, cls.noun, known, present))
         return admitted
 
 
