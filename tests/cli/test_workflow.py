@@ -127,7 +127,9 @@ def test_a_parameter_at_its_bound_is_reported(msnn: CommandLine, project: Path):
     change(project, "k: {init: 10,", "k: {init: 10, max: 10.001,")
     said = msnn("train", SPEC)
     assert said.code == 0
-    assert "warning[W0904]: `k` ended at its bound" in said.err
+    # once, in full
+    assert said.err.count("warning[W0904]: `k` ended at its bound") == 1
+    assert "|" in said.err.partition("W0904")[2]
     assert re.search(r"^k +N/m +10 .* at its bound$", said.out, re.M)
 
 
