@@ -336,3 +336,18 @@ def test_data_cannot_steer_the_terminal(msnn: CommandLine, project: Path, text: 
     assert said.code == 1
     assert "\x1b" not in said.err
     assert "�[31m" in said.err
+
+
+def test_a_simulation_among_the_training_data_is_named_as_one(msnn: CommandLine, project: Path):
+    table = "data/train/run_99.csv"
+    assert msnn("simulate", SPEC, "--initial", "-o", table).code == 0
+    said = msnn("data", SPEC)
+    assert said.code == 1
+    assert "error[E0804]" in said.err
+    assert "this is a table that `msnn simulate` has written" in said.err
+    assert "write the next one there by `--out`" in said.err
+    # as it is advised
+    Path(table).rename("run_99.csv")
+    assert msnn("data", SPEC).code == 0
+    assert msnn("simulate", SPEC, "--initial", "--out", "run_99.csv").code == 0
+    assert msnn("data", SPEC).code == 0
