@@ -6,14 +6,26 @@ Equal identities mean the same program, weights, options and version of msnn.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 OPEN = "msnn-id-" * 8
 """Stands in texts where the identity will, of the same length: the hash is of texts with this."""
 
 MANIFEST = "manifest.sha256"
 """Lists every file of an export, as `sha256sum --check` reads it."""
+
+
+_LINE = re.compile(
+    # as GNU writes it, the file read as text or binary; as BSD does
+    r"\s*(?P<escaped>\\?)"
+    r"(?:(?P<digest>[0-9a-fA-F]{64}) [ *]?(?P<path>.+)"
+    r"|SHA256 ?\((?P<bsd_path>.+)\) ?= ?(?P<bsd_digest>[0-9a-fA-F]{64}))",
+    re.DOTALL,
+)
+_ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
+"""Of names in a line that begins with a backslash."""
 
 
 def with_identity(texts: Mapping[str, str]) -> dict[str, str]:
@@ -53,12 +65,26 @@ def manifest_text(contents: Mapping[str, bytes]) -> str:
 def read_manifest(folder: Path) -> dict[str, str]:
     """The SHA-256 of each file by its path. Raises OSError, ValueError for another text.
 
-    What a line names may be anywhere: the text may be anybody's.
+    Lines as `sha256sum --check` reads them; one that it would skip is another text. The file that a
+    line names may be anywhere: the text may be anybody's.
     """
-    lines = (folder / MANIFEST).read_text(encoding="utf-8").splitlines()
-    # ValueError where a line has no two blanks
-    pairs = [line.split("  ", 1) for line in lines]
-    listed = {path: digest for digest, path in pairs}
-    if len(listed) < len(pairs):
-        raise ValueError(MANIFEST)  # of one path with two hashes, one would not be looked at
+    listed: dict[str, str] = {}
+    for line in (folder / MANIFEST).read_text(encoding="utf-8").splitlines():
+        if not line or line.startswith("#"):
+            continue
+        path, digest = _entry(line)
+        if listed.setdefault(path, digest) != digest:
+            raise ValueError(MANIFEST)  # of one path with two hashes, one would not be looked at
     return listed
+
+
+def _entry(line: str) -> tuple[str, str]:
+    """The path, without `./`, and the hash of a line of a manifest; ValueError."""
+    found = _LINE.fullmatch(line)
+    if found is None:
+        raise ValueError(MANIFEST)
+    path = found["path"] or found["bsd_path"]
+    digest = found["digest"] or found["bsd_digest"]
+    if found["escaped"]:
+        path = re.sub(r"\\[\\nr]", lambda each: _ESCAPES[each[0]], path)
+    return str(PurePosixPath(path)), digest.lower()

@@ -22,7 +22,10 @@ class TrainingResult:
     stages: tuple[StageResult, ...]
     folder: Path | None
     warnings: tuple[Diagnostic, ...]
-    """Of the data, of the stages, and of what happened while they ran; each once."""
+    """Warnings of the data, the stages, their course, and the parameters at the end.
+
+    Each once. Those of parameters that data do not determine come with standard errors alone.
+    """
     standard_errors: StandardErrors | None = None
     """Of a run that is kept in a folder and came to its end."""
     starts: KeptStarts | None = None

@@ -25,7 +25,11 @@ from msnn.training.records.checkpoint import Checkpoint
 from msnn.training.records.learned.information_of_stage import kept_starts
 from msnn.training.records.learned.parameter_warnings import parameter_warnings
 from msnn.training.records.learned.parameters_record import parameters_record
-from msnn.training.records.learned.standard_errors import standard_errors, without_errors
+from msnn.training.records.learned.standard_errors import (
+    StandardErrors,
+    standard_errors,
+    without_errors,
+)
 from msnn.training.records.learned.total_slope import with_bounds
 from msnn.training.records.learned.zero_slices import zero_slices
 from msnn.training.records.progress import EpochEnd, StageStart
@@ -101,6 +105,7 @@ class TrainingRun:
         kept = kept_starts(last, self.data, now.ended[-1], self.progress.warned)
         # of several ranks all go on to the errors, though one alone has the folder
         if self.folder is None and self.options.ranks is None:
+            self._warn_of_parameters(now.begin, None)
             return replace(self._result(now.begin, now), starts=kept)
         self._finish(now)
         spread = (
@@ -114,18 +119,24 @@ class TrainingRun:
             if self.options.has_errors
             else without_errors("not estimated in a comparison")
         )
+        self._warn_of_parameters(now.begin, spread)
         if self.folder is None:  # another rank writes the run
             return replace(self._result(now.begin, now), starts=kept)
         self.folder.write_starts(kept)
         self.folder.write_parameters(parameters_record(self.program, now.begin, spread))
         self.folder.write_covariance(spread.covariance)
-        said = parameter_warnings(self.program, now.begin, spread, self.options.black_boxes)
-        zero = zero_slices(self.program, now.begin)
-        self.progress.run_ended("finished", said, zero)
+        self.progress.run_ended("finished", zero=zero_slices(self.program, now.begin))
         # a fold keeps its checkpoint until all folds are over
         if self.options.folder is None:
             self.folder.checkpoint.unlink(missing_ok=True)
         return replace(self._result(now.begin, now), standard_errors=spread, starts=kept)
+
+    def _warn_of_parameters(
+        self, weights: Mapping[str, FloatArray], found: StandardErrors | None
+    ) -> None:
+        boxes = self.options.black_boxes
+        for warning in parameter_warnings(self.program, weights, found, boxes):
+            self.progress.warned(warning)
 
     def _stage(
         self, plan: StagePlan, data: StageData, now: Checkpoint, stop_asked: threading.Event

@@ -83,8 +83,10 @@ def _another(model: Sources, listed: dict[str, str], names: str, identity: str) 
     contents = {path: _content(model.folder / path) or b"" for path in own}
     texts = {path: content.decode("utf-8", "replace") for path, content in contents.items()}
     computed = identity_of({path: text.replace(identity, OPEN) for path, text in texts.items()})
-    said = f"the files {names} have the identity {computed[:12]}, their description {identity[:12]}"
-    return [] if computed == identity else [said]
+    files = f"the files that {MANIFEST} lists" if names == "*" else f"the files {names}"
+    said = f"{files} have the identity {computed[:12]}, their description {identity[:12]}"
+    why = f"a file was changed, added or left out, and {MANIFEST} with it"
+    return [] if computed == identity else [f"{said}: {why}"]
 
 
 def _hash(content: bytes) -> str:

@@ -127,7 +127,9 @@ def test_a_parameter_at_its_bound_is_reported(msnn: CommandLine, project: Path):
     change(project, "k: {init: 10,", "k: {init: 10, max: 10.001,")
     said = msnn("train", SPEC)
     assert said.code == 0
-    assert "warning[W0904]: `k` ended at its bound" in said.err
+    # once, in full
+    assert said.err.count("warning[W0904]: `k` ended at its bound") == 1
+    assert "|" in said.err.partition("W0904")[2]
     assert re.search(r"^k +N/m +10 .* at its bound$", said.out, re.M)
 
 
@@ -334,3 +336,18 @@ def test_data_cannot_steer_the_terminal(msnn: CommandLine, project: Path, text: 
     assert said.code == 1
     assert "\x1b" not in said.err
     assert "�[31m" in said.err
+
+
+def test_a_simulation_among_the_training_data_is_named_as_one(msnn: CommandLine, project: Path):
+    table = "data/train/run_99.csv"
+    assert msnn("simulate", SPEC, "--initial", "-o", table).code == 0
+    said = msnn("data", SPEC)
+    assert said.code == 1
+    assert "error[E0804]" in said.err
+    assert "this is a table that `msnn simulate` has written" in said.err
+    assert "write the next one there by `--out`" in said.err
+    # as it is advised
+    Path(table).rename("run_99.csv")
+    assert msnn("data", SPEC).code == 0
+    assert msnn("simulate", SPEC, "--initial", "--out", "run_99.csv").code == 0
+    assert msnn("data", SPEC).code == 0

@@ -196,8 +196,51 @@ def test_a_manifest_made_again_does_not_hide_a_change(tmp_path: Path) -> None:
     (finding,) = findings(folder)
     identity = json.loads((folder / "plant.json").read_text())["export_sha256"]
     assert re.fullmatch(
-        rf"the files \* have the identity \w{{12}}, their description {identity[:12]}", finding
+        rf"the files that manifest.sha256 lists have the identity \w{{12}}, their description "
+        rf"{identity[:12]}: a file was changed, added or left out, and manifest.sha256 with it",
+        finding,
     )
+
+
+def test_a_file_that_is_left_out_with_its_line_is_missed(tmp_path: Path) -> None:
+    folder = exported(tmp_path / "a")
+    lines = (folder / MANIFEST).read_text().splitlines(keepends=True)
+    (folder / MANIFEST).write_text("".join(line for line in lines if "README.md" not in line))
+    (folder / "README.md").unlink()
+    (finding,) = findings(folder)
+    assert finding.startswith("the files that manifest.sha256 lists have the identity ")
+
+
+def bsd(line: str) -> str:
+    return f"SHA256 ({line[66:]}) = {line[:64]}"
+
+
+SPELLINGS: dict[str, Callable[[str], str]] = {
+    "capital letters": lambda line: line[:64].upper() + line[64:],
+    "the mark of binary files": lambda line: f"{line[:64]} *{line[66:]}",
+    "doubled lines": lambda line: f"{line}\n{line}",
+    "doubled in two ways": lambda line: f"{line}\n{line[:64].upper()} *{line[66:]}",
+    "comments": lambda line: f"# {line[66:]}\n{line}",
+    "from the folder itself": lambda line: f"{line[:66]}./{line[66:]}",
+    "one blank": lambda line: f"{line[:64]} {line[66:]}",
+    "a blank in front": lambda line: f" {line}",
+    "as BSD writes them": bsd,
+    "a backslash for escapes": lambda line: f"\\{line}",
+}
+
+
+@pytest.mark.parametrize("how", SPELLINGS)
+def test_a_manifest_that_sha256sum_accepts_is_accepted(how: str, tmp_path: Path) -> None:
+    folder = exported(tmp_path / "a")
+    lines = (folder / MANIFEST).read_text().splitlines()
+    (folder / MANIFEST).write_text("".join(f"{SPELLINGS[how](line)}\n" for line in lines))
+    asked = ["sha256sum", "--check", "--strict", MANIFEST]
+    said = subprocess.run(asked, cwd=folder, check=False, capture_output=True, text=True)
+    assert said.returncode == 0, said.stderr
+    assert findings(folder) == ()
+    (tmp_path / "a" / "check").rmdir()
+    changed("src/plant_params.c", "0.5f", "0.6f")(folder)
+    assert "src/plant_params.c was changed after it was exported" in findings(folder)
 
 
 @pytest.mark.parametrize("several", [False, True])
@@ -235,6 +278,12 @@ def test_no_file_outside_of_the_export_is_read(path: str, tmp_path: Path) -> Non
     with (folder / MANIFEST).open("a") as manifest:
         manifest.write(f"{digest}  {path}\n")
     assert findings(folder) == (f"{MANIFEST} names {path}, which is outside of the export",)
+    for spelt in (f"{digest.upper()} *./{path}", bsd(f"{digest}  {path}"), f"\\{digest}  {path}"):
+        (folder / MANIFEST).write_text(f"{spelt}\n")
+        (tmp_path / "a" / "check").rmdir()
+        said = findings(folder)
+        assert len(said) > 0
+        assert not any("was changed" in line for line in said)
 
 
 def test_a_pipe_and_a_folder_of_somebody_else_are_not_read(tmp_path: Path) -> None:

@@ -121,13 +121,15 @@ def _train(
         zeros_note,
     )
     from msnn.terminals import is_live
-    from msnn.training.records.learned.black_boxes import black_boxes
-    from msnn.training.records.learned.parameter_warnings import parameter_warnings
-    from msnn.training.records.progress import Lines
+    from msnn.training.records.progress import Lines, LinesOfStages
     from msnn.training.training_result import TrainingDivergedError, TrainingInterruptedError
     from spec_schema.diagnostics.diagnostic import SpecError
 
-    progress = Recorded(Lines(progress_stream(), terminal=is_live(progress_stream())))
+    is_terminal = is_live(progress_stream())
+    # of folds every training ends, and their table comes after the last one
+    lines = LinesOfStages(progress_stream(), terminal=is_terminal)
+    shown = Lines(progress_stream(), terminal=is_terminal) if folds else lines
+    progress = Recorded(shown)
     try:
         # folds are trainings side by side (decision 0110), ranks halves of one batch: nobody has
         # asked for both
@@ -174,10 +176,10 @@ def _train(
             command = f"torchrun --nproc-per-node {ranks.count} -m {command}"
         note(f"this goes on: {command}")
         raise typer.Exit(ExitCode.INTERRUPTED) from None
-    errors = found.standard_errors
-    said = parameter_warnings(model.program, found.weights, errors, black_boxes(model.spec))
-    report(said, model.sources)
-    record = training_record(model.program, found.weights, progress, errors)
+    finally:
+        # of a training that was interrupted behind its last stage too
+        report(lines.at_end, model.sources)
+    record = training_record(model.program, found.weights, progress, found.standard_errors)
     if format is ResultFormat.JSON:
         json_result("train", {**record, "folder": str(found.folder)})
         return

@@ -70,6 +70,11 @@ def missing_columns(
     if numbers:
         label = "numbers, not names of columns"
         repair = "add a header, or write `csv: {header: false}` and name columns by index, from 0"
+    elif tuple(columns[: len(_SIMULATED)]) == _SIMULATED:
+        repair = (
+            "this is a table that `msnn simulate` has written, no record: move it to where no "
+            "`source:` under `data:` takes it, and write the next one there by `--out`"
+        )
     elif repair is None and (member := next((n for n in missing if "." in n), None)) is not None:
         own = member.rpartition(".")[2]
         repair = f"name its column: `columns: {{{member}: {own if own in columns else 'NAME'}}}`"
@@ -98,6 +103,8 @@ def key_of_column(wanted_by: str, column: str) -> str:
     return f"time: {column}" if name == _TIME else f"columns: {{{name}: {column}}}"
 
 
+_SIMULATED = ("file", "set", "row")
+"""The columns with which a table of simulations begins (`simulation_rows`)."""
 _TIME = "time"
 """What a column of time is wanted by."""
 

@@ -105,6 +105,24 @@ class StagePlan:
         return starts is not None and (self.estimates_starts or starts.over is None)
 
     @property
+    def decay_of_total(self) -> float:
+        """λ of the λ/2 Σ raw² that steps minimise beside the losses, 0 where decay is decoupled.
+
+        Then steps shrink the values beside the gradient. With all rollouts in a batch and a small
+        rate they end near a minimum of the losses alone, where λ|raw| < 1 (Xie, Li, Implicit bias
+        of AdamW, 2024). With a part of the rollouts nobody knows what they minimise.
+        """
+        match self.optimizer:
+            case AdamW():
+                return 0.0
+            case TorchOptimizer() as optimizer:
+                from msnn.training.plans.torch_optimizer_options import is_decay_decoupled
+
+                return 0.0 if is_decay_decoupled(optimizer) else self.weight_decay
+            case _:
+                return self.weight_decay
+
+    @property
     def train_skip(self) -> int:
         """Evaluations that training leaves unscored: none for starts that it estimates itself."""
         starts = self.rollout.starts

@@ -113,11 +113,18 @@ TORCH_OPTIMIZERS: Mapping[str, TorchOptimizerRule] = {
         1e-3, {"lr": _FROM_0, "momentum": _FROM_0, "dampening": _ANY, "nesterov": "switch"}
     ),
 }
+_DECOUPLED = frozenset({"Adafactor", "AdamW", "Muon"})
 _OTHERS = {
     "LBFGS": "`lbfgs: {}` is that with a line search",
     "SparseAdam": "it takes sparse gradients, and those of models here are dense",
 }
 """Optimisers that do not step along a dense gradient by themselves."""
+
+
+def is_decay_decoupled(optimizer: TorchOptimizer) -> bool:
+    """True if its weight decay shrinks the values, rather than add to the gradient."""
+    switch = optimizer.options.get("decoupled_weight_decay")
+    return optimizer.name.value in _DECOUPLED or (switch is not None and switch.value is True)
 
 
 def check_torch_optimizer(

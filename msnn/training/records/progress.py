@@ -149,6 +149,32 @@ class Lines:
         self._stream.flush()
 
 
+class LinesOfStages(Lines):
+    """Lines until the last stage is over; warnings after it are kept, to be told in full."""
+
+    def __init__(self, stream: TextIO, *, terminal: bool) -> None:
+        super().__init__(stream, terminal=terminal)
+        self.at_end: list[Diagnostic] = []
+        self._is_last = self._is_over = False
+
+    def stage_started(self, event: StageStart) -> None:
+        """Names the stage and its size."""
+        self._is_last = event.number == event.stages
+        super().stage_started(event)
+
+    def stage_ended(self, event: StageEnd) -> None:
+        """Says how the stage went."""
+        self._is_over = self._is_last
+        super().stage_ended(event)
+
+    def warned(self, diagnostic: Diagnostic) -> None:
+        """Prints a warning of the stages on a line of its own."""
+        if self._is_over:
+            self.at_end.append(diagnostic)
+        else:
+            super().warned(diagnostic)
+
+
 def stage_text(event: StageStart) -> str:
     """A stage and its size, in a line."""
     return (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,8 @@ SANITIZERS = (
     # ends the program at the first finding: a message alone would leave its exit code 0
     "-fno-sanitize-recover=all",
 )
+
+_FOUND_BY_SANITIZER = re.compile(r"runtime error: |(Address|Leak|UndefinedBehavior)Sanitizer: ?")
 
 Faults = Callable[[Tool, Sequence[str], Path], list[str]]
 """Builds by a compiler with flags, in a folder, runs, and says what the self-tests found."""
@@ -50,7 +53,10 @@ def sanitizers_check(what: str, faults: Faults) -> ProofStep:
         try:
             found = faults(GCC, SANITIZERS, folder)
         except ToolFailedError as error:
-            return check.of(error.lines, f"a sanitizer stopped {what}")
+            # a build that fails, or a program that ends by itself, is no finding of a sanitizer
+            if any(map(_FOUND_BY_SANITIZER.search, error.lines)):
+                return check.of(error.lines, f"a sanitizer stopped {what}")
+            return check.of(error.lines, f"{error}, and no sanitizer found anything")
         if found:
             return replace(
                 check.of(found, f"{what} differ in a build with sanitizers, which found nothing"),

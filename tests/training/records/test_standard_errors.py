@@ -100,6 +100,76 @@ def test_more_slopes_than_can_be_computed_in_time_have_a_reason(
     assert found.reason.startswith(f"slopes of {operations} operations in 2 numbers are more than")
 
 
+RIDGE = """
+msnn: 1
+name: ridge
+inputs: {u: 1}
+targets: {y: 1}
+parameters: {a: {init: 1, scale: 2}, b: 0.5}
+outputs: {z: {expr: a * u + b}}
+losses: {fit: 'MEASURE'}
+train: [{engine: torch, optimizer: OPTIMIZER, weight_decay: 0.1}]
+"""
+AS_LOSSES = {
+    "losses: {": "losses: {of_a: {expr: 'l2(a / 2)', weight: 0.05}, "
+    "of_b: {expr: l2(b), weight: 0.05}, ",
+    ", weight_decay: 0.1": "",
+}
+
+
+def at_the_ridge(text: str, series: dict[str, FloatArray]) -> tuple[StandardErrors, FloatArray]:
+    """The errors at the minimum of mse + 0.05 (a²/4 + b²), and those of Hoerl and Kennard."""
+    columns = np.stack([series["u"], np.ones_like(series["u"])], axis=1)
+    rows, products = len(columns), columns.T @ columns
+    inverse = np.linalg.inv(products + rows * 0.05 * np.diag([0.25, 1.0]))
+    estimate = inverse @ columns.T @ series["y"]
+    squares = float(np.sum((series["y"] - columns @ estimate) ** 2))
+    variance = squares / (rows - np.trace(inverse @ products))
+    weights = {"a": np.array(estimate[0]), "b": np.array(estimate[1])}
+    found = standard_errors(planned(text), dataset(series, train=[rows]), weights)
+    return found, np.sqrt(np.diagonal(variance * inverse @ products @ inverse))
+
+
+@pytest.mark.parametrize("measure", ["mse(z, y)", "huber(z, y, delta=9)"])
+@pytest.mark.parametrize(
+    "optimizer",
+    ["levenberg_marquardt", "lbfgs", "adam", "sgd", "{torch: {name: RAdam}}"],
+)
+def test_weight_decay_and_the_same_penalties_as_losses_have_the_same_errors(
+    optimizer: str, measure: str
+) -> None:
+    series = line(0.3, seed=1)
+    text = RIDGE.replace("OPTIMIZER", optimizer).replace("MEASURE", measure)
+    found, expected = at_the_ridge(text, series)
+    for before, after in AS_LOSSES.items():
+        text = text.replace(before, after)
+    spelt, _ = at_the_ridge(text, series)
+    assert found.covariance is not None
+    assert spelt.covariance is not None
+    assert found.errors["a"] == pytest.approx(spelt.errors["a"], rel=1e-12)
+    assert found.errors["b"] == pytest.approx(spelt.errors["b"], rel=1e-12)
+    assert found.covariance.matrix == pytest.approx(spelt.covariance.matrix, rel=1e-12)
+    assert found.noise["fit"] == pytest.approx(spelt.noise["fit"], rel=1e-12)
+    if measure.startswith("mse"):
+        assert [found.errors["a"], found.errors["b"]] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "optimizer",
+    [
+        "adamw",
+        "{torch: {name: AdamW}}",
+        "{torch: {name: NAdam, options: {decoupled_weight_decay: true}}}",
+    ],
+)
+def test_errors_beside_decoupled_decay_are_those_of_the_losses(optimizer: str) -> None:
+    series = line(0.3, seed=1)
+    text = RIDGE.replace("MEASURE", "mse(z, y)").replace("OPTIMIZER", optimizer)
+    found, _ = at_the_ridge(text, series)
+    alone, _ = at_the_ridge(text.replace(", weight_decay: 0.1", ""), series)
+    assert found.errors == alone.errors
+
+
 def test_the_95_percent_interval_covers_the_truth_95_percent_of_the_time() -> None:
     inside = 0
     for seed in range(120):

@@ -5,6 +5,9 @@ cov θ = H⁻¹ (Σ cₗ² σₗ² JₗᵀJₗ) H⁻¹ with H = Σ cₗ JₗᵀJ
 pₗ = tr(H⁻¹ cₗ JₗᵀJₗ) are the parameters that loss l determines. With one loss this is
 σ²(JᵀJ)⁻¹, σ² = rᵀr / (n − p) (Ljung, System Identification, 1999, ch. 9). A prior is one more
 residual, (p − mean)/std of variance 1 with c = ŝ²/n, which makes it the posterior covariance.
+Penalties `l2` and weight decay λ, which is λ/2 Σ raw², have a part in H and no noise: errors are
+those of the estimate that they pull towards 0, and say nothing of how far (Hoerl, Kennard 1970).
+Decay that is decoupled, as that of adamw, has none: see `StagePlan.decay_of_total`.
 Numbers that a penalty holds at 0 have no errors, nor have those at bounds. The residuals are taken
 as white: rows that are correlated say less than they seem to, and the errors come out too small.
 Where a row has a factor w, r and J are √w times what they are, as if its noise were σ/√w; n counts
@@ -264,10 +267,10 @@ def _estimated(end: _End, weights: Mapping[str, FloatArray]) -> StandardErrors:
                 f"only {one.within:.0f} of {numbers(products, name):.0f} residuals of `{name}` are "
                 f"within its delta, too few for {learned} learned numbers"
             )
-    prior = _prior_curvature(plan, known, products)[free]
-    total, equations = said.curvature() + np.diag(prior[:, 0]), said.equations()
+    beyond = np.diag(_beside_data(end, weights)[1][free])
+    total, equations = said.curvature() + beyond, said.equations()
     if equations is not None:
-        equations = equations + np.diag(prior[:, 0])
+        equations = equations + beyond
     try:
         inverse, nothing = inverted(total, equations)
     except np.linalg.LinAlgError:
@@ -277,7 +280,7 @@ def _estimated(end: _End, weights: Mapping[str, FloatArray]) -> StandardErrors:
     targets = (loss.name for loss in plan.rollout.program.losses if loss.target is not None)
     noise = said.variances(inverse, frozenset(targets))
     # the deviation from a prior is one more residual, whose variance is known: 1
-    spread = np.diag(prior[:, 1])
+    spread = np.diag(_prior_spread(plan, known, products)[free])
     for name, one in said.spreads().items():
         spread += noise.get(name, 0.0) * one
     variances = np.full(len(held), np.nan)
@@ -326,19 +329,25 @@ def _derivatives(
     end: _End, weights: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, FloatArray, float]:
     """Half the derivative of the total (n), half its curvature (n, n), and the total."""
-    plan, products = end.plan, end.products
-    shares = shares_of(plan, products)
+    products, shares = end.products, shares_of(end.plan, end.products)
+    slope, bent, total = _beside_data(end, weights)
+    slope = slope + sum(share * products[name].slope for name, share in shares.items())
+    bent = np.diag(bent) + sum(share * products[name].curvature for name, share in shares.items())
+    return slope, bent, total + sum(share * products[name].cost for name, share in shares.items())
+
+
+def _beside_data(
+    end: _End, weights: Mapping[str, FloatArray]
+) -> tuple[FloatArray, FloatArray, float]:
+    """Of priors and weight decay: half the derivative (n), half the curvature (n), the value."""
+    plan = end.plan
     inside = in_physical_units(end.parameters)
     values = np.concatenate([weights[p.name].ravel() / p.scale for p in inside])
     scales = np.concatenate([np.full(weights[p.name].size, p.scale) for p in inside])
-    spread = _prior_weight(plan, products)
-    decay = Decay(plan.weight_decay, end.parameters)
+    decay = Decay(plan.decay_of_total, end.parameters)
+    spread = _prior_weight(plan, end.products)
     terms = quadratic_terms(known_of(plan, inside), values, decay, spread)
-    slope = sum(share * products[name].slope for name, share in shares.items())
-    bent = sum(share * products[name].curvature for name, share in shares.items())
-    total = sum(share * products[name].cost for name, share in shares.items()) + terms.value
-    curvature = bent + np.diag(terms.curvature / scales**2)
-    return slope + terms.slope / scales, curvature, total
+    return terms.slope / scales, terms.curvature / scales**2, terms.value
 
 
 def _prior_weight(plan: StagePlan, products: Mapping[str, Products]) -> float:
@@ -347,10 +356,9 @@ def _prior_weight(plan: StagePlan, products: Mapping[str, Products]) -> float:
     return square_by_count(plan, sums) if sums else 0.0
 
 
-def _prior_curvature(
+def _prior_spread(
     plan: StagePlan, known: KnownTerms, products: Mapping[str, Products]
 ) -> FloatArray:
-    """The prior's part of each number in H, and in the variance of the slope."""
-    weight = _prior_weight(plan, products)
+    """The prior's part of each number in the variance of the gradient."""
     slope = np.where(known.std > 0, 1.0 / np.where(known.std > 0, known.std, 1.0), 0.0)
-    return np.stack([weight * slope**2, (weight * slope) ** 2], axis=1)
+    return (_prior_weight(plan, products) * slope) ** 2
