@@ -66,8 +66,10 @@ _PRODUCTS = {
     "kVA": "kV*A",
     "MVA": "MV*A",
     "Pas": "Pa*s",
+    "MT": "t",
 }
-"""Symbols that files in capital letters join without a sign; `NM` are nautical miles as well."""
+"""Symbols that files in capital letters join without a sign; `NM` are nautical miles as well, `MT`
+metric tons."""
 _CONFUSED = {
     "C": ("degC",),
     "F": ("degF",),
@@ -81,6 +83,38 @@ _CONFUSED = {
     "s": ("arcsec",),
     "sr": ("s",),
 }
+_DOUBTFUL = {
+    word: unit
+    for words, unit in (
+        # degrees or gradians in German, normal litres, American grams, horsepower, metric tons
+        ("grad Grad GRAD", "deg"),
+        ("NL Nl", "L"),
+        ("gm Gm GM", "g"),
+        ("cc cC Cc CC", "cm^3"),
+        ("mt nt ut pt ct dt ht", "t"),
+        # tools that write a capital letter first
+        ("Mm", "mm"),
+        ("Ms", "ms"),
+        ("Mrad", "mrad"),
+        ("Mmol", "mmol"),
+        ("cv cV Cv CV", "PS"),
+        ("nm^3 nm3 nm³ Nm^3 Nm3 Nm³ NM^3 NM3 NM³", "m^3"),
+    )
+    for word in words.split()
+}
+"""Texts that are units by their letters, gigaradians and nanolitres, which nobody means; and the
+unit that they may mean."""
+_DOUBT = re.compile(rf"(?<![^\W\d_])(?:{'|'.join(map(re.escape, _DOUBTFUL))})(?![^\W_])")
+_USUAL = {
+    "da": ("N", "Pa"),
+    "f": ("A", "C", "F", "J", "T", "m", "mol", "s"),
+    "c": ("Gy", "L", "N", "P", "St", "bar", "g", "l", "m", "s"),
+    "d": ("L", "N", "Pa", "S", "bar", "g", "l", "m"),
+    "h": ("L", "Pa", "l"),
+    "G": ("Bq", "Hz", "J", "N", "Pa", "W", "Wh", "cal", "eV", "ohm", "Ω"),
+    "T": ("Bq", "Hz", "J", "W", "Wh", "eV", "ohm", "Ω"),
+}
+"""Units that have these prefixes in use. Others, as terametres, are read only as they stand."""
 _OFTEN_MEGA = frozenset(["MPa", "MHz", "MW", "MN", "MJ", "MWh", "MeV", "Mohm", "MΩ"])
 _NEVER_MEGA = frozenset(["m", "s", "rad", "mol", "bar", "Ah"])
 """Units of which devices count thousandths and nobody millions."""
@@ -93,12 +127,14 @@ def meant_symbol(symbol: str) -> str | None:
     # `s2` and `s²`, which is normalised to it
     if (power := _POWER.fullmatch(symbol)) and unit_symbol(power[1]) is not None:
         return f"{power[1]}^{power[2]}"
-    if len(symbol) == 1 or _slips(symbol):
+    if len(symbol) == 1 or _slips(symbol) or symbol in _DOUBTFUL:
         return None
     if symbol == symbol.upper():
         readings = readings_of_capitals(symbol)
         return readings[0] if len(readings) == 1 else None
     alike = _other_case(symbol)
+    if not alike and _cases(symbol):  # `Th` is no product, as it is no terahenry
+        return None
     # `Mpa` are megapascals; `mpa` may be, and millipascals as well, and `Mv` millivolts
     mega = [
         unit
@@ -132,6 +168,8 @@ def guessed_symbol(symbol: str) -> str | None:
     """The unit that a symbol of doubtful meaning is most like; None where none is near."""
     if symbol in _NO_UNIT:
         return "1"
+    if symbol in _DOUBTFUL:
+        return _DOUBTFUL[symbol]
     is_capital = symbol == symbol.upper()
     alike = (is_capital and readings_of_capitals(symbol)) or _other_case(symbol)
     same_start = [unit for unit in alike if unit[0] == symbol[0]]
@@ -142,6 +180,16 @@ def guessed_symbol(symbol: str) -> str | None:
     if readings:
         return readings[0]
     return nearest(symbol, UNIT_ROWS) if len(symbol) > 2 else None  # any letter is a unit
+
+
+def is_doubtful(text: str) -> bool:
+    """True if a text is a unit that nobody measures in, and is written for another one: `Grad`."""
+    return _DOUBT.search(text) is not None
+
+
+def without_doubtful(text: str) -> str:
+    """The text with the units that its doubtful ones may mean: `deg/s` of `Grad/s`."""
+    return _DOUBT.sub(lambda found: _DOUBTFUL[found.group()], text)
 
 
 def without_prefix(symbol: str) -> tuple[str, float] | None:
@@ -181,14 +229,26 @@ def _slips(symbol: str) -> list[str]:
 
 
 def _other_case(symbol: str) -> list[str]:
-    """The symbols that differ from this one in small and capital letters alone."""
-    rows = [row for row in UNIT_ROWS if row.casefold() == symbol.casefold()]
+    """The symbols that differ from this one in small and capital letters alone, without such as
+    nobody measures in: terametres, nanotonnes."""
+    return [prefix + row for prefix, row in _cases(symbol) if _is_usual(prefix, row)]
+
+
+def _cases(symbol: str) -> list[tuple[str, str]]:
+    """The prefixes and rows that spell this symbol, in small and capital letters of any kind."""
+    rows = [("", row) for row in UNIT_ROWS if row.casefold() == symbol.casefold()]
     return rows + [
-        prefix + row
+        (prefix, row)
         for prefix in PREFIXES
         for row, of in UNIT_ROWS.items()
         if of.prefixes and (prefix + row).casefold() == symbol.casefold()
     ]
+
+
+def _is_usual(prefix: str, row: str) -> bool:
+    if row == "t":
+        return prefix in ("", "k", "M")
+    return row in _USUAL.get(prefix, (row,))
 
 
 def _products(symbol: str) -> list[str]:

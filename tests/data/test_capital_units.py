@@ -60,6 +60,9 @@ def test_capitals_of_one_meaning_convert(
         ("MPA", "bar", ("mPa", "MPa")),
         ("MWH", "J", ("mWh", "MWh")),
         ("NM", "m", ("nm", "nmi")),
+        # no millitonnes
+        ("MT", "kg", ("Mt", "t")),
+        ("MT/H", "kg/s", ("Mt/h", "t/h")),
     ],
 )
 def test_capitals_of_two_meanings_are_asked(

@@ -139,3 +139,64 @@ def test_attributes_of_a_frame_state_units(tmp_path: Path, attrs: dict[Any, Any]
 def test_numpy_is_no_frame(tmp_path: Path) -> None:
     with pytest.raises(TypeError):
         read(tmp_path, np.zeros((4, 2)))
+
+
+INDICES: dict[str, Any] = {
+    "dates": pd.date_range("2026-01-01", periods=4, freq="100ms", name="clock"),
+    "dates with a zone": pd.date_range(
+        "2026-03-29 01:59:59.9", periods=4, freq="100ms", tz="Europe/Rome", name="clock"
+    ),
+    "durations": pd.Index(pd.to_timedelta(100 * np.arange(4), unit="ms"), name="clock"),
+    "seconds": pd.Index(TIME, name="clock"),
+}
+
+
+@pytest.mark.parametrize("kind", INDICES)
+def test_the_index_of_a_frame_is_a_column_as_in_its_parquet_file(tmp_path: Path, kind: str) -> None:
+    frame = pd.DataFrame({"v": V}, index=INDICES[kind])
+    data = read(tmp_path, frame, time="clock")
+    assert data.series["v"].tolist() == V.tolist()
+    assert data.episodes("train").tolist() == [[0, 4]]
+    frame.to_parquet(tmp_path / "a.parquet")
+    saved = load(tmp_path, "a.parquet", "m/s", "  time: clock\n")
+    assert saved.episodes("train").tolist() == [[0, 4]]
+    with pytest.raises(SpecError, match="E0812"):
+        read(tmp_path, frame.iloc[::2], time="clock")
+    # columns keep their places
+    assert read(tmp_path, frame, column="0", time="clock").series["v"][0] == 36.0
+
+
+def test_an_index_without_a_name_has_that_of_parquet(tmp_path: Path) -> None:
+    frame = pd.DataFrame({"v": V}, index=INDICES["dates"].rename(None))
+    data = read(tmp_path, frame, time="__index_level_0__")
+    assert data.episodes("train").tolist() == [[0, 4]]
+    # one that counts rows is no column
+    with pytest.raises(SpecError, match="E0804"):
+        read(tmp_path, pd.DataFrame({"v": V}, index=[3, 4, 5, 6]), time="__index_level_0__")
+
+
+def test_a_column_goes_before_an_index_of_its_name(tmp_path: Path) -> None:
+    frame = pd.DataFrame({"v": V, "time": TIME}, index=pd.Index(2 * TIME, name="time"))
+    assert read(tmp_path, frame).episodes("train").tolist() == [[0, 4]]
+
+
+@pytest.mark.parametrize("kind", ["dates", "dates with a zone", "durations"])
+@pytest.mark.parametrize(("every", "codes"), [(1, []), (2, ["W0811"])])
+def test_an_index_of_other_times_that_nobody_reads_is_reported(
+    tmp_path: Path, kind: str, every: int, codes: list[str]
+) -> None:
+    first = INDICES[kind][0]
+    index = pd.Index([first + every * (moment - first) for moment in INDICES[kind]], name="clock")
+    frame = pd.DataFrame({"v": V}, index=index)
+    spec = tmp_path / "car.msnn.yaml"
+    spec.write_text(SPEC.replace("UNIT", "m/s").replace("FILE", "none.csv"))
+    model = msnn.load(spec)
+    section = model.spec.data
+    assert section is not None
+    data = frame_data(model.program, section, frame, section.place, {})
+    assert [warning.code for warning in data.warnings] == codes
+    for warning in data.warnings:
+        assert "`time: clock`" in str(warning.help)
+        # the advice reads the times
+        with pytest.raises(SpecError, match="E0812"):
+            read(tmp_path, frame, time="clock")

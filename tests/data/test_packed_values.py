@@ -181,3 +181,32 @@ def test_a_text_beside_an_attribute_of_another_unit_is_asked(tmp_path: Path) -> 
         file["v_unit"] = "m/s"
     with pytest.raises(SpecError, match="E0991"):
         load(tmp_path, "a.h5", "m/s", NAN)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize(
+    ("attributes", "said", "first", "codes"),
+    [
+        ({"scale_factor": 0.1}, "scale: 0.1", 3.6, ["W0835"]),
+        ({"scale_factor": 0.1, "units": "m/s"}, "scale: 2", 72.0, ["W0835"]),
+        ({"add_offset": 5.0}, "offset: 5", 370.0, ["W0835"]),
+        ({"scale_factor": 0.1}, "scale: 0.1, unit: km/h", 1.0, ["W0835"]),
+        # one factor alone
+        ({"scale_factor": 0.1}, "unit: km/h", 10.0, []),
+        ({"scale_factor": 1.0, "add_offset": 0.0}, "scale: 0.1", 36.0, []),
+        ({"_FillValue": -1}, "scale: 0.1", 36.0, []),
+    ],
+)
+def test_a_factor_of_the_spec_beside_one_of_the_file_is_reported(
+    tmp_path: Path,
+    name: str,
+    attributes: dict[str, Any],
+    said: str,
+    first: float,
+    codes: list[str],
+) -> None:
+    WRITERS[name](tmp_path / name, PACKED, attributes)
+    layout = f"{NAN}  columns: {{v: {{column: v, {said}}}}}\n"
+    data = load(tmp_path, name, "m/s", layout)
+    assert data.series["v"][0] == pytest.approx(first, rel=1e-15)
+    assert [warning.code for warning in data.warnings] == codes

@@ -78,6 +78,62 @@ def test_a_unit_that_nobody_knows_is_reported(tmp_path: Path, kind: str) -> None
     assert read(tmp_path, kind, "furlong/h", "m/s", ", unit: m/s").warnings == ()
 
 
+@pytest.mark.parametrize("kind", ["csv", "excel", "hdf5", "parquet"])
+@pytest.mark.parametrize(
+    ("stated", "unit", "meant"),
+    [
+        # no gigaradians: degrees or gradians of a German tool
+        ("GRAD", "rad", "deg"),
+        ("Grad/s", "rad/s", "deg/s"),
+        ("grad", "rev", "deg"),
+        # no nanolitres: normal litres
+        ("NL/MIN", "m^3/s", "L/min"),
+        ("NL", "L", "L"),
+        ("Nl/min", "m^3/s", "L/min"),
+        ("NM3/H", "m^3/s", "m^3/s"),
+        ("nm³/h", "m^3/s", "m^3/h"),
+        ("mt", "kg", "t"),
+        ("gm/s", "kg/s", "g/s"),
+        ("cc", "m^3", "cm^3"),
+        ("1/CC", "1/m^3", "1/cm^3"),
+        ("Mm", "m", "mm"),
+        ("TM", "m", "m"),
+        ("DAS", "s", "s"),
+    ],
+)
+def test_units_that_nobody_measures_in_are_not_read(
+    tmp_path: Path, kind: str, stated: str, unit: str, meant: str
+) -> None:
+    data = read(tmp_path, kind, stated, unit)
+    assert data.series["v"].tolist() == V.tolist()
+    (warning,) = data.warnings
+    assert warning.code == "W0511"
+    assert f"unit: {meant}}}" in str(warning.help)
+    # the advice
+    assert read(tmp_path, kind, stated, unit, f", unit: {meant}").warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("stated", "unit", "first"),
+    [
+        ("nL/min", "L/min", 36e-9),
+        ("nl", "L", 36e-9),
+        ("DAN", "N", 360.0),
+        ("hpa", "Pa", 3600.0),
+        ("GHZ", "Hz", 36e9),
+        ("Grad C", "K", 309.15),
+        ("GRAD CELSIUS", "K", 309.15),
+        ("nm^2", "m^2", 36e-18),
+    ],
+)
+def test_units_with_seldom_prefixes_are_read_where_they_are_usual(
+    tmp_path: Path, stated: str, unit: str, first: float
+) -> None:
+    data = read(tmp_path, "csv", stated, unit)
+    assert data.series["v"][0] == pytest.approx(first, rel=1e-15)
+    assert data.warnings == ()
+
+
 @pytest.mark.parametrize("kind", WRITERS)
 @pytest.mark.parametrize(
     ("stated", "unit"),

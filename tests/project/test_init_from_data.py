@@ -266,6 +266,40 @@ def test_a_workbook_makes_a_spec(tmp_path: Path):
     assert run.places.time is not None
 
 
+@pytest.mark.parametrize(
+    ("header", "formats", "unit", "note"),
+    [
+        ("u", ['0.0 "km/h"'], "km/h", None),
+        ("u", [r"0.0\ \°\C"], "degC", None),
+        ("u", ['0.0, "kN"'], "N", None),
+        ("u [kN]", ['0.0, "kN"'], "N", None),
+        # the ratio itself
+        ("u", ["0.0%"], None, None),
+        ("u", ['0.0 "km/h"', '0.0 "m/s"'], None, "may be in km/h or m/s"),
+        ("u [kN]", ["0.0,"], None, "may be in kN or N"),
+        ("u [gm]", ["0.0"], None, None),
+        ("u [cc]", ["0.0"], None, None),
+        ("u [Nl/min]", ["0.0"], None, None),
+    ],
+)
+def test_number_formats_of_a_workbook_state_units(
+    tmp_path: Path, header: str, formats: list[str], unit: str | None, note: str | None
+):
+    book = openpyxl.Workbook()
+    sheet: Any = book.active
+    sheet.append(["time [s]", header, "y"])
+    for i in range(300):
+        sheet.append([i / 10, float(i % 7), float(np.sin(i))])
+        sheet.cell(i + 2, 2).number_format = formats[i % len(formats)]
+    book.save(tmp_path / "log.xlsx")
+    spec = spec_from_data("plant", tmp_path / "log.xlsx", tmp_path, "y")
+    (tmp_path / "plant.msnn.yaml").write_text(spec.text, encoding="utf-8")
+    assert measurements.simulate(models.load(tmp_path / "plant.msnn.yaml"))
+    declared = next(line for line in spec.text.splitlines() if line.startswith("  u: {"))
+    assert (f"unit: {unit}," in declared) if unit else ("unit" not in declared), declared
+    assert any(note in said for said in spec.notes) if note else not spec.notes
+
+
 def test_blanks_between_cells_make_a_spec(tmp_path: Path):
     lines = ["time [s]   u [V]   y [m]"]
     lines += [f"{i / 10:8.2f} {i % 7:6d}   {np.sin(i):9.5f}" for i in range(300)]

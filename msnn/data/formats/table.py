@@ -66,6 +66,8 @@ class ColumnTable:
     """The text of the cell in a row and column, and where it stands."""
     units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
     """What the file itself says of columns."""
+    packed: Mapping[ColumnKey, str] = field(default_factory=dict[ColumnKey, str])
+    """How the file scales the numbers of columns, which are unpacked: `scale_factor 0.1`."""
     begins: Mapping[ColumnKey, Moment] = field(default_factory=dict[ColumnKey, Moment])
     """Of columns of dates, which are seconds from their first row: the moment of that row."""
 

@@ -17,6 +17,7 @@ from msnn.data.formats.capital_units import (
 )
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.parser import parse_unit
+from spec_schema.units.spellings import is_doubtful, without_doubtful
 from spec_schema.units.unit import Unit, UnitError
 
 MISSING = frozenset(("", "na", "n/a", "#n/a", "nan", "null", "-"))
@@ -40,7 +41,7 @@ _WHOLE_TEXTS = {
 }
 """Words of CF and of loggers that are no symbols."""
 _DEGREES = re.compile(
-    r"(?<![a-z])(?:°|deg(?:ree)?s?)[ _.]*(C|F|celsius|fahrenheit)(?![a-z])", re.IGNORECASE
+    r"(?<![a-z])(?:°|deg(?:ree)?s?|grad)[ _.]*(C|F|celsius|fahrenheit)(?![a-z])", re.IGNORECASE
 )
 """Temperatures, of which blanks are no products."""
 _NOT_AN_INDEX = re.compile(r"[^\W\d_]|[%°-]")
@@ -70,6 +71,8 @@ def written_unit(text: str) -> Unit | CapitalUnit | None:
     # the only powers that loggers write as letters; behind `⁻` the parser knows them
     text = _SUPERSCRIPT.sub(lambda found: f"^{_DIGITS[found.group()]}", text.strip())
     text = "1" if text == "-" else _DEGREES.sub(_degrees, text)
+    if is_doubtful(text):
+        return None
     # `J/(kg K)`; two words in brackets are most often no product
     if "/(" in text:
         text = _BETWEEN_FACTORS.sub("*", text)
@@ -246,6 +249,7 @@ def unknown_unit(label: str) -> UnknownUnit | None:
 def _unknown(text: str, plain: str) -> UnknownUnit:
     """A text of no unit, with one that is like it: `rpm` for numbers of `krpm` times 1000."""
     scale = 1.0
+    plain = without_doubtful(plain)
     for _ in range(MOST_REPAIRS):
         try:
             return UnknownUnit(text, parse_unit(plain).text, scale)

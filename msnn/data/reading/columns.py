@@ -81,6 +81,20 @@ def in_units_of_file(
     return [_in_units(feed, units, file, findings) for feed in found]
 
 
+def report_scaled_twice(
+    found: Iterable[Feed], packed: Mapping[ColumnKey, str], findings: Findings
+) -> None:
+    """Reports columns that the file scales and the spec as well: both may be the same factor."""
+    for feed in found:
+        column = feed.column
+        if column is None or (column.scale == 1.0 and column.offset == 0.0):
+            continue
+        for key in feed.keys:
+            if key in packed:
+                name, span = feed.signal.name.removesuffix(LOG_SUFFIX), column.place.value
+                findings.report(data_units.scaled_twice(name, str(key), packed[key], span))
+
+
 def _in_units(
     feed: Feed, units: Mapping[ColumnKey, StatedUnit], file: str, findings: Findings
 ) -> Feed:

@@ -25,6 +25,7 @@ from msnn.data.reading.load import joined_files
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.whole_signals import with_whole_signals
 from msnn.data.reads import measured_beside
+from msnn.errors.data.rows import other_sample_time
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.fields.located import KeyAndValueSpan
 from spec_schema.sections.data.data import Data, Source
@@ -90,6 +91,9 @@ def frame_data(
             shown = f"{name}[{number}]"
             mine = layout.model_copy(update={"columns": columns, "time": time})
             arrays = _arrays(shown, frame)
+            if time is None and program.sample_time is not None:
+                step = program.sample_time / (layout.every or section.every or 1)
+                _report_index_of_other_times(frame, shown, step, findings)
             if isinstance(frame, Mapping):
                 arrays, mine = with_whole_signals(arrays, mine, signals.values(), findings)
             files.append(
@@ -164,8 +168,12 @@ def _arrays(shown: str, frame: Frame) -> NamedArrays:
     names = _labels(tuple(frame.columns))
     # by position: labels may be numbers, pairs or the same twice
     at = {name: position for position, name in enumerate(names)}
+    levels = {name: level for name, level in _index_levels(frame).items() if name not in at}
+    names += tuple(levels)
 
     def column(name: str) -> Any:
+        if name in levels:
+            return levels[name]
         rows: Any = getattr(frame, "iloc", None)  # of pandas
         return frame[frame.columns[at[name]]] if rows is None else rows[:, at[name]]
 
@@ -183,6 +191,35 @@ def _arrays(shown: str, frame: Frame) -> NamedArrays:
     return NamedArrays(
         shown, names, lambda name: _numbers(column(name)), frozenset(zoned), units, packing
     )
+
+
+def _index_levels(frame: FrameLike) -> dict[str, Any]:
+    """The index of a frame of pandas as columns, named as in Parquet files that pandas writes.
+
+    An index without a name is one if it has dates or durations, not if it counts rows.
+    """
+    index: Any = getattr(frame, "index", None) if hasattr(frame, "iloc") else None
+    levels = [index.get_level_values(level) for level in range(getattr(index, "nlevels", 0))]
+    return {
+        f"__index_level_{at}__" if level.name is None else str(level.name): level
+        for at, level in enumerate(levels)
+        if level.name is not None or level.dtype.kind in "mM"
+    }
+
+
+def _report_index_of_other_times(frame: Frame, shown: str, step: float, findings: Findings) -> None:
+    """Reports an index of dates or durations whose usual step is not that of rows, in seconds.
+
+    Nobody reads it without `time:`, and its frame would be taken as one of the sample time.
+    """
+    levels = {} if isinstance(frame, Mapping) else _index_levels(frame)
+    for name, level in levels.items():
+        if len(levels) > 1 or level.dtype.kind not in "mM" or len(level) < 2:
+            continue
+        seconds = (level - level[0]).total_seconds().to_numpy()
+        found = float(np.nanmedian(np.diff(seconds)))
+        if abs(found - step) > 0.01 * step:
+            findings.report(other_sample_time(file=shown, found=found, expected=step, index=name))
 
 
 def _labels(columns: Sequence[Any]) -> tuple[str, ...]:

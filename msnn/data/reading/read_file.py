@@ -18,6 +18,7 @@ from msnn.data.reading.columns import (
     file_unit,
     in_units_of_file,
     misfit,
+    report_scaled_twice,
     wanted_columns,
 )
 from msnn.data.reading.converted_cells import converted_cells
@@ -129,6 +130,8 @@ def read_file(
     if read is not None:
         found = in_units_of_file(found, read.units, file.shown, mine)
         more = in_units_of_file(more, read.units, file.shown, mine)
+    if isinstance(read, ColumnTable):
+        report_scaled_twice((*found, *more), read.packed, mine)
     if isinstance(read, ColumnTable) and not read.columns and not mine.failed:
         mine.report(no_column_read(file.shown, program.name))
     if read is not None and not mine.failed:

@@ -37,10 +37,16 @@ _TO_NEAREST_ROWS = (
 """The repair where no sample time fits all steps."""
 
 
-def other_sample_time(*, file: str, found: float, expected: float) -> Diagnostic:
+def other_sample_time(
+    *, file: str, found: float, expected: float, index: str | None = None
+) -> Diagnostic:
     """W0811: rows that are spaced otherwise than `sample_time`."""
     message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
-    return warning("W0811", None, message, help=_repair_of_step(found, expected, "…"))
+    repair = _repair_of_step(found, expected, "…")
+    if index is not None:  # of a frame
+        message += ", and no `time:` names its index"
+        repair = f"write `time: {index}` under `data:` to read the times of the index"
+    return warning("W0811", None, message, help=repair)
 
 
 def _repair_of_step(found: float, expected: float, column: str) -> str:

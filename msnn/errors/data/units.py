@@ -1,4 +1,4 @@
-"""E0508, E0512, E0878, E0979, E0989-91, E0997-99, E1319, W0511, W0831: dates and units of files."""
+"""E0508, E0512, E0878, E0979-E1319, W0511, W0831, W0835: dates and units of files."""
 
 import re
 from collections.abc import Sequence
@@ -103,6 +103,16 @@ def unit_beside_scale(
     )
     repair = f"write `unit: {declared}` beside `scale:` if that converts, else take `scale:` away"
     return error("E0997", span, message, "does this convert the unit?", help=repair)
+
+
+def scaled_twice(signal: str, column: str, scaling: str, span: Span | None) -> Diagnostic:
+    """W0835: a column that both its file and the spec scale."""
+    message = (
+        f"the file scales `{column}` by its {scaling}, and the spec has a `scale:` or `offset:` "
+        f"for `{signal}` as well: both apply"
+    )
+    repair = "remove `scale:` and `offset:` if they repeat those of the file"
+    return warning("W0835", span, message, "is this the factor of the file?", help=repair)
 
 
 def unit_of_moments(column: str, unit: str, span: Span | None) -> Diagnostic:

@@ -14,6 +14,8 @@ from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.table_of_formats import format_of
 from msnn.data.formats.written_units import (
+    MixedUnits,
+    TwoUnits,
     is_case_kept,
     plain_label,
     without_brackets,
@@ -26,7 +28,7 @@ from spec_schema.expressions.language import BUILTINS
 from spec_schema.expressions.moments import read_moment
 from spec_schema.names import is_name, normalised, why_reserved
 from spec_schema.units.parser import parse_unit
-from spec_schema.units.unit import Unit
+from spec_schema.units.unit import ONE, Unit
 
 _LONGEST_NAME = 40
 _OTHER = re.compile("[^A-Za-z0-9_Ͱ-Ͽ]+")
@@ -42,8 +44,8 @@ class FoundColumn:
     name: str
     """What the spec calls it."""
     unit: Unit | None
-    doubt: CapitalUnit | None = None
-    """The unit that the header states, where that leaves a doubt; `unit` is None then."""
+    doubt: CapitalUnit | TwoUnits | MixedUnits | None = None
+    """The unit that the file states, where that leaves a doubt; `unit` is None then."""
     key: str | int
     """How the spec finds it: by its header, or by its index where that does not name it."""
     values: FloatArray
@@ -61,11 +63,18 @@ class FoundColumn:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """A note where nobody can tell the unit in the header."""
-        if self.doubt is None:
-            return ()
-        units = " or ".join(unit.text for unit in self.doubt.different)
-        return (f"`{self.label}` may be in {units}: write the unit of `{self.name}`",)
+        """A note where nobody can tell the unit by the file."""
+        match self.doubt:
+            case CapitalUnit(different=units):
+                pass
+            case TwoUnits(named=named, stated=stated):
+                units = (named, stated)
+            case MixedUnits(shown=shown):
+                units = [one.unit for one in shown if one.unit is not None]
+            case None:
+                return ()
+        texts = " or ".join(unit.text for unit in units)
+        return (f"`{self.label}` may be in {texts}: write the unit of `{self.name}`",)
 
     @property
     def how_often(self) -> str:
@@ -123,20 +132,20 @@ def columns_of(path: Path) -> FoundTable:
     assert isinstance(table, ColumnTable), "tables of text and workbooks have one time"
     names = dict(zip(numbers, _names(layout, numbers), strict=True))
 
-    def column(index: int, unit: Unit | CapitalUnit | None) -> FoundColumn:
+    def column(index: int, unit: Unit | CapitalUnit | TwoUnits | MixedUnits | None) -> FoundColumn:
         return FoundColumn(
             index=index,
             label=layout.labels[index],
             name=names.get(index, "time"),
-            unit=None if isinstance(unit, CapitalUnit) else unit,
-            doubt=unit if isinstance(unit, CapitalUnit) else None,
+            unit=unit if isinstance(unit, Unit) else None,
+            doubt=None if isinstance(unit, Unit) else unit,
             key=_key(layout, index),
             values=table.columns[index],
         )
 
     return FoundTable(
         layout=layout,
-        columns=tuple(column(index, _unit(layout, index)) for index in numbers),
+        columns=tuple(column(index, _unit(layout, table, index)) for index in numbers),
         dates=None if dates is None else column(dates, parse_unit("s")),
         texts=tuple(i for i in range(len(layout.labels)) if i not in names),
     )
@@ -171,10 +180,17 @@ def _names(layout: TextLayout, numbers: list[int]) -> Iterator[str]:
         yield free_name(name, taken)
 
 
-def _unit(layout: TextLayout, index: int) -> Unit | CapitalUnit | None:
+def _unit(
+    layout: TextLayout, table: ColumnTable, index: int
+) -> Unit | CapitalUnit | TwoUnits | MixedUnits | None:
     text = without_brackets(layout.units[index]) or plain_label(layout.labels[index])[1]
     # no unit: a spec that says `1` would ask the same of all that is added to it
     unit = None if text == "-" else written_unit(text)
+    stated = table.units.get(index)  # that of the number formats of a workbook too
+    if isinstance(stated, TwoUnits | MixedUnits):
+        return stated
+    if isinstance(stated, Unit | CapitalUnit) and stated.text != ONE.text:
+        unit = stated
     if not isinstance(unit, CapitalUnit):
         return unit
     if unit.written is not None and is_case_kept(unit, layout.labels, layout.units):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msnn.data.dataset import FloatArray
+from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.written_units import plain_label
 from msnn.data.reading.rows import GAP_TOLERANCE
 from msnn.data_check.signals.sampling import LONGEST_STEP
@@ -130,7 +131,8 @@ def _from(column: FoundColumn, counters: tuple[int, ...], file: str) -> FoundTim
 def _unit(column: FoundColumn) -> tuple[str, str]:
     """The unit of a column of time, and why where nothing writes it."""
     # in capital letters seconds may be siemens, but not of a time
-    units = (column.unit,) if column.doubt is None else column.doubt.fitting(_SECOND)
+    doubt = column.doubt
+    units = doubt.fitting(_SECOND) if isinstance(doubt, CapitalUnit) else (column.unit,)
     unit = units[0] if len(units) == 1 else None
     if unit is not None and unit.same_dimension(_SECOND):
         for name, scale in _SCALES.items():

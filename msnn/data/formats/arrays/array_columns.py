@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from msnn.data.dataset import FloatArray
 from msnn.data.formats.arrays.array_dates import dates_of, has_dates
 from msnn.data.formats.arrays.array_units import UnitTexts
-from msnn.data.formats.arrays.packed_values import PackingError, unpacked
+from msnn.data.formats.arrays.packed_values import PackingError, scaling, unpacked
 from msnn.data.formats.capital_units import CapitalUnit
 from msnn.data.formats.table import ColumnKey, ColumnTable, WantedColumns
 from msnn.data.formats.written_units import (
@@ -70,6 +70,7 @@ class NamedArrays:
         missing: dict[str, str] = {}
         columns: dict[ColumnKey, FloatArray] = {}
         units: dict[ColumnKey, StatedUnit] = {}
+        packed: dict[ColumnKey, str] = {}
         begins: dict[ColumnKey, Moment] = {}
         for key, user in wanted.users.items():
             name, index = self._split(key)
@@ -88,7 +89,10 @@ class NamedArrays:
             if (unit := self._unit(name, index)) is not None:
                 units[key] = unit
             try:
-                array = unpacked(self.get(name), self.packing(name))
+                packing = self.packing(name)
+                array = unpacked(self.get(name), packing)
+                if text := scaling(packing):
+                    packed[key] = text
             except PackingError as error:
                 faults.append(data_formats.unusable_array(str(key), self.file, user, str(error)))
                 continue
@@ -115,7 +119,7 @@ class NamedArrays:
             faults += length_faults(self.file, columns)
         if faults:
             raise SpecError(faults)
-        return ColumnTable(columns=columns, units=units, begins=begins)
+        return ColumnTable(columns=columns, units=units, packed=packed, begins=begins)
 
     def has(self, key: ColumnKey) -> bool:
         """Whether there is an array for a column."""

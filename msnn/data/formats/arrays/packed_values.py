@@ -96,6 +96,16 @@ def unpacked(array: NDArray[Any], packing: Mapping[str, Any]) -> NDArray[Any]:
     return found
 
 
+def scaling(packing: Mapping[str, Any]) -> str:
+    """The attributes that scale or shift numbers, for messages; empty where they change none.
+
+    Raises PackingError.
+    """
+    neutral = {_FACTOR: 1.0, _SUMMAND: 0.0}
+    found = ((key, n) for key in neutral for n in _numbers(packing, key) if n != neutral[key])
+    return ", ".join(f"{key} {number}" for key, number in found)
+
+
 def _limits(packing: Mapping[str, Any]) -> tuple[Any, Any]:
     both = _numbers(packing, _RANGE)
     if len(both) not in (0, 2):
