@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from compiler.passes.close_loop import LoopError
 from msnn.data.dataset import FloatArray
@@ -177,7 +178,7 @@ def simulate(
     data: GivenData | None = None,
     weights: Weights | None = None,
     *,
-    horizon: int | None = None,
+    horizon: int | Literal["record"] | None = None,
     data_root: str | Path | None = None,
     data_set: str | None = None,
     engine: str = "auto",
@@ -191,11 +192,12 @@ def simulate(
 
     `data` are frames as in `train`, or files with the columns that the spec names; None takes the
     data of the spec. `data_set` runs over one set only; of files it says which set of the spec has
-    their columns. `horizon` ends each run after so many steps. `engine` and `progress` as in
-    `validate`. `intervals=95` adds half the width of 95 % prediction intervals, `run.bands`, by the
-    errors in the set `train` of frames, `{"train": a, "test": b}`, else of the spec; weights are
-    then a result or the path of a run. The answer is a sequence of runs, with
-    `warnings`, `to_frame()` and `plot()`. Raises SpecError.
+    their columns. `horizon` ends each run after so many steps, "record" with its record. `engine`
+    and `progress` as in `validate`. `intervals=95` adds half the width of 95 % prediction
+    intervals, `run.bands`, by the errors in the set `train` of frames, `{"train": a, "test": b}`,
+    else of the spec; weights are then a result or the path of a run. The answer is a sequence of
+    runs, with `warnings`, `to_frame()` and `plot()`. Raises SpecError, and ValueError for another
+    horizon.
     """
     from msnn.api.results.measurements import ShownSimulations
     from msnn.exports.prepare import loop_fault
@@ -206,6 +208,7 @@ def simulate(
     from msnn.simulation.simulate import simulation_program
     from msnn.simulation.simulation_data import simulation_data
 
+    steps = _steps(horizon)
     chosen = chosen_engine(model, engine)
     try:
         program = simulation_program(model.program)
@@ -221,7 +224,7 @@ def simulate(
             program,
             dataset,
             known,
-            horizon,
+            steps,
             data_set,
             engine=chosen,
             progress=progress or nobody,
@@ -229,6 +232,16 @@ def simulate(
             kept=known_starts(weights, known),
         )
     return ShownSimulations(found.runs, found.warnings, program)
+
+
+def _steps(horizon: object) -> int | None:
+    """The steps after which runs end; None where their records do."""
+    if horizon is None or horizon == "record":
+        return None
+    if not isinstance(horizon, bool) and isinstance(horizon, Integral) and int(horizon) > 0:
+        return int(horizon)
+    message = f'`horizon` is "record" or a number of steps, 1 or more, not {horizon!r}'
+    raise ValueError(message)
 
 
 def _intervals(

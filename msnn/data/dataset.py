@@ -33,6 +33,9 @@ class FileRows:
     """The file's row of each, counted from 0 below the header; BETWEEN_ROWS where it has none."""
     time: FloatArray | None
     """Seconds of each as the file has them; None where it has no time."""
+    time_begins: float = 0.0
+    """Where time 0 of the file is on the clock of its record, in seconds: not 0 if files are joined
+    by their dates."""
 
     def moved(self, by: int) -> FileRows:
         """The same rows of the file, later in the series."""
@@ -57,9 +60,12 @@ class FileRows:
         return np.asarray(self.rows[first - self.start : stop - self.start], np.int64)
 
     def times(self, first: int, stop: int, sample_time: float | None) -> FloatArray | None:
-        """Seconds of rows of the series: as the file has them, else counted from its row 0."""
+        """Seconds of rows of the series on the clock of their record: that of its first file.
+
+        Those of a file without time count from its row 0.
+        """
         if self.time is not None:
-            return self.time[first - self.start : stop - self.start]
+            return self.time[first - self.start : stop - self.start] + self.time_begins
         if sample_time is None or not isinstance(self.rows, range):
             return None
         # rows that `every:` leaves are one sample apart

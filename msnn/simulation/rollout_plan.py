@@ -18,7 +18,7 @@ from compiler.passes.close_loop import LoopError, close_loop
 from msnn.data.dataset import BoolArray, Dataset, IntArray
 from msnn.data.reads import reads
 from msnn.data.scored import has_unmeasured, scored_rows
-from msnn.data.starts import Horizon, Runs, reach, rollouts
+from msnn.data.starts import Horizon, Reach, Runs, reach, rollouts
 from msnn.errors.data import rows as data_rows
 from msnn.errors.learning import training as errors
 from msnn.simulation.durations import samples
@@ -226,7 +226,26 @@ def set_rollouts(
     if runs.skipped and len(runs):
         total, files = len(episodes), files_skipped(data, episodes, runs)
         findings.report(data_rows.episodes_skipped(runs.skipped, total, needed, wanted_by, files))
+    planned = runs
     runs = _with_known_starts(plan, data, runs)
+    if isinstance(plan.horizon, int) and len(runs) < len(planned):
+        left_out = planned.take(np.flatnonzero(~np.isin(planned.t0, runs.t0)))
+        # those that visit each row once, and others if nothing is left to score
+        if (once or not _reaches_a_value(plan.program, data, runs)) and _reaches_a_value(
+            plan.program, data, left_out
+        ):
+            better = _horizon_of_known_starts(plan, data, episodes, far)
+            findings.report(
+                data_rows.starts_not_measured(
+                    wanted_by=wanted_by,
+                    signals=start_signals(plan),
+                    left_out=len(left_out),
+                    total=len(planned),
+                    horizon=plan.horizon,
+                    better=better,
+                    span=span,
+                )
+            )
     if not len(runs):
         findings.report(data_rows.episodes_too_short(name, runs.longest, needed, wanted_by, span))
         return None
@@ -280,6 +299,46 @@ def files_skipped(data: Dataset, episodes: IntArray, runs: Runs) -> list[str]:
             if ((record.start <= starts) & (starts < record.stop)).any()
         )
     )
+
+
+def start_signals(plan: RolloutPlan) -> tuple[str, ...]:
+    """The signals whose samples the first states of a plan's rollouts are."""
+    program = plan.reading
+    return tuple(reads(program.start, [state.start for state in program.states]))
+
+
+def _reaches_a_value(program: Program, data: Dataset, runs: Runs) -> bool:
+    """True if a rollout predicts a row that has a measured value."""
+    for output in program.outputs:
+        if output.predicts is None or not len(runs) or output.predicts.signal not in data.series:
+            continue
+        values = data.measured_values(output.predicts.signal)
+        known = np.isfinite(values.reshape(data.rows, -1)).any(axis=1)
+        before = np.concatenate([[0], np.cumsum(known)])
+        first = np.clip(runs.t0 + output.predicts.ahead, 0, data.rows)
+        if (before[np.clip(first + runs.steps, 0, data.rows)] > before[first]).any():
+            return True
+    return False
+
+
+def _horizon_of_known_starts(
+    plan: RolloutPlan, data: Dataset, episodes: IntArray, far: Reach
+) -> int | None:
+    """The next longer horizon of which no rollout with measured values lacks a measured start.
+
+    None where samples that are not evenly spaced leave none.
+    """
+    assert isinstance(plan.horizon, int)
+    every_row = rollouts(episodes, far, 1, 1)
+    known = every_row.t0[_steps_to_start(plan.reading, data, every_row) == 0]
+    if len(known) < 2:
+        return None
+    apart = int(np.median(np.diff(known)))
+    better = -(-plan.horizon // apart) * apart
+    runs = rollouts(episodes, far, better, better, rest=True)
+    started = _steps_to_start(plan.reading, data, runs) == 0
+    others = runs.take(np.flatnonzero(~started))
+    return None if _reaches_a_value(plan.program, data, others) else better
 
 
 def _with_known_starts(plan: RolloutPlan, data: Dataset, runs: Runs) -> Runs:

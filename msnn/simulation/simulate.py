@@ -40,7 +40,8 @@ class StepPlaces:
     rows: IntArray
     """Row of the file, counted from 0 below the header; BETWEEN_ROWS where resampling made it."""
     time: FloatArray | None
-    """Seconds as the file has them, counted from its row 0 where it has none."""
+    """Seconds as the file has them, counted from its row 0 where it has none; in files that are
+    joined by their dates from the row 0 of the first."""
     sets: tuple[str, ...]
     """The set that the row belongs to; "" for rows of none."""
 

@@ -22,8 +22,9 @@ def write_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -
     """Writes file, set, row, time, outputs, and `<output>.log` for each output that predicts.
 
     Where intervals were asked for, their ends follow: `<output>.low`, `<output>.high`.
-    `row` and `time` are those of the file, so that the table joins it by `file` and `row`; `row`
-    is empty for moments that resampling put between two rows.
+    `row` is that of the file, so that the table joins it by `file` and `row`; it is empty for
+    moments that resampling put between two rows. `time` is that of the file too; where files are
+    joined by their dates, it counts on from the first of them.
     """
     header, rows = simulation_rows(program, runs)
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:

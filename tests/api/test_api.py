@@ -66,6 +66,19 @@ def test_simulating_arrays(spec: Path):
     np.testing.assert_array_equal(longer.outputs["x_next"][:40], position)
 
 
+def test_a_horizon_is_a_number_of_steps_or_the_record(spec: Path):
+    model = msnn.load(spec)
+    rest = {"F": np.ones(50), "x": np.zeros(50), "v": np.zeros(50)}
+    (whole,) = msnn.simulate(model, rest)
+    (record,) = msnn.simulate(model, rest, horizon="record")
+    np.testing.assert_array_equal(record.outputs["x_next"], whole.outputs["x_next"])
+    (short,) = msnn.simulate(model, rest, horizon=7)
+    assert short.steps == 7
+    for wrong in ("episode", "7", 0, -1, 2.5, True):
+        with pytest.raises(ValueError, match='`horizon` is "record" or a number of steps'):
+            msnn.simulate(model, rest, horizon=wrong)  # pyright: ignore[reportArgumentType]
+
+
 def test_simulating_files(spec: Path):
     model = msnn.load(spec)
     file = spec.parent / "data" / "test" / "run_01.csv"

@@ -417,3 +417,22 @@ def test_recordings_with_times_of_their_own_join_alike(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["time"], frame["t"], rtol=0, atol=1e-9)
     assert found["y.log"].isna().tolist() == [True] * 5 + [False] * 35
     np.testing.assert_allclose(found["y.log"][5:], frame["z"][5:], rtol=1e-9)
+
+
+@pytest.mark.parametrize("more", ["", ", resample: linear", ", from: 5, to: 44"])
+def test_time_goes_on_in_files_that_are_joined_by_their_dates(tmp_path: Path, more: str) -> None:
+    """As it does where times are numbers: a run has one clock."""
+    begin = pd.Timestamp("2026-11-22 23:59:58")
+    for name, frame in (("b.csv", log(30, 0.0)), ("a.csv", log(20, 3.0))):
+        frame["t"] = [(begin + pd.Timedelta(seconds=t)).isoformat() for t in frame["t"]]
+        write(tmp_path, name, frame)
+    data = f"source: {{train: '*.csv'}}, time: t, join: true{more}"
+    it = model(tmp_path, data.replace(", ", "\n  "))
+    runs = msnn.simulate(it)
+    (run,) = runs
+    time = run.places.time
+    assert time is not None
+    first = 0.5 if "from" in more else 0.0
+    np.testing.assert_allclose(time, first + 0.1 * np.arange(run.steps), atol=1e-9)
+    assert set(run.places.files) == {"a.csv", "b.csv"}
+    np.testing.assert_array_equal(np.asarray(table(tmp_path, it, runs)["time"]), time)

@@ -102,7 +102,6 @@ def simulate(
     chosen = choose_weights(model, weights, runs, initial=initial)
     report(chosen.warnings, model.sources)
     note(f"weights: {chosen.origin}")
-    steps = None if horizon == "record" else int(horizon)
     with StepProgress(progress_stream()) as progress:
         found = measurements.simulate(
             model,
@@ -110,7 +109,7 @@ def simulate(
             # intervals want the covariance of the parameters, which stands in the file beside the
             # weights
             chosen.given,
-            horizon=steps,
+            horizon="record" if horizon == "record" else int(horizon),
             data_root=data_root,
             data_set=data_set,
             engine=engine,

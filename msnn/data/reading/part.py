@@ -227,7 +227,16 @@ def _pieces(recording: ReadFile, rows: RecordRows) -> tuple[FileRows, ...]:
             own = np.where(own == BETWEEN_ROWS, own, own - origin.row)
         time = None if rows.time is None else rows.time[start:stop] - origin.seconds
         if stop > start or len(origins) == 1:
-            found.append(FileRows(file=origin.file, start=start, stop=stop, rows=own, time=time))
+            found.append(
+                FileRows(
+                    file=origin.file,
+                    start=start,
+                    stop=stop,
+                    rows=own,
+                    time=time,
+                    time_begins=origin.seconds,
+                )
+            )
     return tuple(found)
 
 

@@ -216,6 +216,29 @@ def episodes_skipped(
     return warning("W0802", None, message)
 
 
+def starts_not_measured(
+    *,
+    wanted_by: str,
+    signals: Sequence[str],
+    left_out: int,
+    total: int,
+    horizon: int,
+    better: int | None,
+    span: Span | None,
+) -> Diagnostic:
+    """W0836: rollouts left out because the samples that their first states read are missing."""
+    names = " and ".join(f"`{name}`" for name in signals)
+    steps = "one step" if horizon == 1 else f"{horizon} steps"
+    message = (
+        f"{wanted_by} leaves out {left_out} of {total} rollouts of {steps}: {names}, from which "
+        "they start, is not measured where they begin"
+    )
+    repair = "write `rollout: record`, which begins once, at the first measured start of a record"
+    if better is not None and better != horizon:
+        repair = f"write `rollout: {better}`: it begins where {names} is measured; or `record`"
+    return warning("W0836", span, message, help=repair)
+
+
 def record_dropped(record: str, file: str, row: int) -> Diagnostic:
     """W0803: a record left out because an input is missing in it."""
     of = "" if file == record else f" of {file}"

@@ -24,11 +24,21 @@ def skips_everything(key: str, skip: int, horizon: int, span: Span | None) -> Di
     return error("E0903", span, message, "nothing is scored")
 
 
-def no_target_scored(stage: str, name: str, span: Span | None) -> Diagnostic:
+def no_target_scored(
+    stage: str, name: str, span: Span | None, horizon: int | str, starts: Sequence[str]
+) -> Diagnostic:
     """E0909: a stage whose losses compare with nothing in the rows that judge it."""
     message = f"stage `{stage}` has nothing to judge by: no target in the rows of `{name}` counts"
     notes = ("targets are missing, or factors of `rows:` are 0, wherever rollouts score",)
     repair = "look at the columns of the targets with `msnn data SPEC`, or choose other rows"
+    if starts and isinstance(horizon, int):
+        names = " and ".join(f"`{name}`" for name in starts)
+        steps = "one step" if horizon == 1 else f"{horizon} steps"
+        notes += (f"rollouts start where {names} is measured, and score {steps} from there",)
+        repair = (
+            "make `rollout:` as long as the rows from one measured value to the next, or "
+            "`rollout: record`; else " + repair
+        )
     return error("E0909", span, message, "its losses score nothing", notes=notes, help=repair)
 
 

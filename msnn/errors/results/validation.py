@@ -54,10 +54,25 @@ def of_another_fold(run: str, trained: int, held_out: int) -> Diagnostic:
 
 
 def broken_limit(
-    *, of: str, metric: str, value: str, limit: str, simulated: str, data: str, span: Span | None
+    *,
+    of: str,
+    metric: str,
+    value: str,
+    limit: str,
+    simulated: str,
+    data: str,
+    scored: int,
+    span: Span | None,
 ) -> Diagnostic:
     """E0870: a metric of a trained model that does not keep the limit of its entry."""
     message = f"{metric} of `{of}` is {value}, and the limit is {limit}"
     repair = "train again, or change the limit where the model is as good as it has to be"
     notes = (f"measured on `{data}`: {simulated}",)
+    if not scored:
+        message = f"{metric} of `{of}` is not known, and the limit is {limit}"
+        notes = (f"its rollouts reach no measured value of `{data}`: {simulated}",)
+        repair = (
+            "choose a `rollout:` that is as long as the rows from one measured value to the next, "
+            "`rollout: record`, or rows with values"
+        )
     return error("E0870", span, message, "does not hold", notes=notes, help=repair)

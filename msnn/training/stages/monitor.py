@@ -12,6 +12,7 @@ from msnn.data.dataset import FloatArray
 from msnn.data.starts import Runs
 from msnn.errors.learning.training import no_target_scored
 from msnn.simulation.rollout import entry_value
+from msnn.simulation.rollout_plan import start_signals
 from msnn.training.engines.engine import LossSums
 from msnn.training.plans.known_terms_of_stage import distance, has_priors, residuals_of
 from msnn.training.plans.stage_data import TRAIN, StageData
@@ -59,7 +60,13 @@ def _require_targets(plan: StagePlan, sums: LossSums, name: str) -> None:
         one.name for one in losses if one.target is not None and plan.loss_weights[one.name]
     ]
     if compared and not any(sums[one].count for one in compared):
-        raise SpecError((no_target_scored(plan.name, name, plan.span),))
+        raise SpecError(
+            (
+                no_target_scored(
+                    plan.name, name, plan.span, plan.rollout.horizon, start_signals(plan.rollout)
+                ),
+            )
+        )
 
 
 def _decay(plan: StagePlan, weights: Weights) -> float:

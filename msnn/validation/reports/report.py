@@ -44,6 +44,7 @@ def broken_limits(report: ValidationReport) -> tuple[Diagnostic, ...]:
             limit=f"{limits(row)} {unit_text(row.unit)}".strip(),
             simulated=f"{rollout_text(row)}, {row.rows}",
             data=row.data,
+            scored=row.scored,
             span=row.span,
         )
         for row in report.rows
