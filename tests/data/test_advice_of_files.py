@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 from asammdf import MDF, Signal
+from scipy.io import savemat
 
+import msnn
+from msnn.data.dataset import Dataset
+from msnn.data.reading.frames import frame_data
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
-from tests.data.unit_files import load
+from tests.data.unit_files import SPEC, load
 
 TIME = "  time: time\n"
 ROWS = "0,1\n0.1,2\n0.2,3\n"
@@ -53,6 +59,66 @@ def test_the_key_that_is_advised_reads_the_file(
     data = load(tmp_path, "a.csv", "m/s", "\n".join([*kept, f"  {advised}", ""]))
     # without header the only advice is how a column is named: its number here is that of the time
     assert data.series["v"].tolist() == ([0.0, 0.1, 0.2] if "header" in layout else [1, 2, 3])
+
+
+@pytest.mark.parametrize("labels", [(10, 20), ("true", "1e3"), (1.5, 2.5)])
+def test_labels_that_are_no_names_are_advised_in_quotes(tmp_path: Path, labels: Any) -> None:
+    frame = pd.DataFrame({labels[0]: [1.0, 2.0], labels[1]: [3.0, 4.0]})
+
+    def read(column: str) -> Dataset:
+        text = SPEC.replace("UNIT", "m/s").replace("FILE", "none.csv")
+        (tmp_path / "car.msnn.yaml").write_text(f"{text}  {column}\n")
+        model = msnn.load(tmp_path / "car.msnn.yaml")
+        section = model.spec.data
+        assert section is not None
+        return frame_data(model.program, section, frame, section.place, {})
+
+    asked = str(labels[0])
+    with pytest.raises(SpecError) as caught:
+        read("columns: {v: " + (asked if asked == "10" else f'"{asked}x"') + "}")
+    advised = str(caught.value.diagnostics[0].help).split("`")[1]
+    assert advised == f'columns: {{v: "{asked}"}}'
+    assert read(advised).series["v"].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("asked", ["log.speed", "speed"])
+def test_the_values_of_a_struct_are_advised(tmp_path: Path, asked: str) -> None:
+    values = {"data": np.array([1.0, 2.0, 3.0]), "time": 0.1 * np.arange(3), "unit": "m/s"}
+    savemat(tmp_path / "a.mat", {"log": {"speed": values}})
+    fault = fault_of(tmp_path, f"  columns: {{v: {asked}}}\n", name="a.mat")
+    assert fault.code == "E0804"
+    advised = str(fault.help).split("`")[1]
+    assert advised == 'columns: {v: "log.speed.data"}'
+    assert load(tmp_path, "a.mat", "m/s", f"  {advised}\n").series["v"].tolist() == [1, 2, 3]
+
+
+def test_rows_of_several_rates_are_not_advised_a_time_for_every(tmp_path: Path) -> None:
+    with MDF(version="4.10") as file:
+        for name, step in (("v", 0.1), ("w", 0.03)):
+            file.append([Signal(np.arange(20.0), step * np.arange(20), name=name)])
+        file.save(tmp_path / "a.mf4")
+    layout = "  resample: linear\n"
+    spec = SPEC.replace("inputs: {v: UNIT}", "inputs: {v: {}, w: {}}").replace("o: v", "o: v + w")
+    text = spec.replace("FILE", "a.mf4") + layout
+    program = tmp_path / "car.msnn.yaml"
+    program.write_text(f"{text}  every: 2\n")
+    with pytest.raises(SpecError, match="E0845") as caught:
+        msnn.simulate(msnn.load(program))
+    assert "remove `every:`" in str(caught.value.diagnostics[0].help)
+    # the advice
+    program.write_text(text)
+    found = msnn.simulate(msnn.load(program)).to_frame()
+    assert found["o"].tolist() == pytest.approx([13 / 3 * row for row in range(6)], rel=1e-12)
+
+
+@pytest.mark.parametrize("cell", ["1e", "2.5E", "1e-"])
+def test_a_number_without_the_digits_of_its_exponent_has_no_unit(tmp_path: Path, cell: str) -> None:
+    (tmp_path / "a.csv").write_text(f"time,v\n0,1\n0.1,{cell}\n0.2,3\n")
+    fault = fault_of(tmp_path, TIME)
+    assert fault.code == "E0807"
+    advised = str(fault.help).split("`")[1]
+    (tmp_path / "a.csv").write_text(f"time,v\n0,1\n0.1,{advised}\n0.2,3\n")
+    assert load(tmp_path, "a.csv", "m/s", TIME).series["v"][1] == float(advised)
 
 
 @pytest.mark.parametrize(

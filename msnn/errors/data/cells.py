@@ -110,6 +110,8 @@ def _repair_of(text: str, column: str) -> str | None:
         return f"write the number without apostrophes: `{thousands}`"
     if united := _WITH_UNIT.fullmatch(text):
         number, unit = united.groups()
+        if unit.rstrip("+-").lower() == "e":
+            return f"write the digits of its exponent, as in `{number}e3`"
         return f"write `{number}` and the unit in the header: `{column} [{unit}]`"
     if (plain := _plain_number(text)) is not None:
         return f"write it as `{plain}`"

@@ -7,6 +7,7 @@ from msnn.errors.data.lists import listed, shortened
 from spec_schema.diagnostics.diagnostic import Diagnostic, error
 from spec_schema.diagnostics.source import Span
 from spec_schema.diagnostics.suggest import did_you_mean, nearest
+from spec_schema.yaml_tree.writer import scalar_text
 
 
 def no_file(
@@ -110,7 +111,8 @@ _TIME = "time"
 
 
 def _meant(name: str, columns: Sequence[str]) -> str | None:
-    """The column that a name most likely means: `F [N]`, `force`, `Force`, a typing error."""
+    """The column that a name most likely means: `F [N]`, `force`, `Force`, a typing error, and
+    `log.v.data` by `log.v`."""
     plain = {
         # `# time`, as numpy begins a header
         _UNIT_OF_HEADER.sub("", column).lstrip("#%").strip().casefold(): column
@@ -118,17 +120,25 @@ def _meant(name: str, columns: Sequence[str]) -> str | None:
     }
     if name.casefold() in plain:
         return plain[name.casefold()]
+    # the array of a struct, beside its unit and its times
+    parts = [c for c in columns if f".{name}." in f".{c}" and c.rpartition(".")[2] not in _BESIDE]
+    if len(parts) == 1:
+        return parts[0]
     if (near := nearest(name, columns)) is not None:
         return near
     longer = [column for key, column in plain.items() if key.startswith(name.casefold())]
     return longer[0] if len(longer) == 1 else None
 
 
+_BESIDE = frozenset(["unit", "units", "Unit", "Units", "time", "Time", "name", "Name"])
+"""Fields of structs that have no values of the signal."""
 _UNIT_OF_HEADER = re.compile(r"\s*[\[(].*[\])]\s*$")
 
 
 def _quoted(column: str) -> str:
-    return column if re.fullmatch(r"\w+", column) else f'"{column}"'
+    # `10` would be an index, `true` a switch
+    is_name = re.fullmatch(r"\w+", column) and scalar_text(column) == column
+    return column if is_name else f'"{column}"'
 
 
 def wrong_delimiter(file: str, used: str, meant: str, place: Span) -> Diagnostic:

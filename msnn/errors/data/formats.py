@@ -62,7 +62,10 @@ def decimal_between_cells(file: str, decimal: str, span: Span | None) -> Diagnos
 def rows_of_streams(key: str, file: str, span: Span | None) -> Diagnostic:
     """E0845: rows counted in a file whose columns have times of their own."""
     message = f"`{key}` counts rows, but the columns of {file} have different rows"
-    return error("E0845", span, message, "a number of rows", help="give a time, for example `2 s`")
+    repair = "give a time, for example `2 s`"
+    if key == "every":
+        repair = "remove `every:`; `resample: linear` brings all columns to the `sample_time`"
+    return error("E0845", span, message, "a number of rows", help=repair)
 
 
 def wide_filter(span: Span) -> Diagnostic:
