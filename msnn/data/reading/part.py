@@ -25,7 +25,7 @@ from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.data import Data
 
 _FEWEST_VALUES = 4
-"""Of a column, from which its usual step is known."""
+"""A column with fewer has no usual step."""
 _HAIR = 1e-9
 """Seconds by which summed and printed times of one row differ."""
 
