@@ -33,6 +33,14 @@ class Moment:
         assert self.has_zone == begin.has_zone
         return (self.nanoseconds - begin.nanoseconds) / 1e9
 
+    def text_after(self, seconds: float) -> str:
+        """The moment so many seconds later, to the millisecond, as `read_moment` reads it."""
+        milliseconds = round(self.nanoseconds / 1e6 + 1e3 * seconds)
+        moment = _EPOCH + timedelta(milliseconds=milliseconds)
+        parts = "milliseconds" if milliseconds % 1000 else "seconds"
+        text = moment.replace(tzinfo=None).isoformat(" ", parts)
+        return text + "Z" if self.has_zone else text
+
 
 @dataclass(frozen=True, slots=True)
 class Date:

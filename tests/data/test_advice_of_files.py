@@ -232,3 +232,100 @@ def test_times_of_a_measurement_that_nobody_edits_are_no_rows_to_remove(tmp_path
 def test_a_clock_that_was_not_set_is_no_matter_of_spelling(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("time,v\n0001-01-01 00:00:00,1\n2026-11-22 17:00:00,2\n")
     assert "clock was not set" in str(fault_of(tmp_path, TIME).help)
+
+
+@pytest.mark.parametrize("how", ["linear", "nearest"])
+def test_a_slow_input_is_told_to_resample(tmp_path: Path, how: str) -> None:
+    """Its empty cells lie between values at even steps; a lost value of another is missing."""
+    rows = [f"{0.1 * k:.1f},{k if k % 3 == 0 else ''}" for k in range(13)]
+    (tmp_path / "a.csv").write_text("\n".join(["time,v", *rows]) + "\n")
+    fault = fault_of(tmp_path, TIME)
+    assert fault.code == "E0809"
+    assert "`resample: linear`, or `nearest`" in str(fault.help)
+    data = load(tmp_path, "a.csv", "m/s", TIME + f"  resample: {how}\n")
+    assert data.usable.all()
+    assert data.rows == 13
+    rows[4] = "0.4,4"
+    (tmp_path / "a.csv").write_text("\n".join(["time,v", *rows[3:6]]) + "\n")
+    assert "resample" not in str(fault_of(tmp_path, TIME).help)
+
+
+@pytest.mark.parametrize("unit", ["ms", "us", "min"])
+def test_a_unit_of_the_time_that_is_wrong_is_told(tmp_path: Path, unit: str) -> None:
+    (tmp_path / "a.csv").write_text("time [s],v\n0,1\n0.1,2\n0.2,3\n")
+    fault = fault_of(tmp_path, f"  time: {{column: time, unit: {unit}}}\n")
+    assert fault.code == "E0812"
+    assert fault.help == f"the time seems to be in s: take `unit: {unit}` out of `time:`"
+    assert load(tmp_path, "a.csv", "m/s", "  time: {column: time}\n").rows == 3
+
+
+DATES = "time,v\n" + "".join(f"2026-11-22 17:00:0{0.1 * k:.1f}ZONE,{k}\n" for k in range(10))
+
+
+@pytest.mark.parametrize(
+    ("text", "late", "covered"),
+    [
+        (f"time,v\n{ROWS}", "7 s", ("0 s", "0.2 s")),
+        (
+            DATES.replace("ZONE", ""),
+            "2026-11-23",
+            ("2026-11-22 17:00:00", "2026-11-22 17:00:00.900"),
+        ),
+        (
+            DATES.replace("ZONE", "+01:00"),
+            "2026-11-23 00:00Z",
+            ("2026-11-22 16:00:00Z", "2026-11-22 16:00:00.900Z"),
+        ),
+    ],
+)
+def test_times_outside_of_the_data_are_told_with_those_inside(
+    tmp_path: Path, text: str, late: str, covered: tuple[str, str]
+) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    fault = fault_of(tmp_path, f"{TIME}  from: {late}\n")
+    assert fault.code == "E0818"
+    assert fault.message.endswith(f"which has times {covered[0]} … {covered[1]}")
+    assert load(tmp_path, "a.csv", "m/s", f"{TIME}  from: {covered[0]}\n").rows > 2
+    end = late.replace("-23", "-24").replace("7 s", "8 s")
+    split = "  split: {by: time, val: [FROM, TO]}\n"
+    data = load(tmp_path, "a.csv", "m/s", TIME + split.replace("FROM", late).replace("TO", end))
+    (told,) = (one for one in data.warnings if one.code == "W0833")
+    assert told.message.endswith(f"the data are from {covered[0]} to {covered[1]}")
+    assert told.help == "choose a time within the data"
+    inside = split.replace("FROM", covered[0]).replace("TO", covered[1])
+    assert load(tmp_path, "a.csv", "m/s", TIME + inside).has("val")
+
+
+@pytest.mark.parametrize("date", ["2026/11/22 17:00:00", "2026.11.22 17:00:00", "22.11.2026"])
+def test_dates_of_other_forms_are_told_the_one_that_is_read(tmp_path: Path, date: str) -> None:
+    (tmp_path / "a.csv").write_text(f"time,v\n{date},1\n")
+    fault = fault_of(tmp_path, TIME)
+    assert (fault.code, "`2026-11-22 17:00:00.25` (ISO 8601)" in str(fault.help)) == ("E0807", True)
+
+
+@pytest.mark.parametrize("csv", ["", '  csv: {delimiter: ";", decimal: ","}\n'])
+def test_points_between_thousands_beside_decimal_commas_are_told(tmp_path: Path, csv: str) -> None:
+    (tmp_path / "a.csv").write_text("time;v\n0;1.234,5\n0,1;-1.234.567,25\n")
+    layout = TIME + (csv or '  csv: {delimiter: ";"}\n')
+    if not csv:
+        (tmp_path / "a.csv").write_text("time;v\n0;1.234,5\n0.1;-1.234.567,25\n")
+    fault = fault_of(tmp_path, layout)
+    point, comma, key = str(fault.help).split("`")[1:6:2]
+    assert (fault.code, point, comma) == ("E0807", "1234.5", "1234,5")
+    (tmp_path / "a.csv").write_text(f"time;v\n0;{comma}\n")
+    read = load(tmp_path, "a.csv", "m/s", TIME + f"  {key}\n")
+    assert read.series["v"].tolist() == [1234.5]
+
+
+def test_a_list_with_none_is_told_how_to_become_numbers() -> None:
+    model = msnn.load(
+        "msnn: 1\nname: p\nsample_time: 0.1 s\ninputs: {v: {}}\noutputs: {o: {expr: v}}\n"
+        "data: {source: {train: a.csv}, nan: split}\n"
+    )
+    values: Any = [1.0, 2.0, None]
+    with pytest.raises(SpecError) as caught:
+        msnn.simulate(model, {"v": values})
+    (fault,) = caught.value.diagnostics
+    assert (fault.code, "`np.asarray(…, float)`" in fault.message) == ("E0840", True)
+    (run,) = msnn.simulate(model, {"v": np.asarray(values, float)})
+    assert run.outputs["o"].tolist() == [1.0, 2.0]

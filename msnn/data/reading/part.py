@@ -14,7 +14,8 @@ from msnn.data.formats.table import ColumnKey, ColumnTable
 from msnn.data.reading.columns import Feed
 from msnn.data.reading.files import DataFile
 from msnn.data.reading.read_file import ReadFile
-from msnn.data.reading.record_rows import RecordRows, record_rows
+from msnn.data.reading.record_rows import RecordRows, record_rows, resampling
+from msnn.data.reading.resample import LOST_STEP, lost_values
 from msnn.data.reading.row_filter import RowFilter
 from msnn.errors.data import cells
 from msnn.errors.data import formats as data_formats
@@ -23,6 +24,8 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.data import Data
 
+_FEWEST_VALUES = 4
+"""A column with fewer has no usual step."""
 _HAIR = 1e-9
 """Seconds by which summed and printed times of one row differ."""
 
@@ -115,7 +118,7 @@ def part_of(
         # a missing value may be one of a row that the filter would keep
         left_out = ~passes & _is_known(row_filter, series, len(usable))
         usable &= passes
-    missing = _first_missing(recording, needed, rows, left_out, data, findings)
+    missing = _first_missing(recording, needed, rows, left_out, data, program.sample_time, findings)
     if not len(usable) and (missing is None or data.nan == "split"):
         # columns of which one ends before another begins
         place = recording.file.layout.place.key
@@ -177,6 +180,7 @@ def _first_missing(
     rows: RecordRows,
     left_out: BoolArray,
     data: Data,
+    sample_time: float | None,
     findings: Findings,
 ) -> tuple[str, int] | None:
     """The first row, and its file, that lacks an input although it is used; None where none does.
@@ -203,9 +207,35 @@ def _first_missing(
             file, own = recording.row_of(row)
             more, is_all = len(used) - 1, bool(np.isnan(values).all())
             findings.report(
-                cells.missing_value(file, own, str(key), text, more, place, is_all=is_all)
+                cells.missing_value(
+                    file,
+                    own,
+                    str(key),
+                    text,
+                    more,
+                    place,
+                    is_all=is_all,
+                    is_slow=_is_slow(recording, data, values, sample_time),
+                )
             )
     return None if first is None else recording.row_of(first)
+
+
+def _is_slow(
+    recording: ReadFile, data: Data, values: FloatArray, sample_time: float | None
+) -> bool:
+    """True for a column without `resample:` whose empty cells lie between values at even steps."""
+    if sample_time is None or not isinstance(recording.read, ColumnTable):
+        return False
+    time = recording.read.time
+    if time is None or resampling(recording.file, data) is not None:
+        return False
+    if np.isfinite(values).sum() < _FEWEST_VALUES or not (np.diff(time) > 0).all():
+        return False
+    # a few values that are lost, of a column as fast as the rows, are no slow column
+    own = float(np.median(np.diff(time[np.isfinite(values)])))
+    is_slower = own > LOST_STEP * float(np.median(np.diff(time)))
+    return is_slower and not len(lost_values((time, values), sample_time))
 
 
 def _pieces(recording: ReadFile, rows: RecordRows) -> tuple[FileRows, ...]:

@@ -330,7 +330,13 @@ def _time_fault(
             # some formats keep their time by themselves
             column = "…" if time is None else scalar_text(time.column.column, in_flow=True)
             return errors.wrong_sample_time(
-                file, fault.step, sample_time, column, place, is_even=fault.is_even
+                file,
+                fault.step,
+                sample_time,
+                column,
+                place,
+                is_even=fault.is_even,
+                unit=None if time is None or time.unit is None else time.unit.value.text,
             )
         case "order":
             begins = table.time_begins

@@ -88,7 +88,15 @@ def picked_rows(
     first, stop = max(bounds[0], 0), min(bounds[1], rows)
     if first >= stop:
         span = next(length.span for length in (first_length, last_length) if length is not None)
-        findings.report(errors.rows_not_there("the choice of rows", file, rows, span))
+        ends = None
+        if time is not None and len(time) and not isinstance(first_length or last_length, Samples):
+            ends = (float(time[0]), float(time[-1]))
+        times = None
+        if ends is not None and begins is not None:
+            times = (begins.text_after(ends[0]), begins.text_after(ends[1]))
+        elif ends is not None:
+            times = (f"{ends[0]:.6g} s", f"{ends[1]:.6g} s")
+        findings.report(errors.rows_not_there("the choice of rows", file, rows, span, times))
         return None
     return RowRange(first, stop, every)
 

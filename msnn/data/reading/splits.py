@@ -73,9 +73,16 @@ def _shares(split: Split) -> dict[str, OneShare]:
 def _covered(split: Split, records: Sequence[RecordTimes]) -> str | None:
     """From when to when the data are, of a split by time."""
     ends = [(float(t[0]), float(t[-1])) for r in records if (t := r.time) is not None and len(t)]
-    dated = next((r.begins for r in records if r.begins is not None), None)
-    if split.by != "time" or not ends or dated is not None:
+    if split.by != "time" or not ends:
         return None
+    dated = [
+        (r.begins.text_after(float(t[0])), r.begins.text_after(float(t[-1])))
+        for r in records
+        if (t := r.time) is not None and len(t) and r.begins is not None
+    ]
+    # of dates with and without a zone nobody knows which come first
+    if len(dated) == len(ends) and len({first.endswith("Z") for first, _ in dated}) == 1:
+        return f"{min(a for a, _ in dated)} to {max(b for _, b in dated)}"
     return f"{min(a for a, _ in ends):.6g} s to {max(b for _, b in ends):.6g} s"
 
 

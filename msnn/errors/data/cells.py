@@ -67,6 +67,7 @@ def missing_value(
     *,
     is_time: bool = False,
     is_all: bool = False,
+    is_slow: bool = False,
 ) -> Diagnostic:
     """E0809: an empty or NaN cell of an input while `nan: error` holds, or of a time."""
     found = f"`{text}`" if text else "no value"
@@ -78,6 +79,11 @@ def missing_value(
         message = f"column `{column}` of {file} has no value at all"
         notes = ()
         repair = f"name another column for what reads `{column}`, under `data:`"
+    elif is_slow:
+        repair = (
+            "the column has values at even steps: `resample: linear`, or `nearest`, takes it "
+            "between them; else " + repair
+        )
     elif is_time:
         repair = "write the time, or remove the row; if rows are one step apart, remove `time:`"
         label = "every row needs its time"
@@ -115,6 +121,10 @@ def _repair_of(text: str, column: str) -> str | None:
         return f"write `{number}` and the unit in the header: `{column} [{unit}]`"
     if (plain := _plain_number(text)) is not None:
         return f"write it as `{plain}`"
+    if _POINTS_AND_COMMA.fullmatch(text):
+        whole = text.replace(".", "")
+        point = whole.replace(",", ".")
+        return f'write it as `{point}`, or as `{whole}` with `csv: {{decimal: ","}}` under `data:`'
     if _ISO_DATE.match(text) and read_moment(text) is None:
         return "dates reach from 1823 to 2116: leave rows out whose clock was not set"
     if _DATE.match(text):
@@ -143,9 +153,12 @@ def _plain_number(text: str) -> str | None:
 
 
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+([.]\d*)?")
+_POINTS_AND_COMMA = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d*")
 _HEXADECIMAL = re.compile(r"0[xX][0-9a-fA-F]{1,16}")
 _ISO_DATE = re.compile(r"\d{4}-\d\d-\d\d")
-_DATE = re.compile(r"\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d\d(:\d\d)?")
+_DATE = re.compile(
+    r"\d{4}[-/.]\d\d?[-/.]\d\d?(?!\d)|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d\d(:\d\d)?"
+)
 _NOT_MEASURED = frozenset(
     ["N/A", "#N/A", "NONE", "#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "-", "--"]
 )

@@ -18,14 +18,21 @@ def time_gap(
 
 
 def wrong_sample_time(
-    file: str, found: float, expected: float, column: str, place: Span | None, *, is_even: bool
+    file: str,
+    found: float,
+    expected: float,
+    column: str,
+    place: Span | None,
+    *,
+    is_even: bool,
+    unit: str | None = None,
 ) -> Diagnostic:
     """E0812: a file whose rows are usually spaced otherwise than `sample_time`."""
     usual = "" if is_even else "usually "
     message = (
         f"the rows of {file} are {usual}{found:.6g} s apart, `sample_time` is {expected:.6g} s"
     )
-    repair = _repair_of_step(found, expected, column) if is_even else _TO_NEAREST_ROWS
+    repair = _repair_of_step(found, expected, column, unit) if is_even else _TO_NEAREST_ROWS
     label = "not one sample after the row before"
     return error("E0812", place, message, label, help=repair)
 
@@ -49,9 +56,14 @@ def other_sample_time(
     return warning("W0811", None, message, help=repair)
 
 
-def _repair_of_step(found: float, expected: float, column: str) -> str:
-    """The repair where rows are `found` seconds apart and `sample_time` says otherwise."""
+def _repair_of_step(found: float, expected: float, column: str, unit: str | None = None) -> str:
+    """The repair where rows are `found` seconds apart and `sample_time` says otherwise.
+
+    `unit` is what the spec says of the column of time.
+    """
     ratio = expected / found if found > 0 else 0.0
+    if unit in _TIME_UNITS and abs(ratio / _TIME_UNITS[unit] - 1) < 0.01:
+        return f"the time seems to be in s: take `unit: {unit}` out of `time:`"
     if abs(ratio / _DAY - 1) < 0.01:
         return (
             "the time seems to count days, as serial dates of a spreadsheet do, which text rounds: "
@@ -119,10 +131,15 @@ def time_not_increasing(
     return error("E0813", place, message, "time does not increase", notes=notes, help=repair)
 
 
-def rows_not_there(what: str, file: str, rows: int, span: Span | None) -> Diagnostic:
+def rows_not_there(
+    what: str, file: str, rows: int, span: Span | None, times: tuple[str, str] | None = None
+) -> Diagnostic:
     """E0818: `from` or `to` that a file does not reach."""
-    message = f"{what} leaves no rows of {file}, which has rows 0 … {rows - 1}"
-    return error("E0818", span, message, "no rows left")
+    # the first and the last time, where times pick rows
+    has = f"rows 0 … {rows - 1}" if times is None else f"times {times[0]} … {times[1]}"
+    message = f"{what} leaves no rows of {file}, which has {has}"
+    repair = "choose `from` and `to` within them, or leave them out" if rows else None
+    return error("E0818", span, message, "no rows left", help=repair)
 
 
 def impossible_split(reason: str, span: Span | None, repair: str | None = None) -> Diagnostic:

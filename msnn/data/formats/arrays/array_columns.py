@@ -201,6 +201,8 @@ def _column(array: NDArray[Any], index: int | None) -> tuple[FloatArray | None, 
         array = array / np.timedelta64(1, "ns") * 1e-9
     # b: True is 1. Complex numbers, texts and objects are none
     if array.dtype.kind not in "biuf":
+        if array.dtype.kind == "O":
+            return None, "it holds objects: `np.asarray(…, float)` makes numbers, and NaN of None"
         return None, "it does not hold real numbers"
     # MAT files have vectors as matrices of one row or column
     if array.ndim == 2 and index is None and 1 in array.shape:
