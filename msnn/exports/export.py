@@ -120,7 +120,7 @@ def _refuse_infinite(plan: AnyPlan, weights: Weights) -> None:
     """Raises SpecError (E1134) for weights whose nearest float32 is infinite."""
     faults: list[Diagnostic] = []
     for parameter in plan.program.parameters:
-        values = np.ravel(weights[parameter.name])
+        values = np.ravel(weights.get(parameter.name, ()))
         with np.errstate(over="ignore"):
             lost = values[np.isinf(values.astype(np.float32))]
         if len(lost):

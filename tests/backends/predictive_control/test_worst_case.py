@@ -62,7 +62,7 @@ def test_no_call_takes_more_iterations_than_is_said(
     capsys.readouterr()
     assert run(["show", str(spec)]) == 0
     assert capsys.readouterr().out.count(f"{most} iterations a sample at most") == 2
-    for backend in ("c", "reference"):
+    for backend in ("c", "python"):
         own = controller(tmp_path, PENDULUM.replace("SOLVER", solver), backend)
         random = np.random.default_rng(1)
         states = [dict(zip("aw", random.uniform((-3, -6), (3, 6)), strict=True)) for _ in range(40)]
