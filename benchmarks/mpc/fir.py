@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.predictive_control.write_controller import write_controller
+from compiler.optimal_control.problem import ControlProblem
 from msnn.model.load import load_model
 from msnn.tables import table_text
 
@@ -45,7 +46,7 @@ def main() -> None:
 
 
 def _generate(folder: Path) -> None:
-    problem = load_model(HERE / "fir.msnn.yaml").control
+    problem = load_model(HERE / "fir.msnn.yaml").of(ControlProblem)
     assert problem is not None
     weights = _weights()
     for name in NAMES:

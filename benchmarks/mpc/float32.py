@@ -64,7 +64,7 @@ def main() -> None:
     rows: list[tuple[str, ...]] = []
     with tempfile.TemporaryDirectory() as place:
         for name, follow in (("mlp", _network), ("fir", _window)):
-            problem = load_model(HERE / f"{name}.msnn.yaml").control
+            problem = load_model(HERE / f"{name}.msnn.yaml").of(ControlProblem)
             assert problem is not None
             weights: dict[str, Vector] = run.network_weights() if name == "mlp" else fir._weights()
             exact = Controller(problem, weights, "float64", Path(place) / f"{name}64")

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 import msnn
 from backends.c_language.literals import Dtype
 from backends.predictive_control.write_estimator import write_estimator
+from compiler.state_estimation.problem import EstimationProblem
 
 HERE = Path(__file__).parent
 Array = NDArray[np.float64]
@@ -147,9 +148,10 @@ def run(plant: Plant, rows: Array, dtype: Dtype) -> tuple[Array, float]:
         spec = folder / "spec.msnn.yaml"
         spec.write_text(plant.text, encoding="utf-8")
         model = msnn.load(spec)
-        assert model.estimation is not None
+        estimation = model.of(EstimationProblem)
+        assert estimation is not None
         weights = msnn.initial_weights(model)
-        write_estimator(model.estimation, weights, folder, prefix="plant", dtype=dtype)
+        write_estimator(estimation, weights, folder, prefix="plant", dtype=dtype)
         program = folder / "run"
         defined = {
             "HEADER": '"plant_ekf.h"',

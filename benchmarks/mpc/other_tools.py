@@ -43,6 +43,7 @@ from other_tools_problems import (
 from other_tools_qp import Osqp, Piqp, Sequence
 
 from backends.predictive_control.write_controller import write_controller
+from compiler.optimal_control.problem import ControlProblem
 from msnn.model.load import load_model
 from msnn.tables import table_text
 
@@ -128,7 +129,7 @@ def main() -> None:
 
 
 def _library(name: str, weights: dict[str, Vector], folder: Path) -> Any:
-    problem = load_model(HERE / f"{name}.msnn.yaml").control
+    problem = load_model(HERE / f"{name}.msnn.yaml").of(ControlProblem)
     assert problem is not None
     write_controller(problem, weights, folder / "plant", prefix="plant", dtype="float64")
     if name == "fir":

@@ -194,7 +194,7 @@ class PlantInUnits:
     def __init__(self, plant: Plant, units: Units, structure: Chosen, folder: Path) -> None:
         path = folder / "drawn.msnn.yaml"
         path.write_text(in_units(plant, units), encoding="utf-8")
-        control = msnn.load(path).control
+        control = msnn.load(path).of(ControlProblem)
         assert control is not None
         weights = initial_weights(control.program)
         self.problem = trained(replace(control, structure=structure), weights)

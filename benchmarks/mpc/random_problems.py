@@ -106,7 +106,7 @@ def solve_plant(
     """Draws and solves problems of one plant; what was found, by words."""
     path = folder / "drawn.msnn.yaml"
     path.write_text(plant.text, encoding="utf-8")
-    control = msnn.load(path).control
+    control = msnn.load(path).of(ControlProblem)
     assert control is not None
     control = control if structure is None else replace(control, structure=structure)
     problem = trained(control, {})

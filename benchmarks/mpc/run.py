@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backends.predictive_control.write_controller import write_controller
+from compiler.optimal_control.problem import ControlProblem
 from msnn.model.load import load_model
 from msnn.tables import table_text
 
@@ -40,7 +41,7 @@ def main() -> None:
 
 
 def _generate(folder: Path) -> None:
-    problem = load_model(HERE / "mlp.msnn.yaml").control
+    problem = load_model(HERE / "mlp.msnn.yaml").of(ControlProblem)
     assert problem is not None
     weights = network_weights()
     write_controller(problem, weights, folder / "plant", prefix="plant", dtype="float64")

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field, replace
 from functools import partial
+from typing import TypeVar
 
 from compiler.elaboration.deep_recursion import room_for
 from compiler.elaboration.formulas import formulas_of
 from compiler.elaboration.losses.penalties import checked_penalties
 from compiler.elaboration.lower_spec import exported_equations, lower_spec
+from compiler.elaboration.section import OtherProgram, SectionProblem, problem_of_class, section_of
 from compiler.elaboration.signals import logged_signals, measured_targets
 from compiler.elaboration.unchecked_scales import report_unchecked_scales
 from compiler.interpreter.never_finite import never_finite
@@ -17,15 +19,15 @@ from compiler.ir.program import Dimension, Program
 from compiler.ir.types import Type
 from compiler.linking.link import Linked, WeightsByPart, link
 from compiler.lowering.environment import START, STEP
-from compiler.optimal_control.problem import ControlProblem
 from compiler.passes import run_passes
 from compiler.passes.analyses.infinite_slopes import infinite_slopes
-from compiler.state_estimation.problem import EstimationProblem
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.errors import units
 from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.reader import ReadResult
 from spec_schema.sections.spec import Spec
+
+P = TypeVar("P", bound=SectionProblem)
 
 UNIT_WARNINGS = ("W0504", "W0505", "W0509", "W0510", "W0737")
 """What `strict_units` refuses."""
@@ -39,12 +41,14 @@ class Compiled:
     spec: Spec
     """With the entries of sub-models under their full names."""
     warnings: tuple[Diagnostic, ...]
-    control: ControlProblem | None = None
-    """Of the `mpc` section, where there is one."""
-    estimation: EstimationProblem | None = None
-    """Of the `estimator` section, where there is one."""
+    problems: Mapping[str, SectionProblem] = field(default_factory=dict[str, SectionProblem])
+    """The compiled sections of features, such as `mpc`, by their keys; `of` gives one by class."""
     types: Mapping[str, Type] = field(default_factory=dict[str, Type])
     """Of one sample of every equation and output, as it was written: passes share and drop some."""
+
+    def of(self, kind: type[P]) -> P | None:
+        """The problem of this class; None if no section of the spec has one."""
+        return problem_of_class(self.problems, kind)
 
 
 def compile_spec(
@@ -134,26 +138,21 @@ def compile_linked(
 def _with_problems(
     linked: Linked, compiled: Compiled, compile_it: Callable[[Linked], Compiled]
 ) -> Compiled:
-    """The same with the problems of its sections `mpc` and `estimator`."""
-    spec = linked.spec
-    if spec.mpc is not None:  # few specs have the two sections: others start without their rooms
-        from compiler.elaboration.control.control_problem import asked_control, control_problem
+    """The same with the problems of the sections that features bring."""
 
-        asked = asked_control(linked, spec.mpc)
-        # the costs and limits of `mpc` become outputs of a spec of their own, so that what is
-        # exported without a controller has none of them
-        whole = compile_it(asked.linked)
-        more = [found for found in whole.warnings if found not in compiled.warnings]
+    def compile_other(other: Linked) -> OtherProgram:
+        whole = compile_it(other)
+        more = tuple(found for found in whole.warnings if found not in compiled.warnings)
         # the file has one hash, whichever of its programs is asked
-        program = replace(whole.program, spec_hash=compiled.program.spec_hash)
-        control, said = control_problem(asked, program, more)
-        compiled = replace(compiled, control=control, warnings=(*compiled.warnings, *said))
-    if spec.estimator is not None:
-        from compiler.elaboration.estimation.estimation_problem import estimation_problem
+        return OtherProgram(replace(whole.program, spec_hash=compiled.program.spec_hash), more)
 
-        estimation = estimation_problem(spec, spec.estimator, compiled.program)
-        compiled = replace(compiled, estimation=estimation)
-    return compiled
+    problems: dict[str, SectionProblem] = {}
+    warnings = list(compiled.warnings)
+    for line, entry in linked.spec.sections():
+        found = section_of(line).compile(entry, linked, compiled.program, compile_other)
+        problems[line.key] = found.problem
+        warnings += found.warnings
+    return replace(compiled, problems=problems, warnings=tuple(warnings))
 
 
 def in_own_files(

@@ -10,6 +10,7 @@ from compiler.elaboration.integrators.between_samples import report_between
 from compiler.elaboration.losses.losses import default_loss, lower_loss
 from compiler.elaboration.named_values.found_before import FoundBefore
 from compiler.elaboration.named_values.names import Elaboration
+from compiler.elaboration.section import section_of
 from compiler.elaboration.submodels.needed_submodels import needed_submodels
 from compiler.elaboration.unused import lower_unused, report_unused
 from compiler.ir.builder import GraphBuilder
@@ -28,7 +29,6 @@ from spec_schema.errors import time as times
 from spec_schema.expressions.tree import Name
 from spec_schema.late_dataclass import dataclass
 from spec_schema.sections import signals
-from spec_schema.sections.references import names_in
 from spec_schema.sections.spec import Spec
 
 
@@ -74,9 +74,8 @@ def lower_spec(linked: Linked, draw: int) -> LoweredSpec:
     check_fitted_starts(context, lowered.states, lowered.losses)
     _report_log_reads(context, lowered.outputs, lowered.states)
     report_between(context)
-    if linked.spec.mpc is not None:
-        # what is bounded stands in a key
-        context.used.update(names_in(linked.spec.mpc), linked.spec.mpc.bounds)
+    for line, entry in linked.spec.sections():
+        context.used.update(section_of(line).names_used(entry))
     if not context.findings.failed:  # what is left unused by a mistake is no news
         report_unused(context)
     return lowered

@@ -23,7 +23,6 @@ from spec_schema.sections.submodels import Connection, Use
 
 if TYPE_CHECKING:
     from compiler.linking.renaming import Renaming
-    from spec_schema.sections.optimal_control import OptimalControl
 
 WeightsByPart = Mapping[str, Mapping[str, Array]]
 """For each sub-model that has `weights:`, its arrays by the names of its own file."""
@@ -156,8 +155,8 @@ class _Linking:
             sections["losses"] = {name: renaming.entry(e) for name, e in spec.losses.items()}
             if spec.data is not None:
                 sections["data"] = _with_full_names(spec.data, renaming)
-            if spec.mpc is not None:
-                sections["mpc"] = _control_with_full_names(spec.mpc, renaming)
+            for line, entry in spec.sections():
+                sections[line.key] = renaming.entry(entry)
         return _Part(sections, names)
 
     def connect(self, sections: dict[str, dict[str, Any]]) -> None:
@@ -234,13 +233,6 @@ def _with_full_names(data: Data, renaming: Renaming) -> Data:
         for name, source in data.source.items()
     }
     return data.model_copy(update={"source": sources, "filter": renaming.entry(data.filter)})
-
-
-def _control_with_full_names(control: OptimalControl, renaming: Renaming) -> OptimalControl:
-    """The optimal control problem; names of its own, the references, stay as they are."""
-    bounds = {renaming.name(name): renaming.entry(b) for name, b in control.bounds.items()}
-    references = {name: renaming.entry(entry) for name, entry in control.references.items()}
-    return renaming.entry(control).model_copy(update={"bounds": bounds, "references": references})
 
 
 def _is_same(outer: Dimension, inner: Dimension) -> bool:

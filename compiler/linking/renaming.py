@@ -7,11 +7,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, TypeVar, cast
 
+from pydantic.fields import FieldInfo
+
 from compiler.ir.scalars.signatures import OF_THE_LANGUAGE
 from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.language import INDICES, LENGTH
 from spec_schema.expressions.tree import Call, Expression, Keyword, LanguageName, Member, Name
 from spec_schema.fields.entry import Entry
+from spec_schema.fields.leaf import Gathering, signals, some_signals
 from spec_schema.fields.located import Choice, Located
 from spec_schema.late_dataclass import dataclass
 from spec_schema.sections.layers.networks import EQUATION_TERMS, EquationLearner
@@ -116,12 +119,28 @@ class Renaming:
 
     def _entry(self, entry: Entry, arguments: frozenset[str]) -> Entry:
         changed: dict[str, Any] = {}
-        for name in type(entry).model_fields:
+        for name, field in type(entry).model_fields.items():
             before = getattr(entry, name)
-            after = self._renamed(before, arguments)
+            if isinstance(before, Mapping):
+                after = self._mapping(cast("Mapping[str, Any]", before), field, arguments)
+            else:
+                after = self._renamed(before, arguments)
             if after is not before:
                 changed[name] = after
         return entry.model_copy(update=changed) if changed else entry
+
+    def _mapping(
+        self, before: Mapping[str, Any], field: FieldInfo, arguments: frozenset[str]
+    ) -> Mapping[str, Any]:
+        """Keys that are names of signals are renamed; those that a section declares stay."""
+        are_signals = any(
+            isinstance(note, Gathering) and note.schema in (signals, some_signals)
+            for note in field.metadata
+        )
+        return {
+            self.name(key) if are_signals else key: self._renamed(value, arguments)
+            for key, value in before.items()
+        }
 
     def _dataclass(self, value: Any, arguments: frozenset[str]) -> Any:
         changed: dict[str, Any] = {}

@@ -11,6 +11,7 @@ from backends.files.c_compiler import CompilerMissingError
 from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.trained import trained
 from compiler.state_estimation.kalman_filter import KalmanFilter
+from compiler.state_estimation.problem import EstimationProblem
 from msnn.control.controller import Controller
 from msnn.control.estimation.moving_horizon import MovingHorizon
 from msnn.control.interior_point.horizon_functions import HorizonFunctions
@@ -32,11 +33,12 @@ def open_controller(
     by the reference in Python; `solver` names one of them. Raises ValueError without the section,
     SpecError for C that is asked for and not to be had.
     """
-    if model.control is None:
+    control = model.of(ControlProblem)
+    if control is None:
         raise ValueError(f"the spec of `{model.name}` has no `mpc` section")
-    known = {parameter.name for parameter in model.control.program.parameters}
+    known = {parameter.name for parameter in control.program.parameters}
     # a controller's program reads some parameters of the model, and refuses the others
-    problem = trained(model.control, {n: w for n, w in weights.items() if n in known})
+    problem = trained(control, {n: w for n, w in weights.items() if n in known})
     functions = HorizonFunctions(problem)
     return Controller(problem, functions, _method(model, problem, functions, solver))
 
@@ -75,8 +77,9 @@ def open_estimator(
 
     Moving-horizon estimation solves as controllers do; `solver` says how.
     """
-    if model.estimation is None:
+    estimation = model.of(EstimationProblem)
+    if estimation is None:
         raise ValueError(f"the spec of `{model.name}` has no `estimator` section")
-    if model.estimation.window is None:
-        return KalmanFilter(model.estimation, weights)
-    return MovingHorizon(model.estimation, weights, partial(_method, model, solver=solver))
+    if estimation.window is None:
+        return KalmanFilter(estimation, weights)
+    return MovingHorizon(estimation, weights, partial(_method, model, solver=solver))

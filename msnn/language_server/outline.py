@@ -49,7 +49,7 @@ class Heading:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class OutlineSection:
     """A section and the keys right below it."""
 
     heading: Heading
@@ -61,12 +61,12 @@ class Section:
         return KINDS.get(self.heading.name)
 
 
-def outline(source: SourceText) -> tuple[Section, ...]:
+def outline(source: SourceText) -> tuple[OutlineSection, ...]:
     """The sections of a text in its order."""
     found = list(_SECTION.finditer(source.text))
     ends = [*(section.start() for section in found), len(source.text)][1:]
     return tuple(
-        Section(
+        OutlineSection(
             _heading(section[1], section.start(1), end, source),
             tuple(_entries(section, end, source)),
         )

@@ -10,7 +10,7 @@ from pygls.uris import from_fs_path
 from compiler.lowering.scope import Kind
 from msnn.language_server.completion import Completion, Item, ItemKind
 from msnn.language_server.definition import Definition
-from msnn.language_server.outline import Heading, Section
+from msnn.language_server.outline import Heading, OutlineSection
 from msnn.language_server.positions import Position, TextRange, position_of
 from msnn.language_server.problems import Problem, Repair
 from msnn.language_server.view import View
@@ -78,7 +78,7 @@ def symbols_of(view: View) -> list[types.DocumentSymbol]:
     return [_section(section, view) for section in view.outline]
 
 
-def _section(section: Section, view: View) -> types.DocumentSymbol:
+def _section(section: OutlineSection, view: View) -> types.DocumentSymbol:
     kind = types.SymbolKind.Key
     if section.kind is not None:
         kind = _SYMBOLS.get(section.kind, types.SymbolKind.Variable)

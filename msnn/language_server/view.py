@@ -11,7 +11,7 @@ from functools import cached_property
 from compiler.lowering.scope import Kind
 from msnn.language_server.cursor import Cursor, cursor_at
 from msnn.language_server.knowledge import Knowledge, Known
-from msnn.language_server.outline import Heading, Section, outline
+from msnn.language_server.outline import Heading, OutlineSection, outline
 from msnn.language_server.positions import Position, offset_of
 from spec_schema.diagnostics.source import SourceText, Span
 from spec_schema.names import normalised
@@ -49,7 +49,7 @@ class View:
     knowledge: Knowledge
 
     @cached_property
-    def outline(self) -> tuple[Section, ...]:
+    def outline(self) -> tuple[OutlineSection, ...]:
         """The sections of the text."""
         return outline(self.source) if len(self.source.text) <= _LONGEST else ()
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field
 from pathlib import Path
+from typing import TypeVar
 
+from compiler.elaboration.section import SectionProblem, problem_of_class
 from compiler.ir.program import Program
 from compiler.ir.types import Type
 from compiler.linking.link import WeightsByPart
-from compiler.optimal_control.problem import ControlProblem
-from compiler.state_estimation.problem import EstimationProblem
 from msnn.data.dataset import FloatArray
 from msnn.model.spec_hash import SubmodelFile
 from spec_schema.diagnostics.diagnostic import Diagnostic
@@ -18,6 +18,8 @@ from spec_schema.diagnostics.source import SourceText
 from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.reader import ReadResult
 from spec_schema.sections.spec import Spec
+
+P = TypeVar("P", bound=SectionProblem)
 
 PROGRAM_SUFFIX = ".program.json"
 """How the names of program files end, which `msnn compile` writes."""
@@ -40,10 +42,8 @@ class Model:
     warnings: tuple[Diagnostic, ...]
     read: ReadResult
     """The spec and its sub-models as their files have them; `spec` is both in one."""
-    control: ControlProblem | None = None
-    """Of the `mpc` section, with the parameters of the spec; None without one."""
-    estimation: EstimationProblem | None = None
-    """Of the `estimator` section, as above."""
+    problems: Mapping[str, SectionProblem] = field(default_factory=dict[str, SectionProblem])
+    """The compiled sections of features, such as `mpc`, with the parameters of the spec, by key."""
     types: Mapping[str, Type] = field(default_factory=dict[str, Type])
     """Of one sample of every equation and output of a spec; empty for a program file."""
     remarks: tuple[Diagnostic, ...] = ()
@@ -63,10 +63,14 @@ class Model:
     def name(self) -> str:
         return self.program.name
 
+    def of(self, kind: type[P]) -> P | None:
+        """The problem of this class; None if no section of the spec has one."""
+        return problem_of_class(self.problems, kind)
+
     @property
     def is_online(self) -> bool:
         """Whether something of it runs beside a plant: a controller, an estimator."""
-        return self.control is not None or self.estimation is not None
+        return bool(self.problems)
 
     def __repr__(self) -> str:
         return f"<Model {self.name} from {self.path}>"

@@ -104,16 +104,14 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     spec = link(
         read.spec, read.used, {}, Findings()
     ).spec  # which compiled when the file was written
-    online = spec.mpc is not None or spec.estimator is not None
     compiled = None
-    if online:
+    if any(spec.sections()):
         hashed = program.spec_hash
         compiled = compile_spec(read.spec, used=read.used, numbers=numbers, spec_hash=hashed)
     return Model(
         program=program,
         spec=spec,
-        control=None if compiled is None else compiled.control,
-        estimation=None if compiled is None else compiled.estimation,
+        problems={} if compiled is None else compiled.problems,
         path=embedded.path,
         text=text,
         sources=sources,

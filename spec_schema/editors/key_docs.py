@@ -29,7 +29,9 @@ def key_doc(entry: type[Entry], key: str) -> str:
     there is more to say.
     """
     fields = ((field.alias or name, name, field) for name, field in entry.model_fields.items())
-    ((name, annotation),) = ((name, field.annotation) for k, name, field in fields if k == key)
+    ((name, field),) = ((name, field) for k, name, field in fields if k == key)
+    if field.description:
+        return field.description  # a section of a feature, from the registry
     # the nearest class that says something about the key
     for kind in entry.__mro__:
         if issubclass(kind, Entry) and name in (
@@ -38,7 +40,7 @@ def key_doc(entry: type[Entry], key: str) -> str:
             return found[name]
     if key in _EVERYWHERE:
         return _EVERYWHERE[key]
-    return about(kinds[0]) if (kinds := kinds_of(annotation)) else ""
+    return about(kinds[0]) if (kinds := kinds_of(field.annotation)) else ""
 
 
 @cache

@@ -24,16 +24,26 @@ def late_entries(module: str, *names: str) -> list[Any]:
 
 
 @dataclass(frozen=True)
-class LateEntry:
-    """The class of this name, in a module that may not be imported yet."""
+class LateObject:
+    """The object of this name, in a module that may not be imported yet."""
 
     module: str
     name: str
 
     @property
+    def value(self) -> Any:
+        """The object itself."""
+        return getattr(import_module(self.module), self.name)
+
+
+@dataclass(frozen=True)
+class LateEntry(LateObject):
+    """The class of an entry, in a module that may not be imported yet."""
+
+    @property
     def kind(self) -> type[Entry]:
         """The class itself."""
-        return getattr(import_module(self.module), self.name)
+        return self.value
 
     def __get_pydantic_core_schema__(
         self, source_type: Any, handler: GetCoreSchemaHandler

@@ -8,11 +8,15 @@ from spec_schema.diagnostics.source import SourceText, Span
 from spec_schema.errors import settings as errors
 from spec_schema.fields.entry import RefusedError
 from spec_schema.reading.value_paths import Kind, entry_of, inside, named_sections
+from spec_schema.registry import SECTIONS
 from spec_schema.sections.spec import Spec
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table, with_key
 from spec_schema.yaml_tree.reader import read_tree
 
-WORKFLOW = ("data", "train", "validate", "export", "mpc", "estimator")
+WORKFLOW = (
+    *("data", "train", "validate", "export"),
+    *(line.key for line in SECTIONS if not line.is_model),
+)
 """The sections that say what to do with the model; all others are the model."""
 
 FILE = "--set"

@@ -1,14 +1,15 @@
 """A whole spec, in the order in which its sections are usually written."""
 
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Iterator
+from typing import ClassVar, TypeVar
 
 from pydantic import Field
 
 from spec_schema.fields.entry import Entry
-from spec_schema.fields.late_entry import late_entries
 from spec_schema.fields.named_tables import Named
 from spec_schema.fields.plain import EntriesOf, LanguageVersion, NewName, Text
 from spec_schema.fields.quantities import SampleTime
+from spec_schema.registry import SECTIONS, SectionLine, with_sections
 from spec_schema.sections.data.data import Data
 from spec_schema.sections.dimensions import Dimension, DimensionField
 from spec_schema.sections.exports import Export
@@ -20,14 +21,10 @@ from spec_schema.sections.training.training import Stage
 from spec_schema.sections.validation import Validation
 from spec_schema.sections.values import Constant, Function, Parameter
 
-if TYPE_CHECKING:
-    from spec_schema.sections.estimation import Estimator
-    from spec_schema.sections.optimal_control import OptimalControl
-else:
-    (Estimator,) = late_entries(f"{__package__}.estimation", "Estimator")
-    (OptimalControl,) = late_entries(f"{__package__}.optimal_control", "OptimalControl")
+E = TypeVar("E", bound=Entry)
 
 
+@with_sections()
 class Spec(Entry):
     """The spec as a user wrote it, each thing with its place; the compiler says what it means.
 
@@ -79,7 +76,15 @@ class Spec(Entry):
     """What is measured of the trained model, with limits."""
     export: Export | None = None
     """What `msnn export` writes."""
-    mpc: OptimalControl | None = None
-    """The predictive controller whose plant is this model."""
-    estimator: Estimator | None = None
-    """How states that nobody measures are found while it runs."""
+    # fields of sections that features bring, such as `mpc`, follow from the registry
+
+    def sections(self) -> Iterator[tuple[SectionLine, Entry]]:
+        """The sections of features that the spec has, in the order of the registry."""
+        for line in SECTIONS:
+            entry = getattr(self, line.key)
+            if entry is not None:
+                yield line, entry
+
+    def of(self, kind: type[E]) -> E | None:
+        """The section of a feature that has this class; None if the spec has none."""
+        return next((entry for _, entry in self.sections() if isinstance(entry, kind)), None)

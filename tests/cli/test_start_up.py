@@ -96,7 +96,6 @@ _NOT_WHOLE = {
     "compiler.jacobian": {"matrices"},
     "compiler.layers": set(),
     "compiler.layers.rules": {"fuzzy_sets", "layer_context", "layer_rule"},
-    "compiler.optimal_control": {"problem"},
     "compiler.passes": {
         "close_loop",
         "draw_dropout",
@@ -115,7 +114,6 @@ _NOT_WHOLE = {
     },
     "compiler.passes.pruning": {"prune_outputs"},
     "compiler.passes.simplify": {"drop_unused", "fold_constants", "share_common"},
-    "compiler.state_estimation": {"problem"},
     "msnn.agreement": {"agreement", "faults", "loaded"},
     "msnn.agreement.judging": {"judgement", "record"},
     "msnn.data": {"dataset", "reads", "scored", "starts"},

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 import msnn
 from compiler.state_estimation.estimate import FilterStatus
 from compiler.state_estimation.kalman_filter import KalmanFilter
+from compiler.state_estimation.problem import EstimationProblem
 from tests.control.specs import DELAYED, kalman_filter, load
 
 Array = NDArray[np.float64]
@@ -140,8 +141,9 @@ def test_a_state_and_a_parameter_that_nobody_measures(tmp_path: Path) -> None:
 
 def test_the_covariance_stays_positive_in_single_precision(tmp_path: Path) -> None:
     model = load(tmp_path, LINEAR.replace("place: 20 cm", "place: 1e-4"))
-    assert model.estimation is not None
-    kalman = KalmanFilter(model.estimation, {}, np.float32)
+    estimation = model.of(EstimationProblem)
+    assert estimation is not None
+    kalman = KalmanFilter(estimation, {}, np.float32)
     kalman.reset({"p": 0.0, "v": 0.0})
     for k in range(1000):
         kalman.correct({"p": np.sin(0.01 * k)})

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from compiler.optimal_control.horizon import Given
+from compiler.optimal_control.problem import ControlProblem
 from msnn.control.control_range import ControlRange
 from msnn.control.interior_point.horizon_functions import HorizonFunctions
 from msnn.control.method import Solver
@@ -60,7 +61,7 @@ def test_what_is_not_measured_is_predicted_with_what_acted(solver: Solver, tmp_p
 def test_controls_move_by_their_rate_from_what_was_applied(
     bounds: str, before: float, wanted: float, allowed: list[float], tmp_path: Path
 ) -> None:
-    problem = load(tmp_path, DOUBLE_INTEGRATOR + mpc(bounds=bounds, horizon="4")).control
+    problem = load(tmp_path, DOUBLE_INTEGRATOR + mpc(bounds=bounds, horizon="4")).of(ControlProblem)
     assert problem is not None
     functions = HorizonFunctions(problem)
     assert [member.name for member in problem.states.members] == ["p", "v", "u.history"]

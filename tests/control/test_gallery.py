@@ -10,6 +10,7 @@ import pytest
 
 import msnn
 from compiler.ir.ops import Constant
+from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.trained import trained
 from compiler.passes.derivatives.smooth_kinks import smooth_kinks
 from msnn.control.compiled_method import CompiledMethod
@@ -47,7 +48,7 @@ def test_solved_at_the_cost_of_ipopt_and_fatrop(
 @pytest.mark.parametrize("name", sorted(KINKED))
 def test_a_kink_made_smooth_is_solved_at_the_cost_of_ipopt(name: str, tmp_path: Path) -> None:
     problem = PROBLEMS[name]
-    control = problem.model(name, tmp_path).control
+    control = problem.model(name, tmp_path).of(ControlProblem)
     assert control is not None
     known = trained(control, initial_weights(control.program))
     smooth = replace(known, program=smooth_kinks(known.program))

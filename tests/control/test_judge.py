@@ -11,6 +11,7 @@ import pytest
 
 from compiler.optimal_control.horizon import Given, Multipliers, Plan
 from compiler.optimal_control.kkt import Judge, Residuals
+from compiler.optimal_control.problem import ControlProblem
 from msnn.data.dataset import FloatArray
 from tests.control.specs import load
 
@@ -42,7 +43,7 @@ def judge(tmp_path_factory: pytest.TempPathFactory) -> Judge:
 
 
 def _judge_of(folder: Path, text: str) -> Judge:
-    problem = load(folder, text).control
+    problem = load(folder, text).of(ControlProblem)
     assert problem is not None
     assert [path.name for path in problem.path_limits] == ["x", "drive"]
     assert [member.name for member in problem.states.members] == ["x", "u.history"]

@@ -88,7 +88,7 @@ def test_what_the_c_calls_solved_is_optimal_at_any_magnitude(
     name: str, structure: Chosen, dtype: Literal["float32", "float64"], tmp_path: Path
 ) -> None:
     require_tool("gcc", install="apt install gcc")
-    problem = load(tmp_path, PLANTS[name]).control
+    problem = load(tmp_path, PLANTS[name]).of(ControlProblem)
     assert problem is not None
     tolerance = 1e-6 if dtype == "float64" else 1e-3
     problem = replace(problem, structure=structure, tolerance=tolerance)
@@ -158,7 +158,7 @@ mpc:
 def test_what_no_control_moves_does_not_round_slopes_in_controls(tmp_path: Path) -> None:
     """Costates of 1e10 beside slopes that have none of them: optimal, and to be called so."""
     require_tool("gcc", install="apt install gcc")
-    problem = load(tmp_path, APART).control
+    problem = load(tmp_path, APART).of(ControlProblem)
     assert problem is not None
     write_controller(problem, {}, tmp_path / "out", prefix="plant", dtype="float64")
     library = built_controller(tmp_path / "out")

@@ -13,6 +13,7 @@ from compiler.moving_horizon.spread import spread_of
 from compiler.optimal_control.horizon import Array, Given
 from compiler.optimal_control.problem import ControlProblem
 from compiler.state_estimation.estimate import FilterStatus
+from compiler.state_estimation.problem import EstimationProblem
 from msnn.control.control_range import ControlRange
 from msnn.control.estimation.moving_horizon import MovingHorizon
 from msnn.control.interior_point.horizon_functions import HorizonFunctions
@@ -303,12 +304,13 @@ class _Lost(ReferenceMethod):
 
 def test_without_a_window_the_filter_stands(tmp_path: Path) -> None:
     model = load(tmp_path, window(PENDULUM, 4))
-    assert model.estimation is not None
+    estimation = model.of(EstimationProblem)
+    assert estimation is not None
 
     def method(problem: ControlProblem, functions: HorizonFunctions) -> _Lost:
         return _Lost(problem, functions)
 
-    estimator = MovingHorizon(model.estimation, msnn.initial_weights(model), method)
+    estimator = MovingHorizon(estimation, msnn.initial_weights(model), method)
     estimator.reset({"angle": 0.4, "rate": 0.5})
     for k in range(8):
         found = estimator.correct({"shadow": 0.5 - 0.05 * k})

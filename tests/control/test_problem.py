@@ -10,6 +10,7 @@ import pytest
 import msnn
 from compiler.ir.program import History, Tape
 from compiler.optimal_control.horizon import stages_of
+from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.trained import trained
 from msnn.model.program_file import write_program_file
 from tests.control.specs import DOUBLE_INTEGRATOR, load, mpc
@@ -35,7 +36,7 @@ mpc:
 
 
 def test_signals_that_outputs_predict_are_fed_back(tmp_path: Path) -> None:
-    problem = load(tmp_path, FED_BACK).control
+    problem = load(tmp_path, FED_BACK).of(ControlProblem)
     assert problem is not None
     kinds = {name: type(origin) for name, origin in problem.registers.items()}
     assert kinds == {"y.tape": Tape, "u.history": History}
@@ -49,7 +50,7 @@ def test_signals_that_outputs_predict_are_fed_back(tmp_path: Path) -> None:
 
 
 def test_a_limit_counts_where_the_controls_move_it(tmp_path: Path) -> None:
-    problem = load(tmp_path, FED_BACK).control
+    problem = load(tmp_path, FED_BACK).of(ControlProblem)
     assert problem is not None
     stages = {path.name: stages_of(problem, path) for path in problem.path_limits}
     # y at t is measured; y_next at t is y at t+1, which the control at t moves
@@ -66,7 +67,7 @@ def test_what_is_bounded_is_used(tmp_path: Path) -> None:
 
 
 def test_what_formulas_read(tmp_path: Path) -> None:
-    problem = load(tmp_path, FED_BACK).control
+    problem = load(tmp_path, FED_BACK).of(ControlProblem)
     assert problem is not None
     assert problem.terminal is not None
     reads = problem.reads(problem.node(problem.terminal))
@@ -77,9 +78,10 @@ def test_what_formulas_read(tmp_path: Path) -> None:
 
 def test_weights_become_constants_and_soft_limits_get_theirs(tmp_path: Path) -> None:
     model = load(tmp_path, FED_BACK)
-    assert model.control is not None
+    control = model.of(ControlProblem)
+    assert control is not None
     weights = msnn.initial_weights(model)
-    problem = trained(model.control, weights | {"past.weight": np.array([1.0, 0.0, 0.0])})
+    problem = trained(control, weights | {"past.weight": np.array([1.0, 0.0, 0.0])})
     assert problem.program.parameters == ()
     for path in problem.path_limits:
         assert path.linear is not None
@@ -111,7 +113,7 @@ def test_a_soft_limit_without_weights_is_steeper_than_the_cost_of_the_horizon(
     One draw in ten is above 16.
     """
     for horizon in (3, 12):
-        control = load(tmp_path, SOFT.replace("HORIZON", str(horizon))).control
+        control = load(tmp_path, SOFT.replace("HORIZON", str(horizon))).of(ControlProblem)
         assert control is not None
         (path,) = trained(control, {}).path_limits
         assert path.scale == 2.5
@@ -123,8 +125,9 @@ def test_a_soft_limit_without_weights_is_steeper_than_the_cost_of_the_horizon(
 def test_a_program_file_has_its_controller_too(tmp_path: Path) -> None:
     model = load(tmp_path, DOUBLE_INTEGRATOR + mpc(bounds="{u: {min: -1, max: 1}}"))
     again = msnn.load(write_program_file(model, tmp_path), ["mpc.horizon=7"])
-    assert again.control is not None
-    assert again.control.horizon == 7
+    control = again.of(ControlProblem)
+    assert control is not None
+    assert control.horizon == 7
     assert msnn.mpc(again).solve({"p": 1.0, "v": 0.0}).status == 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from compiler.optimal_control.problem import ControlProblem
 from msnn.model.load import load_model
 from msnn.reports.show import interface_text
 from msnn.reports.show_control import control_text
@@ -19,8 +20,9 @@ def test_sizes_limits_and_how_it_is_solved(tmp_path: Path) -> None:
         solver="{interior_point: {mode: fixed, iterations: 4}}",
     )
     model = load(tmp_path, DOUBLE_INTEGRATOR + section)
-    assert model.control is not None
-    lines = control_text(model.control).splitlines()
+    control = model.of(ControlProblem)
+    assert control is not None
+    lines = control_text(control).splitlines()
     assert lines[0] == (
         "predictive controller: 1 control, 3 numbers of memory, horizon of 15 samples (1.5 s)"
     )
@@ -50,9 +52,10 @@ def test_states_that_only_the_cost_reads_are_among_the_states(tmp_path: Path) ->
     )
     (tmp_path / "st.msnn.yaml").write_text(text)
     model = load_model(tmp_path / "st.msnn.yaml")
-    assert model.control is not None
+    control = model.of(ControlProblem)
+    assert control is not None
     assert "what the cost sums" not in interface_text(model.program)
-    shown = interface_text(model.program, [model.control.program])
+    shown = interface_text(model.program, [control.program])
     table = shown.partition("state  holds")[2].partition("\n")[2].partition("\n\n")[0]
     assert [line.split()[0] for line in table.strip().splitlines()] == ["x", "e"]
     assert "what the cost sums" in table

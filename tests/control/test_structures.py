@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.structure import chosen_structure, estimate
 from compiler.optimal_control.window_form import Sample, window_form
 from msnn.control.interior_point.condensed_step import condensed_step
@@ -30,7 +31,7 @@ mpc:
 
 
 def test_what_a_window_has_of_others_is_no_state(tmp_path: Path) -> None:
-    problem = load(tmp_path, DELAYED).control
+    problem = load(tmp_path, DELAYED).of(ControlProblem)
     assert problem is not None
     form = window_form(problem)
     # y.tape has y[t-2] … y[t], u.history u[t-2] and u[t-1], d.history d[t-1]
@@ -47,14 +48,14 @@ def test_what_a_window_has_of_others_is_no_state(tmp_path: Path) -> None:
 
 
 def test_the_estimate_by_hand(tmp_path: Path) -> None:
-    problem = load(tmp_path, FILTER).control
+    problem = load(tmp_path, FILTER).of(ControlProblem)
     assert problem is not None
     found = estimate(problem)
     # 10 stages of 12 numbers and a control; one state: 10²/2 + 10²/2 + 10³/6 + 10³/6
     assert found.staged == 10 * (12 * 13 * 25 + 12 * 13)
     assert found.condensed == 50 + 50 + 166 + 166
     assert chosen_structure(problem) == "condensed"
-    few = load(tmp_path, DOUBLE_INTEGRATOR + mpc(horizon="40")).control
+    few = load(tmp_path, DOUBLE_INTEGRATOR + mpc(horizon="40")).of(ControlProblem)
     assert few is not None
     assert chosen_structure(few) == "staged"
 

@@ -12,6 +12,7 @@ import msnn
 from backends.predictive_control.write_controller import write_controller
 from benchmarks.mpc.other_units import compare_plant
 from benchmarks.mpc.run import network_weights
+from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.structure import Chosen
 from msnn.control.controller import Controller
 from msnn.control.estimation.moving_horizon import MovingHorizon
@@ -109,7 +110,7 @@ def test_single_precision_finds_a_control_in_the_units_of_its_plant(
     structure: str, cost: float, tmp_path: Path
 ) -> None:
     require_tool("gcc", install="apt install gcc")
-    problem = load(tmp_path, braked(structure, cost=cost)).control
+    problem = load(tmp_path, braked(structure, cost=cost)).of(ControlProblem)
     assert problem is not None
     write_controller(problem, {}, tmp_path, prefix="braked", dtype="float32")
     library = built_controller(tmp_path)
@@ -300,7 +301,7 @@ def test_the_better_of_two_plans_that_are_not_solved_is_kept(tmp_path: Path) -> 
 
 def test_a_fixed_number_of_iterations_has_no_second_start(tmp_path: Path) -> None:
     require_tool("gcc", install="apt install gcc")
-    problem = msnn.load(BENCHMARKS / "mlp.msnn.yaml").control
+    problem = msnn.load(BENCHMARKS / "mlp.msnn.yaml").of(ControlProblem)
     assert problem is not None
     fixed = replace(problem, mode="fixed", iterations=5)
     write_controller(fixed, network_weights(), tmp_path, prefix="quick", dtype="float64")

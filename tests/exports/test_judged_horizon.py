@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from compiler.state_estimation.problem import EstimationProblem
 from msnn.agreement.faults import FarStep, SelfTestFails
 from msnn.exports.export import plan_exports, write_export
 from msnn.exports.judged_horizon import compare_horizon
@@ -26,12 +27,14 @@ def test_it_agrees_and_a_wrong_arrival_does_not(dtype: str, tmp_path: Path) -> N
     (plan,) = plan_exports(model, ["mpc"], Findings())
     weights = initial_weights(model.program)
     written = write_export(plan, weights, tmp_path / "out")
-    assert model.estimation is not None
+    estimation = model.of(EstimationProblem)
+    assert estimation is not None
 
     def faults() -> tuple[object, ...]:
-        assert model.estimation is not None
+        estimation = model.of(EstimationProblem)
+        assert estimation is not None
         with built_folder(written, "controller.so") as folder:
-            found = compare_horizon(model.estimation, weights, folder, plan.float_type, "mpc")
+            found = compare_horizon(estimation, weights, folder, plan.float_type, "mpc")
         return found.faults
 
     assert faults() == ()
@@ -65,7 +68,8 @@ def test_what_is_not_compared_as_solved_is_compared(what: str, tmp_path: Path) -
     (plan,) = plan_exports(model, ["mpc"], Findings())
     weights = initial_weights(model.program)
     written = write_export(plan, weights, tmp_path / "out")
-    assert model.estimation is not None
+    estimation = model.of(EstimationProblem)
+    assert estimation is not None
     source = next(path for path in written.files if path.name.endswith("_mhe.c"))
     text = source.read_text(encoding="utf-8")
     right, wrong = WRONG[what]
@@ -73,5 +77,5 @@ def test_what_is_not_compared_as_solved_is_compared(what: str, tmp_path: Path) -
     wrong = wrong.replace("{prefix}", source.stem.upper())
     source.write_text(text.replace(right, wrong), encoding="utf-8")
     with built_folder(written, "controller.so") as folder:
-        found = compare_horizon(model.estimation, weights, folder, plan.float_type, "mpc")
+        found = compare_horizon(estimation, weights, folder, plan.float_type, "mpc")
     assert FarStep in [type(fault) for fault in found.faults]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from backends.c.host.build import build_library
 from backends.predictive_control import write_controller
+from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.trained import trained
 from msnn.agreement.faults import SelfTestFails
 from msnn.exports.judged_controller import compare_controller
@@ -31,7 +32,7 @@ mpc:
 def test_a_golden_solve_with_other_bits_is_no_plan_that_is_not_optimal(tmp_path: Path) -> None:
     """E1057 spoke of optimality conditions that are off by NaN, of plans that were CAPPED too."""
     require_tool("gcc", install="apt install gcc")
-    control = load(tmp_path, SPEC).control
+    control = load(tmp_path, SPEC).of(ControlProblem)
     assert control is not None
     problem = trained(replace(control, iterations=1), {})
     write_controller(problem, {}, tmp_path / "out", prefix="tank", dtype="float64")

@@ -106,19 +106,14 @@ def show(
 
         result(latex_text(model.spec))
     else:
+        from compiler.elaboration.section import section_of
         from msnn.reports.show import interface_text
 
-        beside = (model.control, model.estimation)
-        others = [problem.program for problem in beside if problem is not None]
+        others = [problem.program for problem in model.problems.values()]
         parts = [interface_text(model.program, others)]
-        if model.control is not None:
-            from msnn.reports.show_control import control_text
-
-            parts.append(control_text(model.control))
-        if model.estimation is not None:
-            from msnn.reports.show_estimation import estimation_text
-
-            parts.append(estimation_text(model.estimation))
+        parts += [
+            section_of(line).text(model.problems[line.key]) for line, _ in model.spec.sections()
+        ]
         result("\n\n".join(parts))
 
 

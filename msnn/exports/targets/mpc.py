@@ -34,7 +34,7 @@ class Online:
 
 
 def _prepare(request: Request, entry: MpcExport | None) -> ExportPlan[Online] | None:
-    control, estimation = request.model.control, request.model.estimation
+    control, estimation = request.model.of(ControlProblem), request.model.of(EstimationProblem)
     report = request.findings.report
     if control is not None:
         program = control.program

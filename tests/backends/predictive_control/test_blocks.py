@@ -69,7 +69,7 @@ class Built:
 
 def _built(folder: Path, structure: Structure, limit: str) -> Built:
     require_tool("gcc", install="apt install gcc")
-    problem = load(folder, TEXT.replace("LIMIT", limit)).control
+    problem = load(folder, TEXT.replace("LIMIT", limit)).of(ControlProblem)
     assert problem is not None
     problem = trained(replace(problem, structure=structure), {})
     write_controller(problem, {}, folder / "c", prefix="plant", dtype="float64")
@@ -200,7 +200,7 @@ mpc:
   cost: {{stage: {cost}, terminal: {cost}}}
   blocks: [{samples}]
 """
-    problem = load(tmp_path, text).control
+    problem = load(tmp_path, text).of(ControlProblem)
     assert problem is not None
     problem = trained(replace(problem, structure="condensed"), {})
     write_controller(problem, {}, tmp_path / "c", prefix="plant", dtype="float64")

@@ -122,8 +122,9 @@ mpc:
 
 def _problem(plant: str, folder: Path, structure: Structure) -> ControlProblem:
     model = load(folder, START + PLANTS[plant])
-    assert model.control is not None
-    return replace(model.control, structure=structure)
+    control = model.of(ControlProblem)
+    assert control is not None
+    return replace(control, structure=structure)
 
 
 def _weights(problem: ControlProblem) -> dict[str, np.ndarray]:

@@ -16,6 +16,7 @@ from backends.predictive_control.solution import multipliers_of, plan_of
 from backends.predictive_control.structure.rows import rows_of
 from compiler.optimal_control.horizon import Given
 from compiler.optimal_control.kkt import Judge
+from compiler.optimal_control.problem import ControlProblem
 from compiler.optimal_control.trained import trained
 from msnn.exports.judged_controller import compare_controller
 from msnn.model.load import load_model
@@ -107,7 +108,7 @@ def _written(plant: str, folder: Path, dtype: str = "float64") -> Path:
     require_tool("gcc", install="apt install gcc")
     spec = folder / "plant.msnn.yaml"
     spec.write_text(f"msnn: 1\nname: plant\nsample_time: 0.1 s\n{PLANTS[plant]}")
-    problem = load_model(spec).control
+    problem = load_model(spec).of(ControlProblem)
     assert problem is not None
     out = folder / "c"
     write_controller(problem, {}, out, prefix="plant", dtype=dtype)  # pyright: ignore[reportArgumentType]
@@ -126,7 +127,7 @@ def test_what_is_called_solved_is_optimal_to_the_interpreter(
 ) -> None:
     out = _written(plant, tmp_path, dtype)
     build_library(out, out / "controller.so")
-    problem = load_model(tmp_path / "plant.msnn.yaml").control
+    problem = load_model(tmp_path / "plant.msnn.yaml").of(ControlProblem)
     assert problem is not None
     found = compare_controller(problem, {}, out, dtype, "mpc")  # pyright: ignore[reportArgumentType]
     assert found.agrees, found.faults
@@ -230,8 +231,9 @@ def test_a_struct_that_nobody_began_is_refused(tmp_path: Path) -> None:
 
 def test_the_header_says_which_spec_it_belongs_to(tmp_path: Path) -> None:
     model = load(tmp_path, DELAYED)
-    assert model.control is not None
-    assert model.program.spec_hash == model.control.program.spec_hash != ""
+    control = model.of(ControlProblem)
+    assert control is not None
+    assert model.program.spec_hash == control.program.spec_hash != ""
 
 
 def test_feedback_of_the_predicted_state_is_the_planned_control(tmp_path: Path) -> None:
@@ -279,7 +281,7 @@ mpc:
     terminal: 49.7 * (x + 1.6957)**2
   bounds: {u: {min: -9.6, max: 10.4}, x: {max: -0.5, hard: true}}
 """
-    problem = load(tmp_path, text).control
+    problem = load(tmp_path, text).of(ControlProblem)
     assert problem is not None
     problem = trained(problem, {})
     out = tmp_path / "c"
@@ -295,7 +297,7 @@ mpc:
 
 def test_a_capped_plan_that_breaks_a_hard_limit_is_infeasible(tmp_path: Path) -> None:
     require_tool("gcc", install="apt install gcc")
-    problem = load(tmp_path, DELAYED).control
+    problem = load(tmp_path, DELAYED).of(ControlProblem)
     assert problem is not None
     problem = replace(problem, structure="staged")  # which runs out of iterations here
     out = tmp_path / "c"

@@ -13,6 +13,7 @@ from backends.c_language.literals import Dtype
 from backends.predictive_control.estimation.library import FilterLibrary
 from backends.predictive_control.write_estimator import write_estimator
 from compiler.state_estimation.kalman_filter import KalmanFilter
+from compiler.state_estimation.problem import EstimationProblem
 from tests.backends.predictive_control.strict_builds import build_strictly
 from tests.conditions import require_tool
 from tests.control.specs import DELAYED, kalman_filter, load
@@ -46,8 +47,9 @@ def _written(name: str, folder: Path, dtype: Dtype = "float64") -> tuple[Path, K
     folder.mkdir(exist_ok=True)
     model = load(folder, SPECS[name])
     weights = msnn.initial_weights(model)
-    assert model.estimation is not None
-    write_estimator(model.estimation, weights, folder / "c", prefix="plant", dtype=dtype)
+    estimation = model.of(EstimationProblem)
+    assert estimation is not None
+    write_estimator(estimation, weights, folder / "c", prefix="plant", dtype=dtype)
     return folder / "c", kalman_filter(model, weights)
 
 

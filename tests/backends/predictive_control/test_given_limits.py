@@ -9,6 +9,7 @@ import pytest
 
 from backends.predictive_control import write_controller
 from backends.predictive_control.library import ControllerLibrary
+from compiler.optimal_control.problem import ControlProblem
 from msnn.data.dataset import FloatArray
 from tests.backends.predictive_control.built_controller import built_controller
 from tests.conditions import require_tool
@@ -38,7 +39,7 @@ ROWS = 9
 
 def built(folder: Path, structure: str, bounds: str, plant: str = PLANT) -> ControllerLibrary:
     require_tool("gcc", install="apt install gcc")
-    problem = load(folder, plant.format(structure=structure, bounds=bounds)).control
+    problem = load(folder, plant.format(structure=structure, bounds=bounds)).of(ControlProblem)
     assert problem is not None
     out = folder / "c"
     write_controller(problem, {}, out, prefix="plant", dtype="float64")

@@ -13,7 +13,7 @@ from backends.c.host.build import build_library
 from backends.c_language.literals import Dtype
 from backends.predictive_control import write_controller
 from backends.predictive_control.library import ControllerLibrary, Decision
-from compiler.optimal_control.problem import Structure
+from compiler.optimal_control.problem import ControlProblem, Structure
 from tests.conditions import require_tool
 from tests.control.specs import load
 
@@ -90,7 +90,7 @@ def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     structure, dtype, part = request.param
     folder = tmp_path_factory.mktemp("plant")
     blocks, rate = PARTS[part]
-    problem = load(folder, TEXT.replace("RATE", rate) + blocks).control
+    problem = load(folder, TEXT.replace("RATE", rate) + blocks).of(ControlProblem)
     assert problem is not None
     names = tuple(m.name for m in problem.states.members for _ in range(m.size))
     problem = replace(problem, structure=structure)

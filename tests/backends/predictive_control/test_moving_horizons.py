@@ -13,6 +13,7 @@ from backends.c.host.build import build_library
 from backends.c_language.literals import Dtype
 from backends.predictive_control.estimation.library import FilterLibrary
 from backends.predictive_control.write_estimator import write_estimator
+from compiler.state_estimation.problem import EstimationProblem
 from msnn.control.estimation.moving_horizon import MovingHorizon
 from msnn.control.open_controller import open_estimator
 from tests.backends.predictive_control.strict_builds import build_strictly
@@ -37,8 +38,9 @@ def _written(name: str, folder: Path, dtype: Dtype = "float64") -> tuple[Path, M
     folder.mkdir(exist_ok=True)
     model = load(folder, {**SPECS, "lost": window(LOST, 2)}[name])
     weights = msnn.initial_weights(model)
-    assert model.estimation is not None
-    write_estimator(model.estimation, weights, folder / "c", prefix="plant", dtype=dtype)
+    estimation = model.of(EstimationProblem)
+    assert estimation is not None
+    write_estimator(estimation, weights, folder / "c", prefix="plant", dtype=dtype)
     judge = open_estimator(model, weights, "python")
     assert isinstance(judge, MovingHorizon)
     return folder / "c", judge

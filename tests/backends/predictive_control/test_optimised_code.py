@@ -10,6 +10,7 @@ import pytest
 from backends.c.host.build import build_library
 from backends.predictive_control import write_controller
 from backends.predictive_control.library import ControllerLibrary
+from compiler.optimal_control.problem import ControlProblem
 from tests.conditions import require_tool
 from tests.control.specs import load
 
@@ -50,7 +51,7 @@ def test_small_controllers_are_the_same_at_all_levels(
 ) -> None:
     """gcc 12 at -O2 made a wrong step of two controls and one state: no problem was solved."""
     require_tool("gcc", install="apt install gcc")
-    problem = load(tmp_path, _text(controls, hessian)).control
+    problem = load(tmp_path, _text(controls, hessian)).of(ControlProblem)
     assert problem is not None
     out = tmp_path / "c"
     write_controller(problem, {}, out, prefix="small", dtype="float64")

@@ -13,6 +13,7 @@ import pytest
 
 from backends.predictive_control import write_controller
 from backends.predictive_control.library import ControllerLibrary
+from compiler.optimal_control.problem import ControlProblem
 from msnn.data.dataset import FloatArray
 from tests.backends.predictive_control.built_controller import built_controller
 from tests.conditions import require_tool
@@ -40,7 +41,7 @@ mpc:
 @pytest.fixture(params=["staged", "condensed"])
 def own(request: pytest.FixtureRequest, tmp_path: Path) -> ControllerLibrary:
     require_tool("gcc", install="apt install gcc")
-    problem = load(tmp_path, PLANT.format(structure=request.param)).control
+    problem = load(tmp_path, PLANT.format(structure=request.param)).of(ControlProblem)
     assert problem is not None
     out = tmp_path / "c"
     write_controller(problem, {}, out, prefix="plant", dtype="float64")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import msnn
+from compiler.optimal_control.problem import ControlProblem
 from msnn.cli.application import run as command
 from msnn.training.training_result import TrainingInterruptedError
 from spec_schema.diagnostics.diagnostic import SpecError
@@ -156,6 +157,7 @@ def test_the_controller_of_a_program_file_does_without_files_of_numbers(project:
     before = msnn.mpc(msnn.load(spec)).solve({"x": 1.0})
     (project / "models" / "a.txt").unlink()
     model = msnn.load(project / "build" / "controlled.program.json")
-    assert model.control is not None
-    assert model.control.program.spec_hash == model.program.spec_hash
+    control = model.of(ControlProblem)
+    assert control is not None
+    assert control.program.spec_hash == model.program.spec_hash
     assert msnn.mpc(model).solve({"x": 1.0}).control == before.control

@@ -1,0 +1,82 @@
+"""Defines what a section of the spec that a feature brings does while the spec is compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+
+from compiler.ir.program import Program
+from compiler.linking.link import Linked
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.fields.entry import Entry
+from spec_schema.late_dataclass import dataclass
+from spec_schema.registry import SectionLine
+
+E = TypeVar("E", bound=Entry)
+
+
+class SectionProblem(Protocol):
+    """The compiled form of a section, such as the optimal control problem of `mpc`."""
+
+    @property
+    def program(self) -> Program:
+        """The program that solving the problem runs; `msnn show` lists its inputs too."""
+        ...
+
+
+P = TypeVar("P", bound=SectionProblem)
+
+
+@dataclass(frozen=True)
+class OtherProgram:
+    """A program that a section needs in addition to that of the model."""
+
+    program: Program
+    """With the hash of the model's spec."""
+    findings: tuple[Diagnostic, ...]
+    """Warnings about it that the program of the model does not have."""
+
+
+CompileOther: TypeAlias = Callable[[Linked], OtherProgram]
+"""Compiles another linked spec with the options of the model; SpecError if it is wrong."""
+
+
+@dataclass(frozen=True)
+class CompiledSection(Generic[P]):
+    """The problem of a section, and warnings about the section."""
+
+    problem: P
+    warnings: tuple[Diagnostic, ...] = ()
+
+
+def no_names(entry: Entry) -> Iterable[str]:
+    """The names used by a section that does not mark any as used: none."""
+    del entry
+    return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section(Generic[E, P]):
+    """A section of a feature: `E` is the class of its keys, `P` that of its problem."""
+
+    compile: Callable[[E, Linked, Program, CompileOther], CompiledSection[P]]
+    """The problem, from the entry, the linked spec and the model's program. SpecError for every
+    mistake of the section."""
+    text: Callable[[P], str]
+    """The tables of `msnn show`."""
+    names_used: Callable[[E], Iterable[str]] = no_names
+    """Names of the spec that count as used because the section names them."""
+
+
+def problem_of_class(problems: Mapping[str, SectionProblem], kind: type[P]) -> P | None:
+    """The problem of this class; None if there is none."""
+    return next((problem for problem in problems.values() if isinstance(problem, kind)), None)
+
+
+AnySection: TypeAlias = Section[Any, Any]
+
+
+def section_of(line: SectionLine) -> AnySection:
+    """The section of a line of the registry, imported when a spec has it."""
+    section: AnySection = line.section.value
+    return section

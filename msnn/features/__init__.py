@@ -1,0 +1,1 @@
+"""Capabilities of msnn around its core, one folder each; none imports another."""

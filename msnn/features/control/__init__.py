@@ -1,0 +1,1 @@
+"""Predictive control and state estimation: the sections `mpc` and `estimator`, their exports."""
