@@ -1,13 +1,13 @@
-"""Lists what the features of msnn bring to a spec, before anything of a feature is imported.
+"""Lists what the features of msnn bring, before anything of a feature is imported.
 
 This is the only file that names modules of features in strings: whoever moves a module of a feature
-looks here. The classes that the strings name are imported when a spec needs them.
+looks here. The objects that the strings name are imported when a command needs them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Annotated, Any, Optional, TypeVar
+from collections.abc import Callable, Iterable
+from typing import Annotated, Any, Optional, Protocol, TypeVar
 
 from pydantic import Field
 from pydantic.fields import FieldInfo
@@ -16,7 +16,24 @@ from spec_schema.fields.entry import Entry
 from spec_schema.fields.late_entry import LateEntry, LateObject
 from spec_schema.late_dataclass import dataclass
 
-S = TypeVar("S", bound=Entry)
+E = TypeVar("E", bound=Entry)
+
+
+class KeyLine(Protocol):
+    """A key that a feature adds to a mapping of the spec."""
+
+    @property
+    def key(self) -> str: ...
+
+    @property
+    def entry(self) -> LateEntry:
+        """The class of its value."""
+        ...
+
+    @property
+    def about(self) -> str:
+        """The sentence about the key in editors, in the JSON Schema and in docs/keys.md."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -25,11 +42,9 @@ class SectionLine:
 
     key: str
     entry: LateEntry
-    """The class of its keys."""
     section: LateObject
     """The `compiler.elaboration.section.Section` that compiles it."""
     about: str
-    """The sentence about the key in editors, in the JSON Schema and in docs/keys.md."""
     is_model: bool = False
     """True if the section is part of the model and its hash, False if it only uses the model."""
 
@@ -37,13 +52,13 @@ class SectionLine:
 SECTIONS = (
     SectionLine(
         "mpc",
-        LateEntry("spec_schema.sections.optimal_control", "OptimalControl"),
+        LateEntry("msnn.features.control.keys.mpc", "OptimalControl"),
         LateObject("msnn.features.control.sections", "MPC"),
         "The predictive controller whose plant is this model.",
     ),
     SectionLine(
         "estimator",
-        LateEntry("spec_schema.sections.estimation", "Estimator"),
+        LateEntry("msnn.features.control.keys.estimator", "Estimator"),
         LateObject("msnn.features.control.sections", "ESTIMATOR"),
         "How states that nobody measures are found while it runs.",
     ),
@@ -51,18 +66,59 @@ SECTIONS = (
 """In the order in which `fmt` and the JSON Schema list them, after the keys of the core."""
 
 
-def with_sections() -> Callable[[type[S]], type[S]]:
-    """Adds an optional field for each line of `SECTIONS` to the class of a spec.
+@dataclass(frozen=True)
+class TargetLine:
+    """A target of `msnn export` that a feature brings."""
+
+    key: str
+    """Its name on the command line and in `export:`."""
+    entry: LateEntry
+    target: LateObject
+    """The `msnn.exports.target.Target` that writes it."""
+    about: str
+    title: str
+    """The word for it in messages."""
+    help: str
+    """Its part of the help text of `msnn export`."""
+    sections: tuple[str, ...] = ()
+    """The spec must have one of these sections."""
+    extras: tuple[str, ...] = ()
+    """Names that `--with` and the `with:` of the entry may have."""
+
+
+TARGETS = (
+    TargetLine(
+        "mpc",
+        LateEntry("msnn.features.control.keys.export", "MpcExport"),
+        LateObject("msnn.features.control.export.target", "TARGET"),
+        "The controller of the `mpc` section as C99.",
+        title="controllers",
+        help="the controller of an `mpc` section and the filter of an `estimator` as C99",
+        sections=("mpc", "estimator"),
+        extras=("fmu",),
+    ),
+)
+"""In the order in which they are written, after those of the core."""
+
+VERIFIED_EXPORTS = (
+    LateObject("msnn.features.control.verification.verified_export", "CONTROLLERS"),
+)
+"""The kinds of exports that `msnn verify` checks besides the C of a model, each a
+`msnn.verification.verified_export.VerifiedExport`."""
+
+
+def with_keys(lines: Iterable[KeyLine]) -> Callable[[type[E]], type[E]]:
+    """Adds an optional field for each line to the class of a mapping.
 
     `Entry` defers building its schema to the first use, so the fields arrive in time.
     """
 
-    def add(spec: type[S]) -> type[S]:
-        for line in SECTIONS:
+    def add(mapping: type[E]) -> type[E]:
+        for line in lines:
             # pyright knows no `Annotated[…] | None`
             kind: Any = Optional[Annotated[Any, line.entry]]  # noqa: UP045
             field = Field(default=None, description=line.about)
-            spec.__pydantic_fields__[line.key] = FieldInfo.from_annotated_attribute(kind, field)
-        return spec
+            mapping.__pydantic_fields__[line.key] = FieldInfo.from_annotated_attribute(kind, field)
+        return mapping
 
     return add

@@ -15,15 +15,12 @@ TESTS = Path(__file__).parent
 QUICK = (
     "agreement",
     "api",
-    "backends/predictive_control",
     "cli",
     "comparison",
-    "control",
     "examples",
+    "features/control",
     "exports/test_casadi_kinks.py",
     "exports/test_check.py",
-    "exports/test_judged_horizon.py",
-    "exports/test_online_unit_bits.py",
     "exports/test_ros2.py",
     "exports/test_zero_slices.py",
     "language",
@@ -40,7 +37,7 @@ and its golden steps are half of that.
 
 AS_FOR_USERS = (
     "training/engines/test_gallery_parity.py",
-    "control/test_gallery.py",
+    "features/control/test_gallery.py",
 )
 """Files in these rooms that have the flags and searches of the product all the same."""
 

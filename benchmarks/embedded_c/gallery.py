@@ -12,7 +12,8 @@ from pathlib import Path
 
 from msnn.cli.application import run
 from msnn.verification.proof_step import Figures, Result
-from msnn.verification.verify import TARGETS, Verification, WantedSteps, verify
+from msnn.verification.verified_export import WantedSteps
+from msnn.verification.verify import TARGETS, Verification, verify
 
 GALLERY = Path(__file__).parents[2] / "examples" / "gallery"
 _BOARDS = ("Cortex-M4F", "Cortex-M0", "RV32IMAFC")

@@ -34,9 +34,9 @@ from msnn.exports.target import Written
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
-from tests.control.gallery_problems import PROBLEMS
 from tests.examples.gallery import GALLERY, NAMES, spec_of
-from tests.exports.test_online_units import SPECS, archives, plan_of
+from tests.features.control.gallery_problems import PROBLEMS
+from tests.features.control.test_online_units import SPECS, archives, plan_of
 
 TYPES: tuple[FloatType, ...] = ("float32", "float64")
 STEPS = 1_000_000

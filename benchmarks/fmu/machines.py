@@ -29,7 +29,6 @@ from msnn.exports.export import plan_exports, write_export
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
-from tests.control.gallery_problems import PROBLEMS
 from tests.examples.gallery import GALLERY, NAMES, spec_of
 from tests.exports.other_machines.machines import Machine, aarch64, this_machine, windows
 from tests.exports.other_machines.unit_script import (
@@ -41,7 +40,8 @@ from tests.exports.other_machines.unit_script import (
     of_instance,
     read_unit,
 )
-from tests.exports.test_online_units import SPECS, archives
+from tests.features.control.gallery_problems import PROBLEMS
+from tests.features.control.test_online_units import SPECS, archives
 
 TYPES: tuple[FloatType, ...] = ("float32", "float64")
 HERE = Path(__file__)

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import msnn
-from msnn.control.interior_point.horizon_functions import HorizonFunctions
+from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions
 from msnn.tables import table_text
 
 STARTS = 8

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from plant import NOISE, SAMPLE_TIME, Tanks
 
 import msnn
-from msnn.control.controller import Controller as Predictive
-from msnn.control.solution import Solution
+from msnn.features.control.run.controller import Controller as Predictive
+from msnn.features.control.run.solution import Solution
 from msnn.model.model import Model
 
 Array = npt.NDArray[np.float64]

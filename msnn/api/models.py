@@ -25,10 +25,10 @@ OF_TEXT, OF_MAPPING = Path("text.msnn.yaml"), Path("mapping.msnn.yaml")
 
 if TYPE_CHECKING:
     from backends.torch_module.step_module import StepModule
-    from compiler.state_estimation.kalman_filter import KalmanFilter
-    from msnn.control.controller import Controller
-    from msnn.control.estimation.moving_horizon import MovingHorizon
-    from msnn.control.method import Solver
+    from msnn.features.control.problem.state_estimation.kalman_filter import KalmanFilter
+    from msnn.features.control.run.controller import Controller
+    from msnn.features.control.run.estimation.moving_horizon import MovingHorizon
+    from msnn.features.control.run.method import Solver
     from msnn.simulation.linearize import Linearization
     from msnn.stepping.stepper import Stepper
 
@@ -179,7 +179,7 @@ def mpc(
     at once, `"c"` nothing else; `controller.solver` tells which. Weights None: the initial values.
     Raises ValueError for a model without that section, SpecError where `"c"` is not to be had.
     """
-    from msnn.control.open_controller import open_controller
+    from msnn.features.control.run.open_controller import open_controller
 
     known = known_in(model, weights)
     with sources_of(model):
@@ -200,7 +200,7 @@ def estimator(
     (`mhe`) solves its window as `mpc` does its horizon, and `solver` is as there. Weights None: the
     initial values. Raises ValueError for a model without that section.
     """
-    from msnn.control.open_controller import open_estimator
+    from msnn.features.control.run.open_controller import open_estimator
 
     known = known_in(model, weights)
     with sources_of(model):
@@ -225,7 +225,7 @@ def export(
     findings = Findings()
     known = known_in(model, weights)
     # `all` is a name, too
-    names, _ = writable_targets([target], model.spec.export, is_online=model.is_online)
+    names, _ = writable_targets([target], model.spec.export, sections=model.problems)
     plans = plan_exports(model, names, findings, weights=known)
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)

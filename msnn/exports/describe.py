@@ -21,7 +21,7 @@ def exports_text(model: Model) -> str:
     """
     findings = Findings()
     plans = plan_exports(
-        model, target_names((), model.spec.export, is_online=model.is_online), findings
+        model, target_names((), model.spec.export, sections=model.problems), findings
     )
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 from msnn.agreement.loaded import Loaded
 from msnn.errors import commands
-from msnn.errors.targets import predictive_control
 from msnn.exports.table import NAMES, ListedTarget, listed
 from msnn.exports.target import AnyPlan, AnyTarget, Request, Weights, Written
 from msnn.model.model import Model
@@ -23,22 +21,26 @@ from spec_schema.sections.exports import Export, TargetEntry
 def target_named(name: str) -> AnyTarget:
     """The target of the table that has this name, loaded from its file."""
     assert name in NAMES, name
-    # by name: a target loads its backend, and most commands need none
-    found: AnyTarget = import_module(f"msnn.exports.targets.{name}").TARGET
-    return found
+    target: AnyTarget = listed(name).load()
+    return target
 
 
 def target_names(
-    names: Sequence[str], export: Export | None, *, is_online: bool = False
+    names: Sequence[str], export: Export | None, *, sections: Collection[str] = ()
 ) -> tuple[str, ...]:
     """The targets that a command line names; by default those of the spec, else all of them.
 
-    All are those that the spec has something for: controllers need `mpc` or `estimator`. Raises
-    SpecError for a name that is no target, and for one of which the spec has nothing.
+    All are those that the spec has something for: controllers need one of its `sections` of
+    features, `mpc` or `estimator`. Raises SpecError for a name that is no target, and for one of
+    which the spec has nothing.
     """
     faults = [commands.unknown_target(n, NAMES) for n in names if n not in (*NAMES, "all")]
-    every = tuple(name for name in NAMES if is_online or not listed(name).of_online)
-    faults += [predictive_control.no_control() for n in names if n in NAMES and n not in every]
+    every = tuple(name for name in NAMES if listed(name).suits(sections))
+    for name in names:
+        if name in NAMES and name not in every:
+            refuse = target_named(name).without_section
+            assert refuse is not None, f"the target {name} does not say which section it needs"
+            faults.append(refuse())
     if faults:
         raise SpecError(faults)
     return _asked(names, export) or every
@@ -53,14 +55,14 @@ def _asked(names: Sequence[str], export: Export | None) -> tuple[str, ...]:
 
 
 def writable_targets(
-    names: Sequence[str], export: Export | None, *, is_online: bool = False
+    names: Sequence[str], export: Export | None, *, sections: Collection[str] = ()
 ) -> tuple[tuple[str, ...], tuple[ListedTarget, ...]]:
     """The targets to write, and those left out because what writes them is not installed.
 
     One that the command line or the spec names is not left out: MissingExtraError. Raises
     SpecError for a name that is no target.
     """
-    targets = [listed(name) for name in target_names(names, export, is_online=is_online)]
+    targets = [listed(name) for name in target_names(names, export, sections=sections)]
     for name in _asked(names, export):
         listed(name).require_writer()
     return (

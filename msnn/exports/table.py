@@ -2,26 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from typing import Any
+
 from msnn.packages import CASADI, FMPY, ONNX, ONNXRUNTIME, TORCH, OptionalPackage
+from spec_schema import registry
+from spec_schema.fields.late_entry import LateObject
 from spec_schema.late_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class ListedTarget:
-    """The facts of a target before it is loaded, from `msnn/exports/targets/<name>.py`."""
+    """The facts of a target before it is loaded."""
 
     name: str
     """On the command line, in `export:`, and of its folder."""
     title: str
     about: str
-    of_online: bool = False
-    """Whether it is of the sections `mpc` and `estimator` alone."""
+    sections: tuple[str, ...] = ()
+    """The spec must have one of these sections of features; any spec will do for ()."""
     extras: tuple[str, ...] = ()
     """What `--with` and the spec's `with:` may name beside the step."""
     writer: OptionalPackage | None = None
     """What must be installed to write it."""
     runner: OptionalPackage | None = None
     """What must be installed besides to run what was written."""
+
+    place: LateObject | None = None
+    """Its record, if it is that of a feature; else it is in `msnn/exports/targets/<name>.py`."""
+
+    def load(self) -> Any:
+        """The record of the target, imported with its backend."""
+        own = LateObject(f"msnn.exports.targets.{self.name}", "TARGET")
+        return (self.place or own).value
+
+    def suits(self, sections: Collection[str]) -> bool:
+        """True if it writes something of a spec that has these sections of features."""
+        return not self.sections or not set(self.sections).isdisjoint(sections)
 
     @property
     def can_be_written(self) -> bool:
@@ -68,12 +85,16 @@ TARGETS = (
         "units for co-simulation by FMI 2.0 and 3.0",
         runner=FMPY,
     ),
-    ListedTarget(
-        "mpc",
-        "controllers",
-        "the controller of an `mpc` section and the filter of an `estimator` as C99",
-        of_online=True,
-        extras=("fmu",),
+    *(
+        ListedTarget(
+            line.key,
+            line.title,
+            line.help,
+            sections=line.sections,
+            extras=line.extras,
+            place=line.target,
+        )
+        for line in registry.TARGETS
     ),
 )
 NAMES = tuple(target.name for target in TARGETS)

@@ -109,6 +109,8 @@ class Target(Generic[OwnEntry, Options]):
     """What it ought to do along a record: in float64, and in what it computes in."""
     faults: Callable[[ExportPlan[Options]], tuple[Diagnostic, ...]] = no_faults
     """What `msnn check` finds by trying."""
+    without_section: Callable[[], Diagnostic] | None = None
+    """The mistake of whoever names it for a spec without the sections that it needs."""
     compare: Callable[[ExportPlan[Options], Weights, Written], Agreement] | None = None
     """How what was written is compared with the judge; None: along a record, by `load`."""
     tell: Callable[[ExportPlan[Options], Path], str] = nothing_to_tell

@@ -67,11 +67,6 @@ class Model:
         """The problem of this class; None if no section of the spec has one."""
         return problem_of_class(self.problems, kind)
 
-    @property
-    def is_online(self) -> bool:
-        """Whether something of it runs beside a plant: a controller, an estimator."""
-        return bool(self.problems)
-
     def __repr__(self) -> str:
         return f"<Model {self.name} from {self.path}>"
 

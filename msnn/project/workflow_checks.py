@@ -80,7 +80,7 @@ def check_workflow(model: Model) -> tuple[Diagnostic, ...]:
         from msnn.exports.export import plan_exports, target_names
 
         # the targets of the spec: an entry that nobody exports yet is checked, too
-        names = target_names((), spec.export, is_online=model.is_online)
+        names = target_names((), spec.export, sections=model.problems)
         for plan in plan_exports(model, names, findings):
             findings.report(*plan.target.faults(plan))
     return findings.in_order

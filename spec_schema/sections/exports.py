@@ -15,11 +15,11 @@ from spec_schema.fields.plain import (
     Switch,
     choice,
 )
+from spec_schema.registry import TARGETS, with_keys
 
 OwnEntry = TypeVar("OwnEntry", bound="TargetEntry")
 Slopes: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian"]
 Extra: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian", "ros2"]
-OnlineExtra: TypeAlias = Literal["fmu"]
 UnitPlatform: TypeAlias = Literal[
     "x86_64-linux", "aarch64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin"
 ]
@@ -137,23 +137,7 @@ class FmuExport(FloatTargetEntry):
     """Kinds of machines to compile for as well, by zig."""
 
 
-class MpcExport(FloatTargetEntry):
-    """The controller of the `mpc` section and the filter of the `estimator`, where there are any.
-
-    Names start with `prefix`, by default the spec's name. What is controlled, measured and fed
-    back stands in those sections: `outputs` and `close` are none of its keys. `with: fmu` adds
-    units for co-simulation of what is written.
-    """
-
-    noun: ClassVar[str] = "the mpc export"
-
-    prefix: NewName | None = None
-    extras: DifferentOf[Annotated[OnlineExtra, choice("fmu")]] = Field(default=(), alias="with")
-    """What is generated beside the C: units of FMI 2.0 and 3.0."""
-    platforms: DifferentOf[Annotated[UnitPlatform, choice(*get_args(UnitPlatform))]] = ()
-    """Kinds of machines to compile the units for as well, by zig."""
-
-
+@with_keys(TARGETS)
 class Export(Entry):
     """The targets that `msnn export` writes; None where not asked for."""
 
@@ -170,8 +154,7 @@ class Export(Entry):
     """C99 sources."""
     fmu: FmuExport | None = None
     """Units for co-simulation by FMI 2.0 and 3.0."""
-    mpc: MpcExport | None = None
-    """The controller of the `mpc` section as C99."""
+    # fields of targets that features bring, such as `mpc`, follow from the registry
 
     def entry(self, kind: type[OwnEntry]) -> OwnEntry | None:
         """The entry of one target, None where it is not asked for."""

@@ -9,7 +9,7 @@ from spec_schema.fields.entry import Entry
 from spec_schema.fields.named_tables import Named
 from spec_schema.fields.plain import EntriesOf, LanguageVersion, NewName, Text
 from spec_schema.fields.quantities import SampleTime
-from spec_schema.registry import SECTIONS, SectionLine, with_sections
+from spec_schema.registry import SECTIONS, SectionLine, with_keys
 from spec_schema.sections.data.data import Data
 from spec_schema.sections.dimensions import Dimension, DimensionField
 from spec_schema.sections.exports import Export
@@ -24,7 +24,7 @@ from spec_schema.sections.values import Constant, Function, Parameter
 E = TypeVar("E", bound=Entry)
 
 
-@with_sections()
+@with_keys(SECTIONS)
 class Spec(Entry):
     """The spec as a user wrote it, each thing with its place; the compiler says what it means.
 

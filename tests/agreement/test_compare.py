@@ -41,7 +41,7 @@ TYPES: list[tuple[str, FloatType]] = [
 
 def test_every_target_is_compared() -> None:
     """A target that steps a model has a row of TYPES; controllers and filters have no samples."""
-    stepped = {target.name for target in TARGETS if not target.of_online}
+    stepped = {target.name for target in TARGETS if not target.sections}
     missing = stepped - {target for target, _ in TYPES}
     assert not missing, f"give {missing} a row of TYPES in {__file__}"
 

@@ -243,8 +243,8 @@ def test_rooms_of_what_a_spec_does_not_have_stay_closed(project: Path):
     said = in_new_process(("check", "plant.msnn.yaml"), project, start=_LISTED)
     loaded = set(said.err.splitlines())
     for closed in (
-        "compiler.elaboration.control",  # `mpc`
-        "compiler.elaboration.estimation",  # `estimator`
+        "msnn.features.control.elaborate.control",  # `mpc`
+        "msnn.features.control.elaborate.estimation",  # `estimator`
         "compiler.elaboration.integrators.implicit_part",  # `integrator: linear_implicit`
         "compiler.elaboration.integrators.linear_implicit",
         "compiler.differentiation.gradient_nodes",  # `grad`
@@ -252,11 +252,11 @@ def test_rooms_of_what_a_spec_does_not_have_stay_closed(project: Path):
         "compiler.layers.local_model",
         "compiler.linking.renaming",  # `use`
         "spec_schema.robots.part",
-        "spec_schema.sections.estimation",
+        "msnn.features.control.keys.estimator",
         "spec_schema.sections.layers.filters",
         "spec_schema.sections.layers.networks",
         "spec_schema.sections.layers.tables",
-        "spec_schema.sections.optimal_control",
+        "msnn.features.control.keys.mpc",
     ):
         assert not {name for name in loaded if f"{name}.".startswith(f"{closed}.")}
 

@@ -8,11 +8,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import msnn.errors
-import spec_schema.errors
 from tests.docs.markdown import apart, paragraph, table
+from tests.message_files import message_files
 
-_FOLDERS = [Path(str(p.__file__)).parent for p in (spec_schema.errors, msnn.errors)]
 _EXAMPLES = Path(__file__).parents[1] / "bad_specs"
 _CODE = re.compile(r"[EW]\d{4}")
 
@@ -25,15 +23,11 @@ class Message:
     meaning: str
 
 
-def _files() -> list[Path]:
-    return sorted(path for folder in _FOLDERS for path in folder.rglob("*.py"))
-
-
 def diagnostics() -> str:
     """One table a file of constructors, in the order of their codes."""
     groups = [
         (paragraph(ast.get_docstring(tree)), found)
-        for path in _files()
+        for path in message_files()
         for tree in [ast.parse(path.read_text(encoding="utf-8"))]
         if (found := sorted(_messages(tree), key=_number))
     ]
@@ -49,7 +43,7 @@ def diagnostics() -> str:
 
 def all_messages() -> Iterator[Message]:
     """Every code of every constructor."""
-    for path in _files():
+    for path in message_files():
         yield from _messages(ast.parse(path.read_text(encoding="utf-8")))
 
 

@@ -15,11 +15,12 @@ from msnn.exports.describe import exports_text
 from msnn.exports.export import plan_exports, target_named, target_names, write_export
 from msnn.exports.table import EXTRAS, NAMES, TARGETS, ListedTarget
 from msnn.exports.target import AnyPlan
+from msnn.features.control.keys.export import OnlineExtra
 from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
 from spec_schema.fields.entry_kinds import kinds_of
-from spec_schema.sections.exports import Export, Extra, OnlineExtra
+from spec_schema.sections.exports import Export, Extra
 
 VERB = "msnn/cli/verbs/export.py"
 SCHEMA = "spec_schema/sections/exports.py"
@@ -58,8 +59,8 @@ def test_the_help_of_export_names_every_target(target: ListedTarget) -> None:
 
 def test_targets_are_written_in_the_order_of_the_table() -> None:
     assert target_names(["c", "torch"], None) == ("torch", "c")
-    every = target_names(["all"], None, is_online=True)
-    assert every == target_names([], None, is_online=True) == NAMES
+    every = target_names(["all"], None, sections=["mpc"])
+    assert every == target_names([], None, sections=["mpc"]) == NAMES
 
 
 def test_controllers_are_among_all_targets_where_the_spec_has_one() -> None:

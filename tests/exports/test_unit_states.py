@@ -17,7 +17,7 @@ from msnn.model.load import load_model
 from msnn.model.weights.weights_file import initial_weights
 from spec_schema.diagnostics.diagnostic import Findings
 from tests.conditions import require_package, require_tool
-from tests.exports.test_online_units import HEATED, WINDOW
+from tests.features.control.test_online_units import HEATED, WINDOW
 
 PLANT = """
 msnn: 1

@@ -39,7 +39,7 @@ def test_every_engine_runs_the_cases() -> None:
 
 def test_every_target_runs_the_cases() -> None:
     """A unit of FMI holds the C that runs here; controllers and filters have no samples."""
-    stepped = {target.name for target in TARGETS if not target.of_online} - {"fmu"}
+    stepped = {target.name for target in TARGETS if not target.sections} - {"fmu"}
     missing = stepped - {target for target, _ in EXPORTS.values()}
     assert not missing, f"give {missing} a row of EXPORTS in tests/language/reference_case.py"
 

@@ -7,16 +7,13 @@ from pathlib import Path
 
 import pytest
 
-import msnn.errors
-import spec_schema.errors
+from tests.message_files import ROOT, message_files
 
-FOLDERS = [Path(str(p.__file__)).parent for p in (spec_schema.errors, msnn.errors)]
-ROOT = FOLDERS[0].parents[1]
 _CODE = re.compile(r"[EW][01]\d{3}")
 
 
 def _constructors() -> Iterator[tuple[Path, ast.FunctionDef]]:
-    for path in sorted(p for folder in FOLDERS for p in folder.rglob("*.py")):
+    for path in message_files():
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             match node:
                 case ast.FunctionDef(returns=ast.Name("Diagnostic")):
@@ -30,10 +27,9 @@ CONSTRUCTORS = list(_constructors())
 
 def test_every_file_of_errors_is_looked_at() -> None:
     looked_at = {path for path, _ in CONSTRUCTORS}
-    for folder in FOLDERS:
-        for path in folder.rglob("*.py"):
-            has_codes = _CODE.search(path.read_text(encoding="utf-8")) is not None
-            assert path in looked_at or not has_codes or path.stem == "__init__", path
+    for path in message_files():
+        has_codes = _CODE.search(path.read_text(encoding="utf-8")) is not None
+        assert path in looked_at or not has_codes or path.stem == "__init__", path
 
 
 @pytest.mark.parametrize(
@@ -60,11 +56,12 @@ def test_codes_are_unique() -> None:
 
 
 def test_every_constructor_is_used() -> None:
+    of_messages = set(message_files())
     words = {
         word
         for package in ("spec_schema", "compiler", "backends", "msnn")
         for path in (ROOT / package).rglob("*.py")
-        if not {*path.parents} & {*FOLDERS} or path.stem == "failures"
+        if path not in of_messages or path.stem == "failures"
         for word in re.findall(r"\w+", path.read_text(encoding="utf-8"))
     }
     unused = [c.name for _, c in CONSTRUCTORS if c.name not in words]

@@ -81,7 +81,7 @@ def export(
     model = load_model(spec, settings or ())
     report_model(model)
     findings = Findings()
-    targets, missing = writable_targets(names, model.spec.export, is_online=model.is_online)
+    targets, missing = writable_targets(names, model.spec.export, sections=model.problems)
     for target in missing:
         note(target.left_out)
     for name in extras:

@@ -65,13 +65,14 @@ def verify(
     """
     from backends.files.atomic_write import write_text
     from msnn.cli.console import json_result, note, result
-    from msnn.verification.on_board.serve_files import write_serve_files
     from msnn.verification.report import (
         verification_markdown,
         verification_text,
         verification_values,
     )
-    from msnn.verification.verify import TARGETS, WantedSteps
+    from msnn.verification.serve_files import write_serve_files
+    from msnn.verification.verified_export import WantedSteps
+    from msnn.verification.verify import TARGETS
     from msnn.verification.verify import verify as verify_export
 
     names = [name.strip() for name in targets.split(",") if name.strip()]

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import msnn
-from compiler.optimal_control.problem import ControlProblem
 from msnn.cli.application import run as command
+from msnn.features.control.problem.optimal_control.problem import ControlProblem
 from msnn.training.training_result import TrainingInterruptedError
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.training.cases import gain_series

@@ -1,1 +1,0 @@
-"""Solves optimal control problems: the predictive controller in Python."""

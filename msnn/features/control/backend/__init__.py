@@ -1,0 +1,5 @@
+"""Writes predictive controllers as self-contained C."""
+
+from msnn.features.control.backend.write_controller import write_controller
+
+__all__ = ["write_controller"]

@@ -1,0 +1,188 @@
+"""Writes the files of a moving-horizon estimator: its filter, its solver, and what joins them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from backends.c_language.literals import Dtype
+from backends.files.export_identity import with_identity
+from backends.ports.metadata import metadata_text
+from msnn.features.control.backend.constants import reachable
+from msnn.features.control.backend.estimation.golden_filter import golden_steps
+from msnn.features.control.backend.estimation.write_filter import FilterSources, filter_sources
+from msnn.features.control.backend.inputs import SeriesField, input_fields
+from msnn.features.control.backend.library import struct_type
+from msnn.features.control.backend.moving_horizon.recorded_windows import recorded_windows
+from msnn.features.control.backend.write_controller import solver_texts
+from msnn.features.control.problem.moving_horizon.trained_window import trained_window
+from msnn.features.control.problem.moving_horizon.window_problem import (
+    RUNS,
+    SPREAD,
+    STARTS,
+    WindowProblem,
+    window_problem,
+)
+from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.problem.state_estimation.problem import EstimationProblem
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Source:
+    """A field of the filter's structs, and the reference of the window that keeps its samples."""
+
+    name: str
+    size: int
+    kept: str
+    seen: str = ""
+    number: int = 0
+
+
+def horizon_texts(
+    problem: EstimationProblem, weights: Mapping[str, ArrayLike], prefix: str, dtype: Dtype
+) -> dict[str, str]:
+    """Texts by path."""
+    assert problem.window is not None
+    name = f"{prefix}_mhe"
+    known = filter_sources(problem, weights, f"{name}_filter", dtype, around=True)
+    window = window_problem(problem)
+    control = trained_window(window, weights)
+    about = "Finds the noise of a window of samples that explains best what was measured in them."
+    solver = f"{name}_window"
+    texts = solver_texts(control, solver, dtype, "Window", about, is_window=True)
+    # one description of the whole, below, in place of one of each part
+    parts = {
+        "window": json.loads(texts.pop(f"{solver}.json")),
+        "filter": json.loads(known.texts.pop(f"{known.name}.json")),
+    }
+    texts |= known.texts
+    facts = _facts(problem, window, control, known, name)
+    own_part = FilterSources(name=name, texts={}, facts=known.facts | facts, struct=[])
+
+    def text(template: str, title: str, **more: Any) -> str:
+        return own_part.text(template, title, folder="moving_horizon", **more)
+
+    texts |= {
+        f"include/{name}.h": text("header.h.j2", "Moving-horizon estimator"),
+        f"src/{name}.c": text("estimator.c.j2", "Moving-horizon estimator"),
+        f"{name}.json": _description(name, dtype, parts, control, facts["sources"]),
+    }
+    golden = golden_steps(problem, weights, dtype)
+    recorded = recorded_windows(golden, texts, name)
+    test = text(
+        "selftest.c.j2",
+        "Self-test of the moving-horizon estimator",
+        golden=golden,
+        recorded=recorded,
+    )
+    return with_identity(dict(sorted({**texts, f"src/{name}_selftest.c": test}.items())))
+
+
+def _facts(
+    problem: EstimationProblem,
+    window: WindowProblem,
+    control: ControlProblem,
+    known: FilterSources,
+    name: str,
+) -> dict[str, Any]:
+    fields = {field.name: field for field in input_fields(control)}
+    return {
+        "window": f"{name}_window",
+        "filter": known.name,
+        # the first stage leads to the first sample: it is none of the window's
+        "horizon": control.horizon - 1,
+        "iterations": control.iterations,
+        "starts_again": control.starts_again,
+        "most_iterations": control.most_iterations,
+        "unsure": list(window.uncertain),
+        "sources": [
+            _Source(
+                name=field.identifier,
+                size=field.size,
+                kept=fields[window.inputs[field.name]].identifier,
+                number=number,
+            )
+            for number, field in enumerate(known.facts["input_fields"])
+        ],
+        "read_sources": [
+            _Source(
+                name=field.identifier,
+                size=field.size,
+                kept=fields[window.inputs[field.name]].identifier,
+                number=[f.name for f in known.facts["input_fields"]].index(field.name),
+            )
+            for field in known.facts["read_fields"]
+        ],
+        "measured_sources": [
+            _Source(
+                name=field.identifier,
+                size=field.size,
+                kept=fields[window.measured(field.name)].identifier,
+                seen=fields[window.seen(field.name)].identifier,
+            )
+            for field in known.facts["measured_fields"]
+        ],
+        "starts": fields[STARTS].identifier,
+        "runs": fields[RUNS].identifier,
+        "spread": _place(fields[SPREAD]),
+        "kept_fields": [
+            {"name": field.identifier, "count": field.count}
+            for field in fields.values()
+            if field.name in control.previewed
+        ],
+    }
+
+
+def _place(field: SeriesField) -> str:
+    """The C text of its number i."""
+    return f"{field.identifier}[{{}}]" if field.shape else field.identifier
+
+
+def _description(
+    name: str,
+    dtype: Dtype,
+    parts: Mapping[str, dict[str, Any]],
+    control: ControlProblem,
+    sources: list[_Source],
+) -> str:
+    """The JSON file: that of a filter, with what a window adds."""
+    filter, window = parts["filter"], parts["window"]
+    # nested structs: numpy aligns them as C does, so that the size is right
+    nested: list[tuple[str, Any]] = [
+        ("ready", np.dtype(np.uint32)),
+        ("count", np.dtype(np.int32)),
+        ("has_window", np.dtype(np.int32)),
+        # C has no empty arrays
+        ("given", np.dtype((np.uint8, (max(len(sources), 1),)))),
+        ("filter", struct_type(filter["struct"])),
+        ("arrival", struct_type(filter["struct"])),
+        ("window", struct_type(window["struct"])),
+        ("in", struct_type(window["in"])),
+        ("solved", struct_type(window["out"])),
+    ]
+    size = np.dtype(nested, align=True).itemsize
+    word = np.dtype(dtype).itemsize
+    # who looks at it from outside takes the memory as so many words
+    assert size % word == 0
+    return metadata_text(
+        filter
+        | {
+            "prefix": name,
+            "horizon": control.horizon - 1,
+            "iterations": control.iterations,
+            "starts_again": control.starts_again,
+            "most_iterations": control.most_iterations,
+            "tolerance": reachable(control.tolerance, dtype),
+            "out": [
+                *filter["out"],
+                {"name": "residual", "type": dtype, "shape": []},
+                {"name": "iterations", "type": "int32", "shape": []},
+            ],
+            "struct": [{"name": "memory", "type": dtype, "shape": [size // word]}],
+        }
+    )

@@ -1,0 +1,26 @@
+"""Draws states for the self-test of a controller."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compiler.ir.types import Type
+from msnn.features.control.problem.optimal_control.problem import ControlProblem
+
+STARTS = 6
+
+
+def drawn_starts(problem: ControlProblem, count: int = STARTS) -> list[list[float]]:
+    """States within their ranges, or else within their scales; the first one is 0 or nearest."""
+    random = np.random.default_rng(0)
+    rows: list[list[float]] = []
+    for number in range(count):
+        row: list[float] = []
+        for state in problem.program.states:
+            size, scale = Type(state.axes).size, problem.state_scales[state.name]
+            low, high = state.range or (-scale, scale)
+            drawn = random.uniform(low, high, size)
+            nearest = np.clip(np.zeros(size), low, high)
+            row += [float(x) for x in (nearest if number == 0 else drawn)]
+        rows.append(row)
+    return rows

@@ -1,0 +1,86 @@
+"""Brings a problem into the form that a Riccati recursion over the stages solves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.c_language.places import c_strides
+from compiler.hessian.step_derivatives import StepDerivatives, next_value
+from compiler.ir.types import Type
+from msnn.features.control.backend.stage_code.placed_matrix import PlacedMatrix
+from msnn.features.control.backend.stage_code.series import Place
+from msnn.features.control.backend.stage_code.stage_functions import StageArrays
+from msnn.features.control.backend.structure.form import Addresses, Form, PlanLayout
+from msnn.features.control.backend.structure.rows import Rows
+from msnn.features.control.backend.structure.stages import Stages, numbers_of, stages_of_problem
+from msnn.features.control.problem.optimal_control.problem import ControlProblem
+
+
+def staged_form(problem: ControlProblem, rows: Rows) -> Form:
+    """A stage has all numbers of (x, u) side by side."""
+    nx, nu = problem.states.size, problem.controls.size
+    names = [member.name for member in problem.states.members]
+    following = [(next_value(member.name), member.size) for member in problem.states.members]
+    stages = stages_of_problem(problem, problem.program, rows, following, names)
+    count, width = problem.horizon + 1, nx + nu
+    return Form(
+        stages=stages,
+        stage=_arrays(problem, stages, stages.stage, stages.results),
+        terminal=_arrays(problem, stages, stages.terminal, stages.terminal_results),
+        steady=None,
+        shapes={
+            # the terminal stage has room for controls too, so that all stages have one width
+            "z": (count, width),
+            "dz": (count, width),
+            "gradient": (count, width),
+            "adjoint": (count, nx),
+            "slopes": (count, stages.size, width),
+            "curvature": (count, width, width),
+            "gain": (problem.horizon, nu, nx),
+            "advance": (problem.horizon, nu),
+        },
+        places_of_memory=tuple(range(nx)),
+        newest=tuple(range(nx)),
+        plan=PlanLayout("staged", tuple(range(width)), width),
+        addresses=Addresses(
+            stage="c->{}[{}]",
+            state="{}",
+            memory="{}",
+            control="STATES + {}",
+            measured="c->measured[{}]",
+            has_blocks=problem.has_blocks,
+        ),
+        facts={"plain": 0, "read_numbers": list(range(width))},
+    )
+
+
+def _arrays(
+    problem: ControlProblem, stages: Stages, found: StepDerivatives, results: Mapping[str, int]
+) -> StageArrays:
+    width = problem.states.size + problem.controls.size
+    # rows of the slopes by where the result stands among all of any stage, which the terminal's
+    # skip
+    of_results = [results[m.name] + i for m in found.results.members for i in range(m.size)]
+    numbers = numbers_of(problem, found.variables)
+    firsts = [(member, member.first) for member in problem.states.members]
+    firsts += [(m, problem.states.size + m.first) for m in problem.controls.members]
+    assert found.hessian is not None
+
+    def placed(array: str, rows: Sequence[int] | NDArray[np.int64]) -> PlacedMatrix:
+        matrix = found.jacobian if array == "slopes" else found.hessian
+        assert matrix is not None
+        # only this stretch is cleared before entries are written: rows between may belong to no
+        # derivative
+        first, last = (min(rows) * width, (max(rows) + 1) * width) if len(rows) else (0, 0)
+        return PlacedMatrix(array, matrix, np.asarray(rows, int) * width, numbers, first, last)
+
+    return StageArrays(
+        variables={m.name: Place("z", first, c_strides(Type(m.axes).shape)) for m, first in firsts},
+        results=results,
+        given=stages.given,
+        slopes=placed("slopes", of_results),
+        curvature=placed("curvature", numbers),
+    )

@@ -1,0 +1,1 @@
+"""CasADi functions of optimal control problems, for its solvers."""

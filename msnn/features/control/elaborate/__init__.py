@@ -1,0 +1,1 @@
+"""Makes the problems of the sections `mpc` and `estimator` from the compiled spec."""

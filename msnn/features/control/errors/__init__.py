@@ -1,0 +1,1 @@
+"""Messages about predictive control and estimation."""

@@ -1,0 +1,1 @@
+"""The keys of `mpc`, `estimator` and `export: {mpc: …}`."""

@@ -1,0 +1,210 @@
+"""The `mpc` section: the optimal control problem that a controller solves in each sample."""
+
+from typing import Annotated, ClassVar, Literal, TypeAlias
+
+from pydantic import Field, ValidationInfo, model_validator
+
+from msnn.features.control.errors import control as errors
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.errors import schema as schema_errors
+from spec_schema.expressions.tree import Expression
+from spec_schema.fields.entry import Entry, OneOf, RefusedError, findings_of
+from spec_schema.fields.formulas import EXPRESSION, ExpressionField, read_expression
+from spec_schema.fields.leaf import Gathering, JsonSchema, one_or_many
+from spec_schema.fields.located import Located
+from spec_schema.fields.named_tables import BySignal, Named
+from spec_schema.fields.plain import (
+    ManyOf,
+    NonNegativeNumber,
+    PositiveCount,
+    PositiveNumber,
+    Reference,
+    References,
+    Switch,
+    Text,
+    choice,
+    read_count,
+    read_different_items,
+    reads,
+)
+from spec_schema.fields.quantities import (
+    QUANTITY,
+    PositiveLength,
+    UnitField,
+    read_quantity,
+    split_quantity,
+)
+from spec_schema.units.quantity import Quantity
+from spec_schema.yaml_tree.nodes import Node, Scalar
+
+Hessian: TypeAlias = Literal["exact", "gauss_newton"]
+Structure: TypeAlias = Literal["auto", "staged", "condensed"]
+Mode: TypeAlias = Literal["converged", "fixed"]
+
+
+def _read_limit(node: Node, findings: Findings) -> Quantity | Expression:
+    """A number, a quantity such as `2 mm`, or an expression of references."""
+    # a number with or without a unit; anything else is an expression of references
+    if isinstance(node, Scalar) and (
+        split_quantity(node) is not None or type(node.value) in (int, float)
+    ):
+        return read_quantity(node, findings)
+    return read_expression(node, findings)
+
+
+LimitField: TypeAlias = Annotated[Quantity | Expression, reads(_read_limit, EXPRESSION)]
+
+
+def _read_rate(node: Node, findings: Findings) -> Quantity:
+    rate = read_quantity(node, findings)
+    if rate.value <= 0:
+        findings.report(schema_errors.out_of_range(rate.text, rate.span, "above 0"))
+        raise RefusedError
+    return rate
+
+
+# located, as a wrong sum of blocks is reported at the last of them
+def _read_block(node: Node, findings: Findings) -> Located[int]:
+    return Located(read_count(node, findings, 1), node.span, node.key)
+
+
+_BLOCK = {"type": "integer", "minimum": 1}
+
+
+def _read_controls(node: Node, info: ValidationInfo) -> tuple[Node, ...]:
+    items = read_different_items(node, info)
+    if not items:
+        findings_of(info).report(schema_errors.empty_section("`controls`", node.span))
+        raise RefusedError
+    return items
+
+
+def _some(item: JsonSchema) -> JsonSchema:
+    return {**one_or_many(item), "minItems": 1}
+
+
+Controls: TypeAlias = Annotated[tuple[Reference, ...], Gathering(_read_controls, schema=_some)]
+
+
+class ControlCost(Entry):
+    """The sum that the controller makes small: `stage` over the horizon, plus `terminal`."""
+
+    noun: ClassVar[str] = "the cost"
+    shorthand: ClassVar[str | None] = "stage"
+
+    stage: ExpressionField
+    """Cost of each sample t … t+N-1, a number without unit."""
+    terminal: ExpressionField | None = None
+    """Cost of what is left at t+N, a number without unit."""
+
+
+class SoftBound(Entry):
+    """The cost of going beyond a bound, in the unit of the bounded value; defaults by the cost.
+
+    A `linear` part above the multiplier of the bound makes the penalty exact: the bound holds
+    wherever it can be held.
+    """
+
+    noun: ClassVar[str] = "a soft bound"
+
+    linear: PositiveNumber | None = None
+    """Cost of a violation by one unit."""
+    quadratic: NonNegativeNumber | None = None
+    """Cost of the square of a violation by one unit."""
+
+
+class ControlBound(Entry):
+    """Limits of a control, state, output or equation along the horizon.
+
+    Those of controls, and their `rate`, always hold. All others are soft unless `hard: true`.
+    """
+
+    noun: ClassVar[str] = "a bound"
+
+    min: LimitField | None = None
+    """Lowest value: a number, a quantity, or an expression of references."""
+    max: LimitField | None = None
+    """Highest value: a number, a quantity, or an expression of references."""
+    rate: Annotated[Quantity, reads(_read_rate, {**QUANTITY, "exclusiveMinimum": 0})] | None = None
+    """Most that a control moves in a second."""
+    soft: SoftBound | None = None
+    """What a violation costs."""
+    hard: Switch = False
+    """Whether no plan may go beyond it."""
+
+    @model_validator(mode="after")
+    def _says_one_thing(self, info: ValidationInfo) -> "ControlBound":
+        findings = findings_of(info)
+        # such a bound is most likely a slip of indentation
+        if self.min is None and self.max is None and self.rate is None:
+            findings.report(errors.bound_of_nothing(self.place.key))
+        # a violation that may not be has no price
+        if self.hard and self.soft is not None:
+            findings.report(errors.soft_and_hard(self.soft.place.key))
+        return self
+
+
+class ControlReference(Entry):
+    """A value that the controller is given with each measurement, for its cost and its bounds."""
+
+    noun: ClassVar[str] = "a reference"
+    shorthand: ClassVar[str | None] = "unit"
+
+    unit: UnitField | None = None
+    dims: References = ()
+    preview: Switch = False
+    """Whether its values at t … t+N are given, not only the one at t."""
+    doc: Text | None = None
+
+
+class InteriorPoint(Entry):
+    """A primal-dual interior-point method on the exact curvature of the problem."""
+
+    noun: ClassVar[str] = "the interior_point solver"
+
+    structure: Annotated[Structure, choice("auto", "staged", "condensed")] = "auto"
+    """Stage by stage (`staged`), in the controls alone (`condensed`), or what computes less."""
+    mode: Annotated[Mode, choice("converged", "fixed")] = "converged"
+    """Until the tolerance is reached by any means, or the iterations of a sample's time alone."""
+    iterations: PositiveCount | None = None
+    """Most iterations from one start, 50 by default; `converged` may start twice. 5 where fixed."""
+    tolerance: PositiveNumber | None = None
+    """Largest residual of the optimality conditions that counts as solved; 1e-6 by default."""
+
+
+class ControlSolver(OneOf):
+    """The method that solves the problem."""
+
+    noun: ClassVar[str] = "solver"
+
+    interior_point: InteriorPoint | None = None
+
+
+class OptimalControl(Entry):
+    """The optimal control problem of a predictive controller, whose plant is the trained model."""
+
+    noun: ClassVar[str] = "mpc"
+
+    horizon: PositiveLength
+    """How far the controller looks ahead: samples or a time."""
+    controls: Controls
+    """Inputs that it decides."""
+    cost: ControlCost
+    """What it makes small."""
+    bounds: BySignal[ControlBound] = Field(default_factory=dict[str, ControlBound])
+    """Limits, by the names of controls, states, outputs and equations."""
+    references: Named[ControlReference] = Field(default_factory=dict[str, ControlReference])
+    """Values that it is given with each measurement, for cost and bounds."""
+    preview: References = ()
+    """Inputs whose coming N samples are known; others are held at the sample of t."""
+    blocks: ManyOf[Annotated[Located[int], reads(_read_block, _BLOCK)]] = ()
+    """Samples over which controls stay the same, one number a block; each sample by default."""
+    hessian: Annotated[Hessian, choice("exact", "gauss_newton")] = "exact"
+    """Curvature of cost, plant and bounds, or of the cost alone."""
+    solver: ControlSolver | None = None
+    """How the problem is solved."""
+
+    @property
+    def interior_point(self) -> InteriorPoint | None:
+        """The settings of the solver, None for the defaults."""
+        return None if self.solver is None else self.solver.interior_point

@@ -1,0 +1,1 @@
+"""The problems of control and estimation as data, and the mathematics on them."""

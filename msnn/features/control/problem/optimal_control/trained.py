@@ -1,0 +1,74 @@
+"""Puts trained weights into an optimal control problem, and decides what follows from its cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compiler.interpreter.interpreter import Interpreter
+from compiler.passes.simplify.inline_parameters import inline_parameters
+from msnn.features.control.problem.optimal_control.cost_scale import compared, cost_scale, drawn
+from msnn.features.control.problem.optimal_control.problem import ControlProblem, PathLimits
+
+DRAWS = 256
+_STEEPER = 10.0
+"""How much a penalty exceeds the steepest mean slope of the cost that the draws show."""
+
+
+def trained(problem: ControlProblem, weights: Mapping[str, ArrayLike]) -> ControlProblem:
+    """The problem of a plant with these weights, without parameters; all soft bounds have weights.
+
+    Where the spec says no weight, w₁ = 10 · N · c / s and w₂ = w₁ / s, with s the scale of what is
+    bounded and c the largest stage cost at points drawn from the declared ranges: the cost of a
+    whole horizon changes by about N · c over a distance s, and an exact penalty must be steeper.
+    """
+    known = replace(problem, program=inline_parameters(problem.program, weights))
+    # where every weight is said, nobody needs the size of the cost
+    if all(path.hard or path.linear is not None for path in problem.path_limits):
+        steepest = 0.0
+    else:
+        steepest = _STEEPER * problem.horizon * size_of_cost(known)
+    paths: list[PathLimits] = []
+    for path in problem.path_limits:
+        if path.hard:
+            paths.append(path)
+            continue
+        linear = steepest / path.scale if path.linear is None else path.linear
+        quadratic = linear / path.scale if path.quadratic is None else path.quadratic
+        paths.append(replace(path, linear=linear, quadratic=quadratic))
+    return replace(known, path_limits=tuple(paths), cost_scale=cost_scale(known))
+
+
+def size_of_cost(problem: ControlProblem) -> float:
+    """The largest stage cost at points drawn from what is declared; 1 where none is finite."""
+    program = problem.program
+    # the same points each time: an exported controller must not depend on chance
+    random = np.random.default_rng(0)
+    limits = {control.name: control.scale for control in problem.control_limits}
+    # rows beyond the last point, for windows that look ahead of it
+    rows = DRAWS + problem.longest_preview
+
+    def around_0(scale: float) -> tuple[float, float]:
+        return -scale, scale
+
+    log = {
+        signal.name: drawn(
+            random, rows, signal.axes, signal.range or around_0(limits.get(signal.name, 1.0))
+        )
+        for signal in program.signals
+    }
+    states = {
+        state.name: drawn(
+            random, DRAWS, state.axes, state.range or around_0(problem.state_scales[state.name])
+        )
+        for state in program.states
+    }
+    log = compared(problem, log, states, DRAWS)
+    found = Interpreter(program).step(log, np.arange(DRAWS), states, losses=False)
+    costs = np.abs(found.outputs[problem.stage])
+    # costs that are 0 everywhere say nothing of how steep they are
+    finite = costs[np.isfinite(costs) & (costs > 0)]
+    return float(finite.max()) if finite.size else 1.0

@@ -1,0 +1,101 @@
+"""Keeps controls within their own limits: boxes, and how far they move from sample to sample."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msnn.features.control.problem.optimal_control.horizon import Array
+from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions
+from msnn.features.control.run.interior_point.horizon_values import RowLimits
+
+
+class ControlRange:
+    """The scaled controls that one solve may return, from what x_0 says was applied before."""
+
+    def __init__(self, functions: HorizonFunctions, limits: RowLimits, state: Array) -> None:
+        n, nu = functions.horizon, functions.controls
+        self.limits = limits
+        self._starts = functions.starts
+        self._low, self._high = limits.low[:n, :nu].copy(), limits.high[:n, :nu].copy()
+        self._move = limits.high[:n, nu : 2 * nu]
+        scaled = state / functions.scale_x
+        has_before = np.any(functions.held.selection != 0, axis=1)
+        # NaN: nobody knows what was applied, so that nothing limits the first move
+        self._before = np.where(has_before, functions.held.selection @ scaled, np.nan)
+        self._reachable = self._ranges()
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether any controls keep all limits."""
+        low, high = self._reachable
+        return bool(np.all(low <= high))
+
+    def nearest(self, controls: Array) -> Array:
+        """Controls that keep all limits, each as near as those before it let it be."""
+        found = np.empty_like(controls)
+        before = self._before
+        low, high = self._by_block()
+        # where the limits to come can still be reached
+        ahead = self._leads_on()
+        for k in range(len(controls)):
+            if not self._starts[k]:
+                found[k] = before
+                continue
+            reach = np.where(np.isnan(before), np.inf, self._move[k])
+            origin = np.where(np.isnan(before), 0.0, before)
+            # a move of ∞ from 0 is no limit; NaN would be carried into both ends
+            lowest = np.maximum(np.maximum(low[k], ahead[0][k]), origin - reach)
+            highest = np.minimum(np.minimum(high[k], ahead[1][k]), origin + reach)
+            # where limits contradict each other, the box wins
+            found[k] = np.clip(np.clip(controls[k], lowest, highest), self._low[k], self._high[k])
+            before = found[k]
+        return found
+
+    def blocked(self, controls: Array) -> Array:
+        """Controls that stay the same within blocks."""
+        found = controls.copy()
+        for k in range(1, len(found)):
+            if not self._starts[k]:
+                found[k] = found[k - 1]
+        return found
+
+    def first(self, control: Array) -> Array:
+        """The control of t that is nearest to this one."""
+        return self.nearest(np.tile(control, (len(self._low), 1)))[0]
+
+    def _by_block(self) -> tuple[Array, Array]:
+        """The limits at the start of each block: those of all its samples."""
+        low, high = self._low.copy(), self._high.copy()
+        for k in range(len(low) - 1, 0, -1):
+            if not self._starts[k]:
+                # a block keeps one control: it has to be within the limits of all its samples
+                low[k - 1] = np.maximum(low[k - 1], low[k])
+                high[k - 1] = np.minimum(high[k - 1], high[k])
+        return low, high
+
+    def _leads_on(self) -> tuple[Array, Array]:
+        """From where the limits of the samples to come can be reached."""
+        low, high = self._by_block()
+        for k in range(len(low) - 2, -1, -1):
+            # one sample earlier, as far as one move can make up for
+            move = self._move[k + 1] if self._starts[k + 1] else 0.0
+            low[k] = np.maximum(low[k], low[k + 1] - move)
+            high[k] = np.minimum(high[k], high[k + 1] + move)
+        return low, high
+
+    def _ranges(self) -> tuple[Array, Array]:
+        """The reachable values at each sample."""
+        low, high = self._leads_on()
+        for k in range(len(low)):
+            if k == 0:
+                known = ~np.isnan(self._before)
+                move = np.where(known, self._move[0], np.inf)
+                # forwards then: what can be reached from what was applied
+                origin = np.where(known, self._before, 0.0)
+                low[0] = np.maximum(low[0], origin - move)
+                high[0] = np.minimum(high[0], origin + move)
+            else:
+                move = self._move[k] if self._starts[k] else 0.0
+                low[k] = np.maximum(low[k], low[k - 1] - move)
+                high[k] = np.minimum(high[k], high[k - 1] + move)
+        return low, high

@@ -1,0 +1,248 @@
+"""The predictive controller of a model: measures, solves, keeps its plan for the next sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compiler.ir.program import Signal
+from compiler.ir.types import Type
+from compiler.jacobian.matrices import Vector, by_name
+from msnn.features.control.problem.optimal_control.horizon import Array, Given
+from msnn.features.control.problem.optimal_control.kkt import Judge, Residuals
+from msnn.features.control.problem.optimal_control.problem import ControlProblem
+from msnn.features.control.run.control_range import ControlRange
+from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions
+from msnn.features.control.run.memory import Memory
+from msnn.features.control.run.method import Found, Method
+from msnn.features.control.run.solution import Solution, Status
+
+if TYPE_CHECKING:
+    from msnn.features.control.casadi.optimal_control import OptimalControlNlp
+
+
+class Controller:
+    """A predictive controller, `msnn.mpc(model)`; it remembers its plan from solve to solve."""
+
+    def __init__(
+        self, problem: ControlProblem, functions: HorizonFunctions, method: Method
+    ) -> None:
+        self.problem = problem
+        self.solver = method.name
+        """`c` or `python`: who solves."""
+        self._functions, self._method = functions, method
+        self._memory = Memory(problem)
+        self._judge: Judge | None = None
+        self._applied: Array | None = None
+
+    def reset(
+        self,
+        x: Mapping[str, ArrayLike] | None = None,
+        control: Mapping[str, ArrayLike] | None = None,
+    ) -> None:
+        """Forgets plan and memory; `x` are states and `control` what is applied, where known.
+
+        Raises ValueError for a name, a shape or a number that cannot be one of them; what is not
+        finite then leaves the controller as it was.
+        """
+        for name, value in {**(x or {}), **(control or {})}.items():
+            if not np.isfinite(value).all():
+                raise ValueError(f"`{name}` is {value}: leave out what is not known")
+        self._memory.forget()
+        self._applied = None
+        if control is not None:
+            self._applied = _joined(self.problem.controls, control, "control")
+        self._method.forget(self._applied)
+        if x is not None:
+            self._memory.measure(x)
+
+    def solve(
+        self,
+        x: Mapping[str, ArrayLike] | None = None,
+        *,
+        references: Mapping[str, ArrayLike] | None = None,
+        disturbances: Mapping[str, ArrayLike] | None = None,
+    ) -> Solution:
+        """The control at t and the plan behind it.
+
+            found = controller.solve({"upper": 2.0, "lower": 3.0}, references={"level": 6.0})
+            apply(found.control["pump"])
+
+        `x` are measured states, and measured samples of signals that outputs predict; what is not
+        given is as predicted from the sample before. References and disturbances are samples at t,
+        or with a preview (N+1, *shape) and (N, *shape). Raises ValueError for names and shapes that
+        the problem does not have.
+        """
+        # before it is measured: a measurement that is not finite is taken back
+        problem, before = self.problem, self._memory.known
+        self._memory.measure(x or {})
+        coming = self._coming(problem.disturbances, disturbances or {}, problem.horizon)
+        wanted = self._coming(problem.references, references or {}, problem.horizon + 1)
+        now = {name: samples[0] for name, samples in coming.items()}
+        self._memory.begin(now | by_sample(problem.controls, self._resting()))
+        # limits read references alone; of a state that nobody knows no rate is kept
+        nobody = Given(np.full(problem.states.size, np.nan), coming, wanted)
+        with np.errstate(all="ignore"):
+            limits = self._functions.limits(nobody)
+        met = limits.without_unmet()
+        held = ControlRange(self._functions, met, nobody.state)
+        if not self._memory.is_complete:
+            return self._kept(Status.NOT_INITIALISED, held)
+        given = replace(nobody, state=self._memory.vector())
+        if not _is_finite(given):
+            # a NaN that stayed in the memory would refuse every later sample too
+            self._memory.restore(before)
+            return self._held(held)
+        if not limits.are_numbers:
+            return self._held(held)
+        allowed = ControlRange(self._functions, met, given.state)
+        if not (allowed.is_possible and limits.can_be_met):
+            found = self._kept(Status.INFEASIBLE, allowed)
+        else:
+            found = self._told(given, allowed, self._method.solve(given, allowed, self._resting()))
+        # also what a failure returns is applied, and the next sample begins from it
+        self._applied = _joined(problem.controls, found.control, "control")
+        self._memory.advance(given, self._applied)
+        return found
+
+    def residuals(self, solution: Solution) -> Residuals:
+        """The optimality conditions of a plan, judged apart from the solver.
+
+        ValueError for a solution without a plan.
+        """
+        if solution.given is None or solution.plan is None or solution.multipliers is None:
+            raise ValueError("the solution has no plan")
+        self._judge = self._judge or Judge(self.problem)
+        return self._judge.residuals(solution.given, solution.plan, solution.multipliers)
+
+    def casadi(
+        self, solver: Literal["ipopt", "fatrop"] = "ipopt", options: Mapping[str, Any] | None = None
+    ) -> OptimalControlNlp:
+        """The same problem for a solver of CasADi, to compare with; `options` are its own.
+
+        nlp = controller.casadi("fatrop")
+        print(nlp.solve(found.given, found.plan).cost, found.cost)
+        """
+        from msnn.features.control.casadi.optimal_control import OptimalControlNlp
+
+        return OptimalControlNlp(self.problem, solver, options)
+
+    # ---- one solve
+
+    def _told(self, given: Given, allowed: ControlRange, found: Found) -> Solution:
+        problem = self.problem
+        if found.status is Status.INFEASIBLE:
+            return self._kept(Status.INFEASIBLE, allowed, found)
+        plan = found.plan
+        cost, excess = self._functions.cost(allowed.limits, found.values)
+        return Solution(
+            status=found.status,
+            control=by_sample(problem.controls, plan.controls[0]),
+            controls=by_name(problem.controls, plan.controls),
+            states=by_name(problem.states, plan.states),
+            cost=cost,
+            residual=found.residual,
+            violation=found.violation,
+            excess=excess,
+            iterations=found.iterations,
+            given=given,
+            plan=plan,
+            multipliers=found.multipliers,
+        )
+
+    def _held(self, allowed: ControlRange) -> Solution:
+        """The solution for a refused input; limits may have moved since a control was applied."""
+        found = self._kept(Status.INPUT_NOT_FINITE, allowed)
+        if self._applied is not None:
+            self._applied = _joined(self.problem.controls, found.control, "control")
+        return found
+
+    def _kept(self, status: Status, allowed: ControlRange, found: Found | None = None) -> Solution:
+        """The last control, within its own limits."""
+        # the range is in units of the scales
+        resting, scale = self._resting(), self._functions.scale_u
+        first = allowed.first(resting / scale)
+        # a control that stays is the same to the bit
+        control = np.where(first == resting / scale, resting, first * scale)
+        held = by_sample(self.problem.controls, control)
+        n = self.problem.horizon
+        return Solution(
+            status=status,
+            control=held,
+            controls={name: np.repeat(value[None], n, axis=0) for name, value in held.items()},
+            # no number of a plan is left by which it could be compared
+            states={},
+            cost=np.nan,
+            residual=np.inf if found is None else _or_infinite(found.residual),
+            violation=np.inf if found is None else _or_infinite(found.violation),
+            excess=np.inf,
+            iterations=0 if found is None else found.iterations,
+            given=None,
+            plan=None,
+            multipliers=None,
+        )
+
+    def _resting(self) -> Array:
+        """The applied control, or before there is one 0 as far as fixed limits let it."""
+        if self._applied is not None:
+            return self._applied
+        return self._functions.resting
+
+    def _coming(
+        self, vector: Vector, given: Mapping[str, ArrayLike], previewed: int
+    ) -> dict[str, Array]:
+        """The samples along the horizon: those of a preview, the last one held from there on."""
+        names = [member.name for member in vector.members]
+        if {*given} != {*names}:
+            kind = {"d": "disturbances", "r": "references"}[vector.letter]
+            raise ValueError(f"{kind} wanted for {sorted(names)}, given for {sorted(given)}")
+        found: dict[str, Array] = {}
+        for name in names:
+            signal = self.problem.program.signal(name)
+            shape = _shape(signal)
+            array = np.asarray(given[name], np.float64)
+            wanted = (previewed, *shape) if name in self.problem.previewed else shape
+            if array.shape != wanted:
+                raise ValueError(f"`{name}` has shape {array.shape}, not {wanted}")
+            samples = array if name in self.problem.previewed else array[None]
+            # windows that look ahead of the last stage have samples too
+            rows = self.problem.horizon + 1 + self._functions.ahead
+            rest = np.repeat(samples[-1:], rows - len(samples), axis=0)
+            found[name] = np.concatenate([samples, rest])
+        return found
+
+
+def by_sample(vector: Vector, values: Array) -> dict[str, Array]:
+    """The quantities of one sample of a vector, (size)."""
+    return {name: array[0] for name, array in by_name(vector, values[None]).items()}
+
+
+def _joined(vector: Vector, values: Mapping[str, ArrayLike], what: str) -> Array:
+    names = [member.name for member in vector.members]
+    if {*values} != {*names}:
+        raise ValueError(f"{what} wanted for {sorted(names)}, given for {sorted(values)}")
+    parts: list[Array] = []
+    for member in vector.members:
+        array = np.asarray(values[member.name], np.float64)
+        shape = Type(member.axes).shape
+        if array.shape != shape:
+            raise ValueError(f"`{member.name}` has shape {array.shape}, not {shape}")
+        parts.append(array.ravel())
+    return np.concatenate(parts)
+
+
+def _shape(signal: Signal) -> tuple[int, ...]:
+    return Type(signal.axes).shape
+
+
+def _is_finite(given: Given) -> bool:
+    arrays = (given.state, *given.disturbances.values(), *given.references.values())
+    return all(bool(np.all(np.isfinite(array))) for array in arrays)
+
+
+def _or_infinite(number: float) -> float:
+    return float(number) if np.isfinite(number) else np.inf

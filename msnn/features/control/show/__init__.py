@@ -1,0 +1,1 @@
+"""The tables of `msnn show` about controllers and estimators."""

@@ -1,0 +1,1 @@
+"""Checks exported controllers and filters: golden solves, sanitizers, drawn numbers, emulators."""
