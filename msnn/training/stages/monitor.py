@@ -31,9 +31,9 @@ def monitor(
     """The monitored loss at the weights at which `evaluate` computes.
 
     Rows that were held out judge by the losses alone. On the rows of training the best total is
-    that of everything that steps minimise: F + mse · (exp(Σ ((p − mean)/std)²/n) − 1) is least
-    where log mse + Σ ((p − mean)/std)²/n is, and second order counts weight decay. Raises SpecError
-    where losses compare with targets and none of these counts.
+    that of everything that steps minimise. Decay that is not decoupled adds λ/2 Σ raw². Priors make
+    it F + mse · (exp(Σ ((p − mean)/std)²/n) − 1), least where log mse + Σ ((p − mean)/std)²/n is.
+    Raises SpecError where losses compare with targets and none of these counts.
     """
     sums = evaluate(data.watched)
     _require_targets(plan, sums, data.watched_set)
@@ -43,7 +43,7 @@ def monitor(
     total = weighted_total(plan, values)
     if data.watched_set != TRAIN:
         return total
-    if plan.optimizer.needs_squares and plan.weight_decay:
+    if plan.decay_of_total:
         total += _decay(plan, weights())
     if has_priors(plan):
         found = residuals_of(plan, sums, data.watched)
@@ -73,7 +73,7 @@ def _decay(plan: StagePlan, weights: Weights) -> float:
     moved = (plan.rollout.program.parameter(name) for name in plan.trained)
     raws = [raw_value(p, weights[p.name])[0].ravel() for p in moved]
     raw = np.concatenate(raws)
-    return 0.5 * plan.weight_decay * float(raw @ raw)
+    return 0.5 * plan.decay_of_total * float(raw @ raw)
 
 
 def loss_values(plan: StagePlan, sums: LossSums) -> dict[str, float]:

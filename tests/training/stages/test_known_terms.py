@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -126,6 +126,67 @@ def test_a_prior_counts_beside_rows_by_what_their_loss_is_to_a_likelihood(
     found = residuals_of(plan, {"fit": LossSum(9.0 * scored, scored)}, runs)
     assert found.square == pytest.approx(square)
     assert found.spread == pytest.approx(square / rows)
+
+
+def descended(slope: Callable[[FloatArray], FloatArray], start: FloatArray) -> FloatArray:
+    """Where plain gradient descent in numpy ends."""
+    found = start
+    for _ in range(20_000):
+        found = found - 0.02 * slope(found)
+    return found
+
+
+DECAY = 0.3
+
+
+def ridge_slope(w: FloatArray) -> FloatArray:
+    """The gradient of mse + λ/2 Σ w²."""
+    return 2 / ROWS * U.T @ (U @ w - Y) + DECAY * w
+
+
+def bounded_slope(raw: FloatArray) -> FloatArray:
+    """The gradient of mse + λ/2 Σ raw² of w = -5 + 10 sigmoid(raw)."""
+    share = 1 / (1 + np.exp(-raw))
+    residuals = U @ (10 * share - 5) - Y
+    return 2 / ROWS * (U.T @ residuals) * 10 * share * (1 - share) + DECAY * raw
+
+
+@pytest.mark.parametrize("bounds", ["", ", min: -5, max: 5"], ids=["free", "bounded"])
+def test_the_kept_epoch_is_that_of_the_decayed_total(stage: str, bounds: str) -> None:
+    """From the least squares on every step of the decay makes the losses larger."""
+    start = np.asarray(np.linalg.lstsq(U, Y, rcond=None)[0], dtype=np.float64)
+    if bounds:
+        logit = np.asarray(np.log((5 + start) / (5 - start)), dtype=np.float64)
+        raw = descended(bounded_slope, logit)
+        wanted = 10 / (1 + np.exp(-raw)) - 5
+    else:
+        wanted = descended(ridge_slope, start)
+    assert np.abs(wanted - start).max() > 0.1
+    found = run(f"init: {start.tolist()}{bounds}", f"{stage}, weight_decay: {DECAY}").weights["w"]
+    assert found == pytest.approx(wanted, abs=1e-3)
+
+
+@pytest.mark.parametrize("optimizer", ["adamw", "{torch: AdamW}"])
+def test_decoupled_decay_is_no_part_of_what_chooses_an_epoch(optimizer: str) -> None:
+    """No total of losses and weights is smallest where its steps end: the losses alone choose."""
+    start = np.linalg.lstsq(U, Y, rcond=None)[0]
+    stage = f"optimizer: {optimizer}, epochs: 5, dtype: float64, batch: {ROWS}, weight_decay: 0.3"
+    assert run(f"init: {start.tolist()}", stage).weights["w"] == pytest.approx(start, abs=1e-12)
+
+
+@pytest.mark.parametrize("optimizer", ["adam", "sgd", "lbfgs", "levenberg_marquardt"])
+def test_validation_chooses_by_its_losses_alone(optimizer: str) -> None:
+    """Weights that fit what nobody trained on are best there, however large they are."""
+    require_tool("gcc", install="apt install gcc")
+    start = np.linalg.lstsq(U, Y, rcond=None)[0]
+    program, spec = compiled(
+        text_of(f"init: {start.tolist()}", f"optimizer: {optimizer}, epochs: 5, weight_decay: 30")
+    )
+    data = dataset({"u": U, "y": Y}, train=[30], val=[10])
+    watched = slice(30, 40)
+    found = train(program, data, spec.train, IN_MEMORY)
+    ended = float(np.mean((U[watched] @ found.weights["w"] - Y[watched]) ** 2))
+    assert found.stages[0].best_value == pytest.approx(ended, rel=1e-5)
 
 
 @pytest.mark.parametrize("engine", ["torch", "native"])

@@ -7,7 +7,7 @@ import numpy as np
 from msnn.features.control.backend.inputs import input_fields
 from msnn.features.control.backend.solution import multipliers_of, plan_of
 from msnn.features.control.backend.structure.rows import rows_of
-from msnn.features.control.problem.optimal_control.horizon import Array, Given
+from msnn.features.control.problem.optimal_control.horizon import Array, Given, Plan
 from msnn.features.control.problem.optimal_control.problem import ControlProblem
 from msnn.features.control.run.control_range import ControlRange
 from msnn.features.control.run.interior_point.barrier_limits import BarrierLimits
@@ -40,14 +40,19 @@ class CompiledMethod:
         known = {**given.disturbances, **given.references}
         fields = {f.identifier: known[f.name][: f.samples] for f in self._fields}
         decision = self._c.solve({"x": given.state} | fields)
-        plan = plan_of(self._problem, self._c)
+        status, plan = Status(decision.status), plan_of(self._problem, self._c)
+        # in place of that of an infeasible plan the C returns the control of before
+        if status <= Status.CAPPED:
+            plan = self._within(plan, allowed, decision.control)
+        states, controls = self._functions.scaled(plan)
         with np.errstate(all="ignore"):
-            states, controls = self._functions.scaled(plan)
             # the plan of the C is judged by the interpreter, as a plan of Python's is
             values = self._functions.values(given, states, controls)
             violation = BarrierLimits(self._functions, allowed.limits).violation(values)
+        if status is Status.CAPPED:
+            violation = allowed.violation(given, controls)
         return Found(
-            status=Status(decision.status),
+            status=status,
             plan=plan,
             values=values,
             multipliers=multipliers_of(self._problem, self._rows, self._c),
@@ -55,3 +60,16 @@ class CompiledMethod:
             violation=violation,
             iterations=decision.iterations,
         )
+
+    def _within(self, plan: Plan, allowed: ControlRange, applied: Array) -> Plan:
+        """The plan with the control that the C returns, and limits kept in those that follow.
+
+        A plan that is not solved may break limits of rates; the C cuts what it returns back.
+        """
+        scale = self._functions.scale_u
+        controls = plan.controls / scale
+        controls[0] = applied / scale
+        nearest = allowed.nearest(controls)
+        # a control that stays is the same to the bit
+        kept = np.where(nearest == controls, plan.controls, nearest * scale)
+        return Plan(plan.states, np.concatenate([applied[None], kept[1:]]))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from msnn.features.control.problem.optimal_control.horizon import Array
+from msnn.features.control.problem.optimal_control.horizon import Array, Given
+from msnn.features.control.run.interior_point.barrier_limits import BarrierLimits
 from msnn.features.control.run.interior_point.horizon_functions import HorizonFunctions
 from msnn.features.control.run.interior_point.horizon_values import RowLimits
 
@@ -15,6 +16,7 @@ class ControlRange:
     def __init__(self, functions: HorizonFunctions, limits: RowLimits, state: Array) -> None:
         n, nu = functions.horizon, functions.controls
         self.limits = limits
+        self._functions = functions
         self._starts = functions.starts
         self._low, self._high = limits.low[:n, :nu].copy(), limits.high[:n, :nu].copy()
         self._move = limits.high[:n, nu : 2 * nu]
@@ -62,6 +64,15 @@ class ControlRange:
     def first(self, control: Array) -> Array:
         """The control of t that is nearest to this one."""
         return self.nearest(np.tile(control, (len(self._low), 1)))[0]
+
+    def violation(self, given: Given, controls: Array) -> float:
+        """The violation of hard limits, scaled, where the controls lead: gaps may hide one."""
+        functions = self._functions
+        if not any(path.hard for path in functions.problem.path_limits):
+            return 0.0
+        with np.errstate(all="ignore"):
+            values = functions.values(given, functions.rollout(given, controls), controls)
+            return BarrierLimits(functions, self.limits).violation(values)
 
     def _by_block(self) -> tuple[Array, Array]:
         """The limits at the start of each block: those of all its samples."""

@@ -34,10 +34,6 @@ class BarrierLimits:
         linear, quadratic = (np.tile(w, 2) for w in (limits.linear, limits.quadratic))
         # an infinite cost of excess is what makes a limit hard
         self.soft = self.active & np.isfinite(linear)
-        # boxes and moves of controls are kept by `ControlRange` whatever the plan: only path limits
-        # can be given up
-        is_path = np.arange(2 * size) % size >= 2 * nu
-        self.has_hard = bool(np.any(self.active & ~self.soft & is_path))
         self.linear = np.where(self.soft, linear, 0.0)
         self.quadratic = np.where(self.soft, quadratic, 0.0)
 

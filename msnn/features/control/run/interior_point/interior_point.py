@@ -39,7 +39,7 @@ class Outcome:
     residual: float
     """Largest of the optimality conditions, as `Judge` has them; NaN where one is."""
     violation: float
-    """Of hard limits, scaled."""
+    """Of hard limits, scaled, along the plan: where gaps are open the plant goes elsewhere."""
     iterations: int
 
 
@@ -89,7 +89,7 @@ class InteriorPoint:
             if residual <= tolerance and not (rounding := self._rounding(point)) <= tolerance:
                 residual = rounding
             if is_over or count == iterations:
-                return self._ended(now, values, residual, count)
+                return Outcome(now, residual, self._limits.violation(values), count)
             # more than one cut where the point is good enough for the next barrier at once
             while barrier > tolerance / 10 and self._error(point, barrier) < 10 * barrier:
                 # superlinear: the smaller μ is, the faster it may fall
@@ -97,19 +97,9 @@ class InteriorPoint:
                 barrier = max(tolerance / 10, barrier * faster)
             moved = self._moved(point, barrier)
             if moved is None:
-                return self._ended(now, values, residual, count)
+                return Outcome(now, residual, self._limits.violation(values), count)
             now, values = moved
         raise AssertionError("the last pass returns")
-
-    def _ended(self, now: Iterate, values: Values, residual: float, count: int) -> Outcome:
-        """Judges hard limits along what the plant does, which is not the plan while gaps are open.
-
-        A plan within the tolerance has no gaps to speak of.
-        """
-        if not residual <= self._f.problem.tolerance and self._limits.has_hard:
-            states = self._f.rollout(self._given, now.controls)
-            values = self._f.values(self._given, states, now.controls)
-        return Outcome(now, residual, self._limits.violation(values), count)
 
     # ---- where it begins
 
