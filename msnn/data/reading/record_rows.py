@@ -22,7 +22,6 @@ from spec_schema.expressions.moments import Date, Moment
 from spec_schema.expressions.tree import Duration
 from spec_schema.expressions.tree import Samples as SampleCount
 from spec_schema.sections.data.data import Data, Layout
-from spec_schema.yaml_tree.writer import scalar_text
 
 _HOUR = 3600.0
 
@@ -326,17 +325,17 @@ def _time_fault(
         case "gap":
             return errors.time_gap(file, row, fault.step, sample_time, fault.more, place)
         case "sample time":
-            time = recording.file.layout.time or data.time
-            # some formats keep their time by themselves
-            column = "…" if time is None else scalar_text(time.column.column, in_flow=True)
-            return errors.wrong_sample_time(
-                file,
+            time = recording.time_unit
+            repair = errors.step_repair(
                 fault.step,
                 sample_time,
-                column,
-                place,
-                is_even=fault.is_even,
-                unit=None if time is None or time.unit is None else time.unit.value.text,
+                rows=table.rows,
+                every=recording.file.layout.every or data.every or 1,
+                column=None if time is None else time.column,
+                unit=None if time is None else time.unit,
+            )
+            return errors.wrong_sample_time(
+                file, fault.step, sample_time, place, repair=repair if fault.is_even else None
             )
         case "order":
             begins = table.time_begins
