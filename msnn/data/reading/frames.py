@@ -25,7 +25,7 @@ from msnn.data.reading.load import joined_files
 from msnn.data.reading.row_filter import RowFilter
 from msnn.data.reading.whole_signals import with_whole_signals
 from msnn.data.reads import measured_beside
-from msnn.errors.data.rows import other_step_of_index
+from msnn.errors.data.rows import other_sample_time
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.fields.located import KeyAndValueSpan
 from spec_schema.sections.data.data import Data, Source
@@ -219,7 +219,7 @@ def _report_index_of_other_times(frame: Frame, shown: str, step: float, findings
         seconds = (level - level[0]).total_seconds().to_numpy()
         found = float(np.nanmedian(np.diff(seconds)))
         if abs(found - step) > 0.01 * step:
-            findings.report(other_step_of_index(file=shown, found=found, expected=step, index=name))
+            findings.report(other_sample_time(file=shown, found=found, expected=step, index=name))
 
 
 def _labels(columns: Sequence[Any]) -> tuple[str, ...]:

@@ -21,10 +21,8 @@ def time_gap(
 def wrong_sample_time(
     file: str, found: float, expected: float, place: Span | None, *, repair: str | None
 ) -> Diagnostic:
-    """E0812: a file whose rows are usually spaced otherwise than `sample_time`.
-
-    `repair` is None where no sample time fits all steps.
-    """
+    """E0812: a file whose rows are usually spaced otherwise than `sample_time`."""
+    # no sample time fits all steps
     usual = "usually " if repair is None else ""
     message = (
         f"the rows of {file} are {usual}{found:.6g} s apart, `sample_time` is {expected:.6g} s"
@@ -39,19 +37,14 @@ _TO_NEAREST_ROWS = (
 )
 
 
-def other_sample_time(*, file: str, found: float, expected: float, repair: str) -> Diagnostic:
+def other_sample_time(
+    *, file: str, found: float, expected: float, repair: str | None = None, index: str | None = None
+) -> Diagnostic:
     """W0811: rows that are spaced otherwise than `sample_time`."""
     message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
-    return warning("W0811", None, message, help=repair)
-
-
-def other_step_of_index(*, file: str, found: float, expected: float, index: str) -> Diagnostic:
-    """W0811: rows of a frame whose index shows another step than `sample_time`."""
-    message = (
-        f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s, and no "
-        "`time:` names its index"
-    )
-    repair = f"write `time: {index}` under `data:` to read the times of the index"
+    if index is not None:  # of a frame
+        message += ", and no `time:` names its index"
+        repair = f"write `time: {index}` under `data:` to read the times of the index"
     return warning("W0811", None, message, help=repair)
 
 
