@@ -7,6 +7,7 @@ written and nothing that should be read.
 from __future__ import annotations
 
 import random
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -42,6 +43,8 @@ class Clock:
 
     unit: tuple[str, float, float]
     zone: str | None = None
+    has_dated_keys: bool = False
+    """Whether `from`, `to` and `split` are dates too: seconds from the time 0 of tables."""
 
     @property
     def is_date(self) -> bool:
@@ -50,7 +53,24 @@ class Clock:
 
 def drawn_clock(rng: random.Random) -> Clock:
     zone = rng.choice(["", "Z", "+01:00"]) if rng.random() < 0.25 else None
-    return Clock(rng.choice(UNITS["t"]) if rng.random() < 0.5 else UNITS["t"][0], zone)
+    unit = rng.choice(UNITS["t"]) if rng.random() < 0.5 else UNITS["t"][0]
+    return Clock(unit, zone, zone is not None and rng.random() < 0.5)
+
+
+def key_text(text: str, clock: Clock) -> str:
+    """The value of a key, whose seconds are dates where the clock says so."""
+    if not clock.has_dated_keys:
+        return text
+
+    def dated(found: re.Match[str]) -> str:
+        return f'"{_date(float(found[1]), clock)}"'
+
+    return re.sub(r"([\d.]+) s\b", dated, text)
+
+
+def _date(seconds: float, clock: Clock) -> str:
+    moment = _BEGIN + timedelta(microseconds=round(1e6 * seconds))
+    return f"{moment.isoformat(' ', 'microseconds')}{clock.zone}"
 
 
 @dataclass(frozen=True)
@@ -60,11 +80,30 @@ class _Column:
     name: str
     unit: str
     where: str
-    """header, line, format, attribute, spec, or empty where the unit is the declared one."""
+    """header, parentheses, line, format, attribute, unit or scale, as keys of the spec; empty where
+    the unit is the declared one."""
+    number: int | None = None
+    """Of files without header."""
 
     @property
     def header(self) -> str:
-        return f"{self.name} [{self.unit}]" if self.where == "header" else self.name
+        form = {"header": "{} [{}]", "parentheses": "{} ({})"}.get(self.where, "{}")
+        return form.format(self.name, self.unit)
+
+    @property
+    def key(self) -> str:
+        """What the spec says of it."""
+        place = self.name if self.number is None else str(self.number)
+        _, factor, offset = _unit(self)
+        how = {
+            "unit": f", unit: {self.unit.replace('°C', 'degC')}",
+            "scale": f", scale: {1 / factor!r}, offset: {-offset / factor!r}",
+        }.get(self.where, "")
+        return f"{{column: {place}{how}}}" if how else place
+
+
+def _unit(column: _Column) -> tuple[str, float, float]:
+    return next((unit for unit in UNITS[column.name] if unit[0] == column.unit), ("", 1, 0))
 
 
 def write_files(
@@ -76,12 +115,20 @@ def write_files(
     kind = rng.choice(kinds[:6] if clock.is_date else kinds)
     columns = _columns(kind, clock, rng)
     comma = kind in ("txt", "dat") and rng.random() < 0.6
-    keys = _keys(kind, columns, comma)
     preamble = rng.choice([0, 0, 2]) if kind in _TEXT else 0
-    if preamble:
-        keys["csv"] = (
-            keys.get("csv", "{}").replace("{", f"{{skip: {preamble}, ").replace(", }", "}")
-        )
+    comment = rng.choice([None, None, "#"]) if kind in _TEXT else None
+    layout = {
+        "delimiter": {"txt": '"|"', "dat": '";"'}.get(kind),
+        "decimal": '","' if comma else None,
+        "skip": preamble or None,
+        "comment": comment and f'"{comment}"',
+        "header": None if columns[0].number is None else "false",
+    }
+    said = [f"{key}: {value}" for key, value in layout.items() if value is not None]
+    keys = {"time": next(column.key for column in columns if column.name == "t")}
+    others = [f"{c.name}: {c.key}" for c in columns if c.name != "t" and c.key != c.name]
+    keys |= {"columns": f"{{{', '.join(others)}}}"} if others else {}
+    keys |= {"csv": f"{{{', '.join(said)}}}"} if said else {}
     names: list[str] = []
     for index, table in enumerate(tables):
         name = f"{'abc'[index]}.{kind}"
@@ -89,7 +136,10 @@ def write_files(
         cells = {one.name: _cells(table[one.name], one, clock) for one in columns}
         path = folder / name
         if kind in _TEXT:
-            _write_text(path, columns, cells, rng, comma=comma, preamble=preamble)
+            text = _text(columns, cells, rng, _TEXT[kind], comma=comma, comment=comment)
+            lines = [*(f"logged by {name}, no. {k}" for k in range(preamble)), *text]
+            # with and without a byte order mark
+            path.write_text("\n".join(lines) + "\n", rng.choice(["utf-8", "utf-8-sig"]))
         else:
             _WRITERS[kind](path, columns, cells)
     return names, keys
@@ -97,61 +147,52 @@ def write_files(
 
 def _columns(kind: str, clock: Clock, rng: random.Random) -> list[_Column]:
     places = {
-        "xlsx": ["header", "line", "format", "spec"],
-        "parquet": ["header", "spec"],
-        "h5": ["attribute", "spec"],
-        "mat": ["spec"],
-        "npz": ["spec"],
-    }.get(kind, ["header", "line", "spec"])
+        "xlsx": ["header", "parentheses", "line", "format", "unit", "scale"],
+        "parquet": ["header", "parentheses", "unit", "scale"],
+        "h5": ["attribute", "unit", "scale"],
+        "mat": ["unit", "scale"],
+        "npz": ["unit", "scale"],
+    }.get(kind, ["header", "parentheses", "line", "unit", "scale"])
     found: list[_Column] = []
+    has_header = kind not in _TEXT or rng.random() < 0.8
+    if not has_header:
+        places = ["unit", "scale"]
     # a line of units states all of them
     has_line = "line" in places and rng.random() < 0.3
-    for name in rng.sample("tuzy", 4):
+    for number, name in enumerate(rng.sample("tuzy", 4)):
         unit = clock.unit if name == "t" else rng.choice(UNITS[name])
         place = "line" if has_line else rng.choice([one for one in places if one != "line"])
         if name == "t" and clock.is_date:
             unit, place = ("", 1, 0), ""
-        elif unit == UNITS[name][0] and place == "spec" and rng.random() < 0.5:
+        elif name == "t" and place == "scale":
+            place = "unit"
+        elif unit == UNITS[name][0] and place in ("unit", "scale") and rng.random() < 0.5:
             place = ""
-        found.append(_Column(name, unit[0], place))
+        found.append(_Column(name, unit[0], place, None if has_header else number))
     return found
-
-
-def _keys(kind: str, columns: Sequence[_Column], comma: bool) -> dict[str, str]:
-    in_spec = {one.name: one.unit.replace("°C", "degC") for one in columns if one.where == "spec"}
-    keys = {"time": f"{{column: t, unit: {in_spec['t']}}}" if "t" in in_spec else "t"}
-    others = [f"{n}: {{column: {n}, unit: {u}}}" for n, u in in_spec.items() if n != "t"]
-    if others:
-        keys["columns"] = f"{{{', '.join(others)}}}"
-    said = {"txt": ['delimiter: "|"'], "dat": ['delimiter: ";"']}.get(kind, [])
-    if comma:
-        said.append('decimal: ","')
-    if said:
-        keys["csv"] = f"{{{', '.join(said)}}}"
-    return keys
 
 
 def _cells(values: Values, column: _Column, clock: Clock) -> list[float | str]:
     """Numbers in the unit of the file, or dates."""
     if column.name == "t" and clock.is_date:
-        moments = (_BEGIN + timedelta(microseconds=round(1e6 * v)) for v in values)
-        return [f"{moment.isoformat(' ', 'microseconds')}{clock.zone}" for moment in moments]
-    _, factor, offset = next(unit for unit in UNITS[column.name] if unit[0] == column.unit)
+        return [_date(value, clock) for value in values]
+    _, factor, offset = _unit(column)
     return [float(value) for value in values * factor + offset]
 
 
-def _write_text(
-    path: Path,
+def _text(
     columns: Sequence[_Column],
     cells: Mapping[str, Sequence[float | str]],
     rng: random.Random,
+    delimiter: str,
     *,
     comma: bool,
-    preamble: int,
-) -> None:
-    delimiter = _TEXT[path.suffix[1:]]
-    lines = [*(f"logged by {path.name} no. {k}" for k in range(preamble))]
-    lines.append(delimiter.join(column.header for column in columns))
+    comment: str | None,
+) -> list[str]:
+    """The lines of a file of text."""
+    lines: list[str] = []
+    if columns[0].number is None:
+        lines.append(delimiter.join(column.header for column in columns))
     if any(column.where == "line" for column in columns):
         lines.append(delimiter.join(column.unit for column in columns))
 
@@ -163,8 +204,10 @@ def _write_text(
         return repr(cell).replace(".", ",") if comma else repr(cell)
 
     for row in zip(*(cells[column.name] for column in columns), strict=True):
+        if comment is not None and rng.random() < 0.2:
+            lines.append(f"{comment} paused")
         lines.append(delimiter.join(map(text, row)))
-    path.write_text("\n".join(lines) + "\n", encoding=rng.choice(["utf-8", "utf-8-sig"]))
+    return lines
 
 
 def _write_xlsx(

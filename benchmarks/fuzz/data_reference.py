@@ -20,6 +20,7 @@ SPLITS = (
     "{by: time, val: [0.5 s, 1.2 s]}",
     "{by: block, blocks: 4, val: [2], test: [4]}",
     "{by: kfold, k: 3, fold: 2}",
+    "{by: file, val: 0.4}",
 )
 
 
@@ -33,6 +34,8 @@ class Rows:
     continues: np.ndarray
     z_measured: np.ndarray
     sets: np.ndarray | None = None
+    zero: float = 0.0
+    """Seconds from the time 0 of dates in the spec to that of the recording."""
 
 
 def reference(
@@ -46,9 +49,11 @@ def reference(
     codes: set[str] = set()
     for chain in chains:
         whole = {name: np.concatenate([table[name] for table in chain]) for name in chain[0]}
+        begin = float(whole["t"][0])
+        zero = begin if clock.has_dated_keys else 0.0
         if clock.is_date:  # seconds from the first row
-            whole["t"] = whole["t"] - whole["t"][0]
-        first, stop = _bounds(whole["t"], keys)
+            whole["t"] = whole["t"] - begin
+        first, stop = _bounds(whole["t"], keys, zero)
         if first >= stop:
             codes.add("E0818")
             continue
@@ -56,12 +61,15 @@ def reference(
         found = _resampled(part, keys) if resamples else _as_recorded(part, keys, codes)
         recording = _kept(found, keys, codes)
         if recording is not None:
+            recording.zero = zero
             recordings.append(recording)
     longest = max([len(recordings), *(len(one.time) for one in recordings)])
     if "kfold" in keys.get("split", "") and not codes and longest < 3:
         codes.add("E0819")
+    if "file" in keys.get("split", "") and not codes and len(recordings) == 1:
+        codes.add("E0819")
     for index, one in enumerate(recordings):
-        one.sets = _sets(one.time, index, len(recordings), keys.get("split"))
+        one.sets = _sets(one.time + one.zero, index, len(recordings), keys.get("split"))
     return recordings, codes
 
 
@@ -102,7 +110,8 @@ def _longest_step(moments: Values) -> float:
     return 2 * max(STEP, _usual(moments)) * (1 + 1e-6)
 
 
-def _bounds(moments: Values, keys: dict[str, str]) -> tuple[int, int]:
+def _bounds(moments: Values, keys: dict[str, str], zero: float) -> tuple[int, int]:
+    """Rows between `from` and `to`; their seconds count from `zero` before the first row."""
     first, stop = 0, len(moments)
     for key, text in keys.items():
         if key not in ("from", "to"):
@@ -110,8 +119,8 @@ def _bounds(moments: Values, keys: dict[str, str]) -> tuple[int, int]:
         if not text.endswith("s"):
             first, stop = (int(text), stop) if key == "from" else (first, min(stop, int(text) + 1))
             continue
-        seconds = float(text[:-1])
-        slack = 1e-6 * max(seconds, 1)
+        seconds = float(text[:-1]) - zero
+        slack = 1e-6 * max(abs(seconds), 1)
         if key == "from":
             first = int((moments < seconds - slack).sum())
         else:
@@ -273,6 +282,9 @@ def _sets(moments: Values, index: int, recordings: int, split: str | None) -> np
             sets[:] = index * 3 // recordings == 1
         case 3:
             sets[cut(1 / 3) : cut(2 / 3)] = 1
+        case 4:
+            # shares of 0.6 and 0.4: the set that is furthest behind its share comes next
+            sets[:] = index % 5 in (1, 3)
         case _:
             pass
     return sets

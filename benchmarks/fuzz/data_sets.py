@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.fuzz.data_files import Table, drawn_clock, write_files
+from benchmarks.fuzz.data_files import Table, drawn_clock, key_text, write_files
 from benchmarks.fuzz.data_reference import NAMES, SPLITS, STEP, Rows, reference
 from msnn.data.dataset import Dataset
 from msnn.data.reading.load import load_data
@@ -74,7 +74,8 @@ def trial(seed: int, folder: Path) -> tuple[str | None, bool]:
         rng.shuffle(tables)
     clock = drawn_clock(rng)
     files, layout = write_files(tables, clock, folder, rng)
-    lines = [f"  {key}: {value}" for key, value in {**layout, **keys}.items()]
+    said = {**layout, **{key: key_text(value, clock) for key, value in keys.items()}}
+    lines = [f"  {key}: {value}" for key, value in said.items()]
     spec = folder / "plant.msnn.yaml"
     spec.write_text(SPEC.format(files=", ".join(files), keys="\n".join(lines)))
     expected, codes = reference(tables, keys, clock)
