@@ -232,10 +232,12 @@ def _write_xlsx(
 def _write_parquet(
     path: Path, columns: Sequence[_Column], cells: Mapping[str, Sequence[float | str]]
 ) -> None:
-    frame = pd.DataFrame({column.header: cells[column.name] for column in columns})
-    for name in frame.select_dtypes("object").columns:
-        frame[name] = pd.to_datetime(frame[name])
-    frame.to_parquet(path)
+    series = {
+        one.header: pd.to_datetime(values) if isinstance(values[0], str) else values
+        for one in columns
+        for values in [list(cells[one.name])]
+    }
+    pd.DataFrame(series).to_parquet(path)
 
 
 def _write_hdf5(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -33,7 +33,7 @@ class Rows:
     usable: np.ndarray
     continues: np.ndarray
     z_measured: np.ndarray
-    sets: np.ndarray | None = None
+    sets: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     zero: float = 0.0
     """Seconds from the time 0 of dates in the spec to that of the recording."""
 
@@ -169,7 +169,7 @@ def _resampled(part: Table, keys: dict[str, str]) -> _Found:
     for name in "uz":
         at, values = known[name]
         if not len(at):
-            covered[:], columns[name] = False, np.full(count, np.nan)
+            covered[:], lost_rows[name][:], columns[name] = False, True, np.full(count, np.nan)
             continue
         columns[name] = np.array([_value(x, at, values, how) for x in grid])
         lost_times[name] = _lost_times(part, name, at)
@@ -196,7 +196,9 @@ def _grid(moments: Values, known: dict[str, tuple[Values, Values]]) -> Values:
     late = max(z[0], moments[0])
     low = u[0] + STEP * max(0, math.ceil((late - u[0]) / STEP - 0.5 - 1e-6))
     high = min(u[-1], z[-1] + 0.5 * STEP, moments[-1] + 0.5 * STEP)
-    return low + STEP * np.arange(math.floor((high - low) / STEP + 0.01) + 1 if high >= low else 0)
+    return low + STEP * np.arange(
+        math.floor((high - low) / STEP + 0.01 + 1e-6) + 1 if high >= low else 0
+    )
 
 
 def _lost_times(part: Table, name: str, at: Values) -> list[float]:

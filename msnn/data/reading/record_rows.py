@@ -26,6 +26,10 @@ from spec_schema.sections.data.data import Data, Layout
 _HOUR = 3600.0
 
 
+_HAIR = 1e-6
+"""Part of a step between rows by which printed times may be off."""
+
+
 @dataclass(frozen=True, slots=True)
 class LostValues:
     """The values of a column that are missing although it usually has one."""
@@ -44,7 +48,9 @@ class LostValues:
         before = np.maximum(after - 1, 0)
         is_before = wanting - self.places[before] <= self.places[after] - wanting
         found = np.where(is_before & (after > before), before, after)
-        outside = np.flatnonzero((self.places < 0) | (self.places > len(used) - 1))
+        # places are computed from printed times: rounding takes none out of the first or last row
+        last = len(used) - 1 + _HAIR
+        outside = np.flatnonzero((self.places < -_HAIR) | (self.places > last))
         return self.rows[np.union1d(found, outside)]
 
 
