@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from backends.files.disk_arrays import AT_ONCE, DiskArray
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.late_dataclass import dataclass
+from spec_schema.units.unit import Unit
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -20,6 +21,14 @@ UNASSIGNED = -1
 
 BETWEEN_ROWS = -1
 """What resampling puts at a moment for which a file has no row."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimeUnit:
+    """The column of the times of a file, as a spec names it, and the unit in which it was read."""
+
+    column: str
+    unit: Unit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,6 +45,8 @@ class FileRows:
     time_begins: float = 0.0
     """Where time 0 of the file is on the clock of its record, in seconds: not 0 if files are joined
     by their dates."""
+    time_unit: TimeUnit | None = None
+    """None where the spec names no column of time, or its times are dates."""
 
     def moved(self, by: int) -> FileRows:
         """The same rows of the file, later in the series."""

@@ -52,6 +52,15 @@ def former_key(key: str, present: str, span: Span, owner: str) -> Diagnostic:
     )
 
 
+def seldom_unit(symbol: str, size: str, meant: str, span: Span) -> Diagnostic:
+    """W0221: a unit that nobody measures in, and that is written for another one."""
+    message = f"`{symbol}` is {size}"
+    repair = f"write `{meant}` if that is meant"
+    if meant == "deg":
+        repair += ", or `gon` for gradians"
+    return warning("W0221", span, message, "another unit?", help=repair, replacement=meant)
+
+
 def missing_key(key: str, span: Span, owner: str) -> Diagnostic:
     """E0203: a key that must be there."""
     message = f"{owner} needs the key `{key}`"

@@ -14,6 +14,7 @@ from spec_schema.fields.located import Located
 from spec_schema.fields.plain import reads, scalar
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.quantity import Quantity, Range
+from spec_schema.units.spellings import collisions
 from spec_schema.units.unit import Unit, UnitError, unit_symbol
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, kind
 
@@ -37,7 +38,11 @@ def read_unit(node: Node, findings: Findings) -> Located[Unit]:
         case _:
             found = scalar(node, findings, wanted)
     try:
-        return Located(parse_unit(found.text), found.span, found.key)
+        unit = parse_unit(found.text)
+        for start, symbol, size, meant in collisions(found.text):
+            span = found.positions.span(start, start + len(symbol))
+            findings.report(errors.seldom_unit(symbol, size, meant, span))
+        return Located(unit, found.span, found.key)
     except UnitError as error:
         span = found.positions.span(error.start, error.end)
         report = unit_errors.malformed_unit(error.message, span, error.repair, error.replacement)

@@ -29,6 +29,10 @@ _POWER_SIGN = re.compile(r"[^\W\d][-\u2212]\d")
 """`s-1` of ISO 80000 and of CF, `s⁻¹`, whose sign NFKC makes a minus sign."""
 
 
+_SIGNS = str.maketrans("⋅∙•×∕⁄÷º", "···*///°")
+"""Signs of other keyboards and fonts."""
+
+
 def parse_unit(text: str) -> Unit:
     """The unit a text means; UnitError with offsets into `text` when it is not one.
 
@@ -125,10 +129,21 @@ def _unreadable(text: str, position: int) -> UnitError:
     before = max(start - 1, 0)
     meant = "*" if _PRODUCT_DOT.match(text, before) else None
     meant = "^-" if _POWER_SIGN.match(text, before) else meant
+    if letters := _letters(text[start]):
+        meant = as_divisor(letters) if text[:start].rstrip().endswith("/") else letters
     message = f"`{text[start]}` does not belong in a unit"
     # as tables have it for numbers without a unit
     guess = "1" if text.strip() == "-" else None
     return UnitError(message, start, start + 1, meant=meant, guess=guess)
+
+
+def _letters(character: str) -> str | None:
+    """The letters of a unit that is one character, as in East Asian files: `mm` of `㎜`."""
+    if character in "℃℉":
+        return f"deg{'CF'['℃℉'.index(character)]}"
+    if not "㍱" <= character <= "㏟":
+        return None
+    return unicodedata.normalize("NFKC", character).translate(_SIGNS)
 
 
 def _grouped(text: str, start: int) -> UnitError:
@@ -150,5 +165,5 @@ def as_divisor(text: str) -> str:
 
 def _normalised(text: str) -> str:
     """NFKC for each character alone, so that offsets stay; `µ` becomes `μ`, the ohm sign `Ω`."""
-    normal = (unicodedata.normalize("NFKC", character) for character in text)
+    normal = (unicodedata.normalize("NFKC", character) for character in text.translate(_SIGNS))
     return "".join(new if len(new) == 1 else old for old, new in zip(text, normal, strict=True))

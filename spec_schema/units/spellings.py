@@ -1,6 +1,7 @@
 """Finds the unit that is meant by words, other letters and slips."""
 
 import re
+from typing import NamedTuple
 
 from spec_schema.diagnostics.suggest import nearest
 from spec_schema.units.table import PREFIXES, UNIT_ROWS
@@ -49,6 +50,17 @@ _SPELLINGS = {
         ("percent", "%"),
         ("knot knots kts", "kn"),
         ("Amp Amps amperes", "A"),
+        ("henry henries", "H"),
+        ("siemens", "S"),
+        ("tesla", "T"),
+        ("pct prozent Prozent", "%"),
+        ("sek Sek sekunde Sekunde Sekunden", "s"),
+        ("Minuten", "min"),
+        ("Stunde Stunden", "h"),
+        ("Tage", "d"),
+        ("ccm", "cm^3"),
+        # no product of henries and pascals
+        ("HPa", "hPa"),
     )
     for word in words.split()
 }
@@ -82,6 +94,8 @@ _CONFUSED = {
     "min": ("arcmin",),
     "s": ("arcsec",),
     "sr": ("s",),
+    "kt": ("kn",),
+    "kP": ("kgf",),
 }
 _DOUBTFUL = {
     word: unit
@@ -90,20 +104,37 @@ _DOUBTFUL = {
         ("grad Grad GRAD", "deg"),
         ("NL Nl", "L"),
         ("gm Gm GM", "g"),
+        ("Gmol", "mol"),
         ("cc cC Cc CC", "cm^3"),
         ("mt nt ut pt ct dt ht", "t"),
         # tools that write a capital letter first
         ("Mm", "mm"),
         ("Ms", "ms"),
+        ("Mg", "mg"),
+        ("Ml", "mL"),
         ("Mrad", "mrad"),
         ("Mmol", "mmol"),
+        ("Mbar", "mbar"),
+        ("Mcd", "mcd"),
+        ("MAh", "mAh"),
         ("cv cV Cv CV", "PS"),
+        # hours, also in German; calories of food; standard gravity; differences
+        ("hs std Std STD", "h"),
+        ("Cal", "kcal"),
+        ("gn", "g0"),
+        ("dV", "V"),
+        ("dA", "A"),
+        # feet, and a drag coefficient that is none of coulombs by days
+        ("Ft", "ft"),
+        ("Cd", "cd"),
         ("nm^3 nm3 nm³ Nm^3 Nm3 Nm³ NM^3 NM3 NM³", "m^3"),
     )
     for word in words.split()
 }
 """Texts that are units by their letters, gigaradians and nanolitres, which nobody means; and the
 unit that they may mean."""
+_MEANT_IN_SPECS = frozenset(["Mg", "dt"])
+"""Tonnes and decitonnes, in which some people measure: a spec means them, a file may not."""
 _DOUBT = re.compile(rf"(?<![^\W\d_])(?:{'|'.join(map(re.escape, _DOUBTFUL))})(?![^\W_])")
 _USUAL = {
     "da": ("N", "Pa"),
@@ -120,10 +151,22 @@ _NEVER_MEGA = frozenset(["m", "s", "rad", "mol", "bar", "Ah"])
 """Units of which devices count thousandths and nobody millions."""
 
 
+class Collision(NamedTuple):
+    """A unit that is written for another one: `Grad` of size `1e+09 rad`, meant as deg."""
+
+    start: int
+    symbol: str
+    size: str
+    meant: str
+
+
 def meant_symbol(symbol: str) -> str | None:
     """The unit that a symbol means without doubt: files whose columns have it are read so."""
     if symbol in _SPELLINGS:
         return _SPELLINGS[symbol]
+    # `Sec`, `Liter`
+    if len(symbol) > 2 and symbol == symbol.capitalize() and symbol.lower() in _SPELLINGS:
+        return _SPELLINGS[symbol.lower()]
     # `s2` and `s²`, which is normalised to it
     if (power := _POWER.fullmatch(symbol)) and unit_symbol(power[1]) is not None:
         return f"{power[1]}^{power[2]}"
@@ -185,6 +228,22 @@ def guessed_symbol(symbol: str) -> str | None:
 def is_doubtful(text: str) -> bool:
     """True if a text is a unit that nobody measures in, and is written for another one: `Grad`."""
     return _DOUBT.search(text) is not None
+
+
+def collisions(text: str) -> list[Collision]:
+    """The units in a text of a spec that nobody measures in, and what they may mean.
+
+    Only symbols that a spec can write, without those that it may well mean.
+    """
+    found: list[Collision] = []
+    for match in _DOUBT.finditer(text):
+        symbol = match.group()
+        for prefix, factor in PREFIXES.items():
+            row = symbol.removeprefix(prefix)
+            if symbol.startswith(prefix) and row in UNIT_ROWS and UNIT_ROWS[row].prefixes:
+                size = f"{factor:g} {row}"
+                found.append(Collision(match.start(), symbol, size, _DOUBTFUL[symbol]))
+    return [one for one in found if one.symbol not in _MEANT_IN_SPECS]
 
 
 def without_doubtful(text: str) -> str:

@@ -94,6 +94,8 @@ UNIT_ROWS: Mapping[str, UnitRow] = {
     "degC": _other(1.0, 273.15, K=1),
     # Angle and ratio.
     "deg": _other(math.pi / 180, rad=1),
+    # gradian: a right angle has 100
+    "gon": _si(math.pi / 200, rad=1),
     "arcmin": _other(math.pi / 10800, rad=1),
     "arcsec": _other(math.pi / 648000, rad=1),
     "rev": _other(2 * math.pi, rad=1),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -255,8 +256,64 @@ def test_a_unit_of_the_time_that_is_wrong_is_told(tmp_path: Path, unit: str) -> 
     (tmp_path / "a.csv").write_text("time [s],v\n0,1\n0.1,2\n0.2,3\n")
     fault = fault_of(tmp_path, f"  time: {{column: time, unit: {unit}}}\n")
     assert fault.code == "E0812"
-    assert fault.help == f"the time seems to be in s: take `unit: {unit}` out of `time:`"
-    assert load(tmp_path, "a.csv", "m/s", "  time: {column: time}\n").rows == 3
+    assert fault.help == "if the time is in s, write `time: {column: time, unit: s}`"
+    assert load(tmp_path, "a.csv", "m/s", "  time: {column: time, unit: s}\n").rows == 3
+
+
+SECONDS_OF = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+@pytest.mark.parametrize(
+    ("read", "true", "stated"),
+    [
+        (read, true, stated)
+        for read, true in permutations(SECONDS_OF, 2)
+        for stated in (["nowhere"] if read == "s" else ["header", "spec"])
+    ],
+)
+def test_every_wrong_unit_of_the_time_is_named(
+    tmp_path: Path, read: str, true: str, stated: str
+) -> None:
+    """The advice is to write the true unit, never `every: 1000`; written, it reads the file."""
+    header = f"time [{read}]" if stated == "header" else "time"
+    rows = [f"{0.1 * k / SECONDS_OF[true]!r},{k}\n" for k in range(40)]
+    (tmp_path / "a.csv").write_text(f"{header},v\n{''.join(rows)}")
+    key = f"{{column: time, unit: {read}}}" if stated == "spec" else "time"
+    fault = fault_of(tmp_path, f"  time: {key}\n")
+    repair = f"time: {{column: time, unit: {true}}}"
+    assert fault.code == "E0812"
+    assert f"if the time is in {true}, write `{repair}`" in str(fault.help)
+    # one row in 60 or more would leave none of the 40
+    assert "every" not in str(fault.help) or "`every: 24`" in str(fault.help)
+    assert load(tmp_path, "a.csv", "m/s", f"  {repair}\n").rows == 40
+
+
+@pytest.mark.parametrize(
+    ("step", "rows", "keys", "repair"),
+    [
+        (0.01, 40, "", "`every: 10` takes one row in 10"),
+        # the rows of the file count, not those that `every:` leaves
+        (0.01, 40, "  every: 5\n", "`every: 10` takes one row in 10"),
+        (0.0001, 40, "", "write `sample_time: 0.1 ms`"),
+        (
+            0.0001,
+            2000,
+            "",
+            (
+                "write `sample_time: 0.1 ms` if its unit is wrong; else `every: 1000` takes one "
+                "row in 1000"
+            ),
+        ),
+        (0.01, 8, "", "write `sample_time: 10 ms`, or bring the rows to it by `resample:`"),
+    ],
+)
+def test_rows_are_left_out_where_enough_remain(
+    tmp_path: Path, step: float, rows: int, keys: str, repair: str
+) -> None:
+    lines = [f"{step * k:.6f},{k}\n" for k in range(rows)]
+    (tmp_path / "a.csv").write_text(f"time,v\n{''.join(lines)}")
+    fault = fault_of(tmp_path, TIME + keys)
+    assert (fault.code, fault.help) == ("E0812", repair)
 
 
 DATES = "time,v\n" + "".join(f"2026-11-22 17:00:0{0.1 * k:.1f}ZONE,{k}\n" for k in range(10))

@@ -192,6 +192,79 @@ def test_sections_of_different_units_are_asked_where_both_show_numbers(
         load(tmp_path, "a.xlsx", "m/s", LAYOUT)
 
 
+@pytest.mark.parametrize(
+    ("format", "unit", "expected"),
+    [
+        ("0.0 km/h", "m/s", 10.0),
+        (r"0.0\ km/h", "m/s", 10.0),
+        (r"0.0\ k\m/h", "m/s", 10.0),
+        ("#,##0.00 m/s", "m/s", 36.0),
+        ("0 min", "s", 2160.0),
+        ("0.00E+00 mS", "S", 0.036),
+        ("??0.0 d", "h", 864.0),
+        ("General mm", "m", 0.036),
+        ("Standard mm", "m", 0.036),
+        ("m: 0.0 mm", "m", 0.036),
+        ("[$-407]0.0 km/h", "m/s", 10.0),
+        ("[$-407]#,##0.0 \\m\\m", "m", 0.036),
+        ("[Red][>1]0.0 km/h;0.0 km/h", "m/s", 10.0),
+        ("0.0 mbar;[Red]-0.0 mbar", "Pa", 3600.0),
+        ("_-* 0.0 ms_-", "s", 0.036),
+        (r"0.0 \"mm\"", "1", 36.0),
+        # of dates in quotes, escapes and brackets nothing is left
+        ('0.0 "yyyy"', "1", 36.0),
+    ],
+)
+def test_letters_of_units_beside_digits_are_no_dates(
+    tmp_path: Path, format: str, unit: str, expected: float
+) -> None:
+    write(tmp_path / "a.xlsx", "v", [format] * 2, values=[36.0, 36.0])
+    data = load(tmp_path, "a.xlsx", unit, LAYOUT)
+    assert data.series["v"].tolist() == pytest.approx([expected] * 2, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    "format",
+    [
+        "yyyy-mm-dd hh:mm:ss",
+        "yyyy-mm-dd hh:mm:ss.000",
+        r"yyyy\-mm\-dd\Thh:mm:ss\.000",
+        "dd/mm/yyyy hh:mm:ss,0",
+        "[$-407]d. mmmm yyyy h:mm:ss.00;@",
+        'yyyy"-"mm"-"dd hh:mm:ss.0 "UTC"',
+        "[Red]m/d/yy h:mm:ss.0 AM/PM",
+        "d-mmm-yy",
+    ],
+)
+def test_dates_of_workbooks_stay_dates(tmp_path: Path, format: str) -> None:
+    """Zeros behind the seconds are no digits of a number."""
+    book = openpyxl.Workbook()
+    sheet = book.active
+    assert sheet is not None
+    sheet.append(["time", "v"])
+    for row in range(3):
+        sheet.append([46348.5 + row * 0.1 / 86400, row])
+        sheet.cell(sheet.max_row, 1).number_format = format
+    book.save(tmp_path / "a.xlsx")
+    data = load(tmp_path, "a.xlsx", "1", LAYOUT)
+    (piece,) = data.records[0].pieces
+    assert piece.time is not None
+    assert piece.time.tolist() == pytest.approx([0.0, 0.1, 0.2], abs=1e-9)
+    assert piece.time_unit is None
+
+
+def test_a_time_is_in_the_unit_that_its_cells_show(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    sheet = book.active
+    assert sheet is not None
+    sheet.append(["time", "v"])
+    for row in range(3):
+        sheet.append([100.0 * row, row])
+        sheet.cell(sheet.max_row, 1).number_format = "0.0 ms"
+    book.save(tmp_path / "a.xlsx")
+    assert load(tmp_path, "a.xlsx", "1", LAYOUT).rows == 3
+
+
 def test_cells_above_the_header_and_empty_ones_do_not_count(tmp_path: Path) -> None:
     write(tmp_path / "a.xlsx", "v", [None, SPEED, None, SPEED], above=3)
     layout = LAYOUT + "  csv: {skip: 3}\n  nan: split\n"

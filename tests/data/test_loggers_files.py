@@ -300,7 +300,7 @@ def test_serial_dates_of_spreadsheets_are_refused_with_the_reason(tmp_path: Path
         read(tmp_path, f"time,F,x\n{rows}")
     (found,) = caught.value.diagnostics
     assert found.code == "E0812"
-    assert "format the cells as dates" in (found.help or "")
+    assert "`time: {column: time, unit: d}`, or format serial dates" in (found.help or "")
 
 
 def test_frames_have_dates_too(tmp_path: Path) -> None:

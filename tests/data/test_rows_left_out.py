@@ -100,3 +100,36 @@ def test_rows_that_a_filter_leaves_out_drop_no_record(tmp_path: Path, how: str) 
     data = load(tmp_path, f'{how}nan: drop\nfilter: "x > 4"\n', x, FORCE)
     assert data.episodes("train").tolist() == [[5, 10]]
     assert not data.warnings
+
+
+@pytest.mark.parametrize("how", ["linear", "nearest"])
+@pytest.mark.parametrize("choice", ["every: 3\n", "every: 3\nfrom: 3\n", "every: 3\nto: 6\n"])
+@pytest.mark.parametrize("nan", ["error", "drop", "split"])
+def test_an_input_without_any_value_in_the_picked_rows_is_missing(
+    tmp_path: Path, how: str, choice: str, nan: str
+) -> None:
+    """`every: 3` picks the rows between the values of x: resampling has none to take."""
+    x = [str(i) if i % 3 else "" for i in range(10)]
+    section = f"resample: {how}\n{choice}nan: {nan}\n"
+    if nan == "error":
+        with pytest.raises(SpecError, match="E0809"):
+            load(tmp_path, section, x, FORCE)
+        return
+    data = load(tmp_path, section, x, FORCE)
+    assert not data.usable.any()
+    assert (data.rows == 0) == (nan == "drop")
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("s", 1.0), ("ms", 1e3), ("min", 1 / 60)])
+@pytest.mark.parametrize("begin", [0.0, 1.103, 3.2])
+def test_the_last_row_does_not_depend_on_the_unit_of_the_time(
+    tmp_path: Path, unit: str, factor: float, begin: float
+) -> None:
+    """The last value is 1 % of the sample time before its row, which is kept by rule R10."""
+    times = (begin + 0.074 * i for i in range(28))
+    rows = [f"{round(t, 6) * factor!r},{i},{i}" for i, t in enumerate(times)]
+    (tmp_path / "a.csv").write_text("\n".join([f"time [{unit}],x,F", *rows]) + "\n")
+    (tmp_path / "plant.yaml").write_text(SPEC + "  resample: linear\n")
+    model = load_model(tmp_path / "plant.yaml")
+    assert model.spec.data is not None
+    assert load_data(model.program, model.spec.data, tmp_path).rows == 11

@@ -139,6 +139,58 @@ def test_a_set_that_gets_no_row_is_told(tmp_path: Path, split: str, covered: str
     assert said.span is not None
 
 
+@pytest.mark.parametrize(
+    ("val", "outside"),
+    [
+        ("41 s, 60 s", "18.4 s after"),
+        ("10 s, 41 s", "30 s before"),
+        ("10 s, 60 s", "30 s before and 18.4 s after"),
+        ("41 s, 42 s", "400 ms after"),
+        # the end is not in the range: the last row, at 41.6 s, is followed by none until 41.8 s
+        ("40 s, 41.8 s", ""),
+        ("39.8 s, 41.6 s", ""),
+    ],
+)
+@pytest.mark.parametrize("how", ["", "resample: linear\n"])
+def test_a_range_that_is_partly_outside_of_the_data_is_told(
+    tmp_path: Path, val: str, outside: str, how: str
+) -> None:
+    section = f"source: {{train: '*.csv'}}\ntime: time\n{how}split: {{by: time, val: [{val}]}}\n"
+    rows = [f"{40 + 0.2 * k:.1f},{k},0" for k in range(9)]
+    # the longest record decides
+    files = {f"{n}.csv": "\n".join(["time,x,F", *rows[:n]]) + "\n" for n in (5, 9)}
+    data = load(tmp_path, section, files)
+    assert data.has("val")
+    found = [(said.code, said.severity, said.message) for said in told(data)]
+    message = f"`split: val` asks for {outside} the data, which are from 40 s to 41.6 s"
+    assert found == ([("W0833", "note", message)] if outside else [])
+
+
+def test_a_range_beyond_the_rows_without_times_is_told(tmp_path: Path) -> None:
+    section = "source: {train: a.csv}\nsplit: {by: time, val: [1 s, 20 s]}\n"
+    (said,) = told(load(tmp_path, section, {"a.csv": table(9)}))
+    assert (said.code, "18.4 s after the data" in said.message) == ("W0833", True)
+
+
+@pytest.mark.parametrize("zone", ["", "Z"])
+def test_a_range_of_dates_that_is_partly_outside_is_told(tmp_path: Path, zone: str) -> None:
+    """Records count from their own first row, dates do not."""
+    ranges = f"val: ['2026-11-22 17:02{zone}', '2026-11-22 17:30{zone}']"
+    section = f"source: {{train: '*.csv'}}\nsplit: {{by: time, {ranges}}}\ntime: date\n"
+    numbers = [line.split(",", 1)[1] for line in table(5).splitlines()[1:]]
+    files = {
+        f"{first}.csv": "date,F,x\n"
+        + "".join(f"2026-11-22 17:{first + k:02}:00{zone},{n}\n" for k, n in enumerate(numbers))
+        for first in (10, 20)
+    }
+    data = load(tmp_path, section + "resample: none\n", files)
+    (said,) = told(data)
+    assert said.code == "W0833"
+    covered = f"2026-11-22 17:10:00{zone} to 2026-11-22 17:24:00{zone}"
+    message = "`split: val` asks for 480 s before and 360 s after the data, which are from "
+    assert said.message == message + covered
+
+
 @pytest.mark.parametrize("times", ["", "time: time\n", "time: time\nresample: linear\n"])
 @pytest.mark.parametrize("other", ["a.csv", "./a.csv", "sub/../a.csv", "'*.csv'"])
 def test_rows_of_a_file_in_two_sets_are_told(tmp_path: Path, times: str, other: str) -> None:

@@ -99,6 +99,20 @@ def test_a_unit_that_nobody_knows_is_reported(tmp_path: Path, kind: str) -> None
         ("Mm", "m", "mm"),
         ("TM", "m", "m"),
         ("DAS", "s", "s"),
+        # tools that write a capital letter first
+        ("Mg/L", "kg/m^3", "mg/L"),
+        ("Mbar", "Pa", "mbar"),
+        ("MAh", "A*s", "mAh"),
+        ("Ml", "L", "mL"),
+        ("Gmol", "mol", "mol"),
+        # hours, calories of food, differences
+        ("hs", "s", "h"),
+        ("Std", "h", "h"),
+        ("Cal", "J", "kcal"),
+        ("dV", "V", "V"),
+        ("dA", "A", "A"),
+        ("gn", "m/s^2", "g0"),
+        ("Ft", "m", "ft"),
     ],
 )
 def test_units_that_nobody_measures_in_are_not_read(
@@ -124,6 +138,25 @@ def test_units_that_nobody_measures_in_are_not_read(
         ("Grad C", "K", 309.15),
         ("GRAD CELSIUS", "K", 309.15),
         ("nm^2", "m^2", 36e-18),
+        ("HPa", "Pa", 3600.0),
+        ("gon", "deg", 32.4),
+        ("mgon", "gon", 0.036),
+        ("ccm", "L", 0.036),
+        ("Sek", "s", 36.0),
+        ("Liter/Stunde", "m^3/s", 1e-5),
+        # characters that are a unit, and signs of other fonts
+        ("℃", "K", 309.15),
+        ("ºC", "K", 309.15),
+        ("㎜", "m", 0.036),
+        ("㎥/h", "m^3/s", 0.01),
+        ("kg/㎥", "g/L", 36.0),
+        ("N/㎧", "N*s/m", 36.0),
+        ("kΩ", "ohm", 36000.0),
+        ("㏀", "ohm", 36000.0),
+        ("W/(m⋅K)", "W/m/K", 36.0),
+        ("N×m", "J", 36.0),
+        ("m∕s", "km/h", 129.6),
+        ("ｋｍ／ｈ", "m/s", 10.0),
     ],
 )
 def test_units_with_seldom_prefixes_are_read_where_they_are_usual(

@@ -132,7 +132,7 @@ def unmoved(table: dict[str, FloatArray]) -> None:
     ("change", "code", "parts"),
     [
         (uneven, "W0810", ("data.csv", "`resample: linear` under `data:`")),
-        (milliseconds, "W0811", ("100 s apart", "unit: ms")),
+        (milliseconds, "W0811", ("100 s apart", "write `time: {column: time, unit: ms}`")),
         (with_gap, "W0812", ("5.1 s before row 1000", "`resample: none`")),
         (
             twice,
@@ -168,6 +168,15 @@ def test_a_fault_is_told_with_its_place_and_its_repair(
     assert code in found
     for part in parts:
         assert part in found[code]
+
+
+@pytest.mark.parametrize("key", ["time: {column: time, unit: ms}", "time: {column: 0, unit: ms}"])
+def test_a_unit_of_time_that_is_not_the_files_is_named(key: str, tmp_path: Path):
+    """3000 rows are 0.3 s then: `every: 1000` would take three of them."""
+    text = said(looked_at(tmp_path, columns(), SPEC.replace("time: time", key)))["W0811"]
+    repaired = key.replace("ms", "s")
+    assert f"if the time is in s, write `{repaired}`; else `every: 1000`" in text
+    assert "W0811" not in said(looked_at(tmp_path, columns(), SPEC.replace("time: time", repaired)))
 
 
 def test_a_window_that_is_too_short(tmp_path: Path):

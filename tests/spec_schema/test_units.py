@@ -15,6 +15,7 @@ from msnn.data.formats.capital_units import CapitalUnit, keeps_case
 from msnn.data.formats.written_units import written_unit
 from msnn.data.reading.converted_cells import converted_cells
 from spec_schema.units.parser import parse_unit
+from spec_schema.units.spellings import collisions
 from spec_schema.units.table import PREFIXES, UNIT_ROWS
 from spec_schema.units.turns import turn_readings
 from spec_schema.units.unit import ONE, Unit, UnitError, unit_symbol
@@ -24,6 +25,7 @@ _PINT_NAMES = {
     "Ω": "ohm",
     "%": "percent",
     "deg": "degree",
+    "gon": "grade",
     "arcmin": "arcminute",
     "arcsec": "arcsecond",
     "rps": "revolution/second",
@@ -284,6 +286,33 @@ def test_a_doubtful_symbol_is_no_unit_of_a_file(
     assert (caught.value.meant, caught.value.replacement) == (meant, guess)
     found = written_unit(written)
     assert (found and found.text) == meant
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("Grad", [(0, "Grad", "1e+09 rad", "deg")]),
+        ("Mm/Ms", [(0, "Mm", "1e+06 m", "mm"), (3, "Ms", "1e+06 s", "ms")]),
+        ("kg*cV^2", [(3, "cV", "0.01 V", "PS")]),
+        # correct units in which somebody measures, and parts of longer ones
+        ("Mg/dt", []),
+        ("km/h", []),
+        ("MN/m", []),
+        ("kt", []),
+        ("mmol/dA", [(5, "dA", "0.1 A", "A")]),
+    ],
+)
+def test_units_of_specs_that_mean_others_are_found(
+    text: str, found: list[tuple[int, str, str, str]]
+) -> None:
+    assert collisions(text) == found
+
+
+def test_no_symbol_is_two_units() -> None:
+    prefixed = [prefix + row for prefix in PREFIXES for row, of in UNIT_ROWS.items() if of.prefixes]
+    twice = {text for text in prefixed if text in UNIT_ROWS or prefixed.count(text) > 1}
+    assert twice == {"ft"}  # nobody measures in femtotonnes
+    assert parse_unit("ft").same_dimension(parse_unit("m"))
 
 
 @pytest.mark.parametrize(

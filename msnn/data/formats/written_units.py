@@ -41,10 +41,10 @@ _WHOLE_TEXTS = {
 }
 """Words of CF and of loggers that are no symbols."""
 _DEGREES = re.compile(
-    r"(?<![a-z])(?:°|deg(?:ree)?s?|grad)[ _.]*(C|F|celsius|fahrenheit)(?![a-z])", re.IGNORECASE
+    r"(?<![a-z])(?:[°º]|deg(?:ree)?s?|grad)[ _.]*(C|F|celsius|fahrenheit)(?![a-z])", re.IGNORECASE
 )
 """Temperatures, of which blanks are no products."""
-_NOT_AN_INDEX = re.compile(r"[^\W\d_]|[%°-]")
+_NOT_AN_INDEX = re.compile(r"[^\W\d_]|[%‰°℃℉㍱-㏟-]")
 
 
 def plain_label(label: str) -> tuple[str, str]:

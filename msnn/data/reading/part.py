@@ -265,6 +265,7 @@ def _pieces(recording: ReadFile, rows: RecordRows) -> tuple[FileRows, ...]:
                     rows=own,
                     time=time,
                     time_begins=origin.seconds,
+                    time_unit=recording.time_unit,
                 )
             )
     return tuple(found)

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from compiler.ir.program import Program, Role, Signal
-from msnn.data.dataset import FloatArray
+from msnn.data.dataset import FloatArray, TimeUnit
 from msnn.data.formats.table import ColumnKey, ColumnTable, Streams, TimeSource, WantedColumns
 from msnn.data.formats.text.csv_header import Dialect
 from msnn.data.formats.text.text_encoding import other_name
-from msnn.data.formats.written_units import StatedUnit
+from msnn.data.formats.written_units import CapitalUnit, StatedUnit
 from msnn.data.reading.columns import (
     Feed,
     columns_of_only,
@@ -30,7 +30,8 @@ from msnn.errors.data.files import no_column_read
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.data import SECOND, Csv, Data, TimeColumn
-from spec_schema.units.unit import UNCHANGED, Line
+from spec_schema.units.unit import UNCHANGED, Line, Unit
+from spec_schema.yaml_tree.writer import scalar_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +76,7 @@ class ReadFile:
     """Of signals that the file need not have."""
     uses: ColumnUses
     origins: tuple[FileOrigin, ...]
+    time_unit: TimeUnit | None = None
 
     def as_recorded(self) -> ReadFile:
         """The same with its rows as they are: not resampled, and gaps are none of an error."""
@@ -146,6 +148,7 @@ def read_file(
         more=more,
         uses=_uses(program, found, more, whole or program),
         origins=(FileOrigin(file.shown, 0, 0.0, 0.0),),
+        time_unit=_time_unit(read, column),
     )
 
 
@@ -266,6 +269,19 @@ def _in_seconds(
     if line is None:
         return None
     return replace(read, time=converted_cells(read.columns[key], line), time_begins=begins)
+
+
+def _time_unit(read: ColumnTable | Streams, column: TimeColumn | None) -> TimeUnit | None:
+    if column is None or (isinstance(read, ColumnTable) and read.time_begins is not None):
+        return None
+    key = column.column.column
+    stated = next(iter(read.time_units.values()), None) if isinstance(read, Streams) else None
+    stated = read.units.get(key, stated)
+    if isinstance(stated, CapitalUnit):
+        stated = next(iter(stated.fitting(SECOND)), None)
+    unit = stated if isinstance(stated, Unit) else SECOND
+    unit = unit if column.unit is None else column.unit.value
+    return TimeUnit(scalar_text(key, in_flow=True), unit)
 
 
 def _to_seconds(

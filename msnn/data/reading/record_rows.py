@@ -22,9 +22,12 @@ from spec_schema.expressions.moments import Date, Moment
 from spec_schema.expressions.tree import Duration
 from spec_schema.expressions.tree import Samples as SampleCount
 from spec_schema.sections.data.data import Data, Layout
-from spec_schema.yaml_tree.writer import scalar_text
 
 _HOUR = 3600.0
+
+
+_HAIR = 1e-6
+"""Part of a step between rows by which printed times may be off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +48,9 @@ class LostValues:
         before = np.maximum(after - 1, 0)
         is_before = wanting - self.places[before] <= self.places[after] - wanting
         found = np.where(is_before & (after > before), before, after)
-        outside = np.flatnonzero((self.places < 0) | (self.places > len(used) - 1))
+        # places are computed from printed times: rounding takes none out of the first or last row
+        last = len(used) - 1 + _HAIR
+        outside = np.flatnonzero((self.places < -_HAIR) | (self.places > last))
         return self.rows[np.union1d(found, outside)]
 
 
@@ -326,17 +331,17 @@ def _time_fault(
         case "gap":
             return errors.time_gap(file, row, fault.step, sample_time, fault.more, place)
         case "sample time":
-            time = recording.file.layout.time or data.time
-            # some formats keep their time by themselves
-            column = "…" if time is None else scalar_text(time.column.column, in_flow=True)
-            return errors.wrong_sample_time(
-                file,
+            time = recording.time_unit
+            repair = errors.step_repair(
                 fault.step,
                 sample_time,
-                column,
-                place,
-                is_even=fault.is_even,
-                unit=None if time is None or time.unit is None else time.unit.value.text,
+                rows=table.rows,
+                every=recording.file.layout.every or data.every or 1,
+                column=None if time is None else time.column,
+                unit=None if time is None else time.unit,
+            )
+            return errors.wrong_sample_time(
+                file, fault.step, sample_time, place, repair=repair if fault.is_even else None
             )
         case "order":
             begins = table.time_begins

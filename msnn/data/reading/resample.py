@@ -92,8 +92,10 @@ def resample(
         low, high = max(low, span[0]), min(high, span[1])
     late = max((float(deciding[key][0]) for key in deciding.keys() - given), default=low)
     low += sample_time * max(0.0, np.ceil((late - low) / sample_time - 0.5 - _SLACK))
-    # the last row is kept where jitter puts it a hair before its moment
-    count = int(np.floor((high - low) / sample_time + GAP_TOLERANCE)) + 1 if high >= low else 0
+    # the last row is kept where jitter puts it a hair before its moment; at 1 % exactly too, so
+    # that times written in ms have the rows of those in s
+    steps = (high - low) / sample_time + GAP_TOLERANCE + _SLACK
+    count = int(np.floor(steps)) + 1 if high >= low else 0
     # k · step, in place: adding steps up would gather rounding, and long logs have room for one
     # array
     grid = np.arange(count, dtype=np.float64)
@@ -112,7 +114,9 @@ def resample(
             moments[key] = _moments_of(grid, time[picked], sample_time)
         if not len(time):
             found[key] = np.full(count, np.nan)
-            covered &= key in beside or key in scored
+            if key not in beside and key not in scored:
+                # no row has a value to take
+                covered[:], lost[key] = False, ~np.zeros_like(covered)
         elif key in scored:
             found[key] = _at(grid, time, values, method)
             marked = _marked(count, moments[key])

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msnn.data.dataset import UNASSIGNED, FloatArray
-from msnn.data.reading.time_bounds import time_bound
+from msnn.data.reading.time_bounds import TimeBound, bound_of_seconds, time_bound
 from msnn.errors.data import rows as errors
-from msnn.errors.data.recordings import empty_set
+from msnn.errors.data.recordings import set_without_rows
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.splits import (
@@ -55,12 +55,24 @@ class RecordTimes:
 def split_rows(
     split: Split, records: Sequence[RecordTimes], codes: Mapping[str, int], findings: Findings
 ) -> list[SetCodes]:
-    """The set of every row of every record; a set that is asked for and gets no row is reported."""
+    """The set of every row of every record.
+
+    Reports a set that is asked for and gets no row, and a range of time that is partly outside.
+    """
     found = _rows_of_sets(split, records, codes, findings)
     for name, share in _shares(split).items():
         is_wanted = not isinstance(share, Fraction) or share.value > 0
-        if is_wanted and not findings.failed and not any((c == codes[name]).any() for c in found):
-            findings.report(empty_set(name, _covered(split, records), share.span))
+        if not is_wanted or findings.failed:
+            continue
+        covered = _covered(split, records)
+        if not any((c == codes[name]).any() for c in found):
+            findings.report(set_without_rows(name, covered, share.span))
+        elif isinstance(share, TimeRange | DateRange) and covered is not None:
+            before, after = _seconds_outside(share, records)
+            if before or after:
+                findings.report(
+                    set_without_rows(name, covered, share.span, before=before, after=after)
+                )
     return found
 
 
@@ -84,6 +96,24 @@ def _covered(split: Split, records: Sequence[RecordTimes]) -> str | None:
     if len(dated) == len(ends) and len({first.endswith("Z") for first, _ in dated}) == 1:
         return f"{min(a for a, _ in dated)} to {max(b for _, b in dated)}"
     return f"{min(a for a, _ in ends):.6g} s to {max(b for _, b in ends):.6g} s"
+
+
+def _seconds_outside(
+    share: TimeRange | DateRange, records: Sequence[RecordTimes]
+) -> tuple[float, float]:
+    """The seconds of a range before the first row and after the last; 0 for less than a step."""
+    before: list[float] = []
+    after: list[float] = []
+    for record in records:
+        bounds = _bounds(share, record, "", Findings())
+        if record.time is None or not len(record.time) or bounds is None:
+            continue
+        step = float(np.median(np.diff(record.time))) if len(record.time) > 1 else 0.0
+        start, stop = bounds
+        first, last = float(record.time[0]) - start.seconds, stop.seconds - float(record.time[-1])
+        before.append(first if first > step + start.slack else 0.0)
+        after.append(last if last > step + stop.slack else 0.0)
+    return min(before, default=0.0), min(after, default=0.0)
 
 
 def _rows_of_sets(
@@ -123,23 +153,25 @@ def _time_rows(
     if record.time is None:
         findings.report(errors.no_time_column("`by: time`", split.place.key))
         return rows
-    # printed times such as 59.99999 and 60 mean the same row
-    slack = 1e-6 * np.maximum(np.abs(record.time), 1.0)
     for name, share in _shares(split).items():
-        if isinstance(share, TimeRange):
-            inside = (record.time >= share.start - slack) & (record.time < share.stop - slack)
-            rows[inside] = codes[name]
-        if isinstance(share, DateRange):
-            what = f"`split: {name}`"
-            ends = [
-                time_bound(what, end, record.begins, record.file, findings)
-                for end in (share.start, share.stop)
-            ]
-            if ends[0] is None or ends[1] is None:
+        if isinstance(share, TimeRange | DateRange):
+            bounds = _bounds(share, record, f"`split: {name}`", findings)
+            if bounds is None:
                 return rows
-            start, stop = (end.seconds - end.slack for end in (ends[0], ends[1]))
+            start, stop = (bound.seconds - bound.slack for bound in bounds)
             rows[(record.time >= start) & (record.time < stop)] = codes[name]
     return rows
+
+
+def _bounds(
+    share: TimeRange | DateRange, record: RecordTimes, what: str, findings: Findings
+) -> tuple[TimeBound, TimeBound] | None:
+    """The ends of a range in the times of a record; None after a report of dates."""
+    if isinstance(share, TimeRange):
+        return bound_of_seconds(share.start), bound_of_seconds(share.stop)
+    start = time_bound(what, share.start, record.begins, record.file, findings)
+    stop = time_bound(what, share.stop, record.begins, record.file, findings)
+    return None if start is None or stop is None else (start, stop)
 
 
 def _fold_rows(

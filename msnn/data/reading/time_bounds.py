@@ -18,6 +18,11 @@ class TimeBound:
     slack: float
 
 
+def bound_of_seconds(seconds: float) -> TimeBound:
+    """The bound at a time that rows may print otherwise: 59.99999 and 60 mean the same row."""
+    return TimeBound(seconds, 1e-6 * max(abs(seconds), 1.0))
+
+
 def time_bound(
     what: str, wanted: Duration | Date, begins: Moment | None, file: str, findings: Findings
 ) -> TimeBound | None:
@@ -27,8 +32,7 @@ def time_bound(
     """
     match wanted:
         case Duration():
-            # printed times such as 59.99999 and 60 mean the same row
-            return TimeBound(wanted.seconds, 1e-6 * max(abs(wanted.seconds), 1.0))
+            return bound_of_seconds(wanted.seconds)
         case Date():
             # a date with a zone and one without cannot be compared: nobody knows the logger's zone
             if begins is None or begins.has_zone != wanted.moment.has_zone:

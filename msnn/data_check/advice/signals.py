@@ -13,7 +13,7 @@ from msnn.data_check.found import CheckedChannel, DatasetCheck
 from msnn.data_check.signals.plausible_units import doubt
 from msnn.data_check.signals.quantisation import FEW_LEVELS
 from msnn.errors.data import checks as errors
-from msnn.errors.data.rows import other_sample_time
+from msnn.errors.data.rows import other_sample_time, step_repair
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
@@ -38,7 +38,18 @@ def sampling_findings(
         if expected is None or not np.isfinite(found.step):
             continue
         if abs(found.step - expected) > GAP_TOLERANCE * expected and not resampled:
-            yield other_sample_time(file=found.file, found=found.step, expected=expected)
+            time = found.time_unit
+            repair = step_repair(
+                found.step,
+                expected,
+                rows=found.rows * found.every,
+                every=found.every,
+                column=None if time is None else time.column,
+                unit=None if time is None else time.unit,
+            )
+            yield other_sample_time(
+                file=found.file, found=found.step, expected=expected, repair=repair
+            )
         if found.gaps:
             yield errors.gaps_in_time(
                 file=found.file,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msnn.data.dataset import BoolArray, FileRows, FloatArray
+from msnn.data.dataset import BoolArray, FileRows, FloatArray, TimeUnit
 
 LONGEST_STEP = 1.5
 """A step longer than so many usual ones lacks a row: half a row more is nearer to two steps."""
@@ -18,6 +18,9 @@ class StepsOfTime:
 
     file: str
     rows: int
+    every: int
+    """The spec takes one row of the file in so many."""
+    time_unit: TimeUnit | None
     step: float
     """The usual step, the median; NaN where fewer than two rows have a time."""
     mean: float
@@ -56,6 +59,8 @@ def sampling_of(piece: FileRows) -> StepsOfTime | None:
     return StepsOfTime(
         file=piece.file,
         rows=len(time),
+        every=piece.rows.step if isinstance(piece.rows, range) else 1,
+        time_unit=piece.time_unit,
         step=usual,
         mean=float(np.mean(forward)) if len(forward) else np.nan,
         jitter=float(np.std(steps[even]) / usual) if even.any() else 0.0,

@@ -40,8 +40,19 @@ def not_joined(
     return make("W0832", span, message, help=repair)
 
 
-def empty_set(name: str, covered: str | None, span: Span) -> Diagnostic:
-    """W0833: a set that a split names and to which no row belongs."""
+def set_without_rows(
+    name: str, covered: str | None, span: Span, *, before: float = 0.0, after: float = 0.0
+) -> Diagnostic:
+    """W0833: a set that a split names without rows, or without rows in a part of its range."""
+    # seconds of its range outside of the data: none of a set without any row
+    sides = ((before, "before"), (after, "after"))
+    if outside := [f"{seconds_text(gap)} {side}" for gap, side in sides if gap]:
+        message = (
+            f"`split: {name}` asks for {' and '.join(outside)} the data, which are from {covered}"
+        )
+        repair = "choose times within the data if the set should be as long as its range"
+        # a range may reach beyond the data on purpose, so that the last row is in it
+        return remark("W0833", span, message, "partly outside of the data", help=repair)
     message = f"`split: {name}` has no rows" + (f": the data are from {covered}" if covered else "")
     repair = "make its share larger" if covered is None else "choose a time within the data"
     return warning("W0833", span, message, "no row of the data", help=repair)

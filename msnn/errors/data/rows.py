@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from msnn.errors.data.lists import and_more, listed
 from spec_schema.diagnostics.diagnostic import Diagnostic, error, remark, warning
 from spec_schema.diagnostics.source import Span
+from spec_schema.units.unit import Unit
 
 
 def time_gap(
@@ -18,70 +19,77 @@ def time_gap(
 
 
 def wrong_sample_time(
-    file: str,
-    found: float,
-    expected: float,
-    column: str,
-    place: Span | None,
-    *,
-    is_even: bool,
-    unit: str | None = None,
+    file: str, found: float, expected: float, place: Span | None, *, repair: str | None
 ) -> Diagnostic:
     """E0812: a file whose rows are usually spaced otherwise than `sample_time`."""
-    usual = "" if is_even else "usually "
+    # no sample time fits all steps
+    usual = "usually " if repair is None else ""
     message = (
         f"the rows of {file} are {usual}{found:.6g} s apart, `sample_time` is {expected:.6g} s"
     )
-    repair = _repair_of_step(found, expected, column, unit) if is_even else _TO_NEAREST_ROWS
     label = "not one sample after the row before"
-    return error("E0812", place, message, label, help=repair)
+    return error("E0812", place, message, label, help=repair or _TO_NEAREST_ROWS)
 
 
 _TO_NEAREST_ROWS = (
     "`resample: linear` brings the rows to `sample_time`; a value that predictions are compared "
     "with, and that the model does not read, belongs to the nearest row"
 )
-"""The repair where no sample time fits all steps."""
 
 
 def other_sample_time(
-    *, file: str, found: float, expected: float, index: str | None = None
+    *, file: str, found: float, expected: float, repair: str | None = None, index: str | None = None
 ) -> Diagnostic:
     """W0811: rows that are spaced otherwise than `sample_time`."""
     message = f"the rows of {file} are {found:.6g} s apart, `sample_time` is {expected:.6g} s"
-    repair = _repair_of_step(found, expected, "…")
     if index is not None:  # of a frame
         message += ", and no `time:` names its index"
         repair = f"write `time: {index}` under `data:` to read the times of the index"
     return warning("W0811", None, message, help=repair)
 
 
-def _repair_of_step(found: float, expected: float, column: str, unit: str | None = None) -> str:
+def step_repair(
+    found: float,
+    expected: float,
+    *,
+    rows: int,
+    every: int,
+    column: str | None,
+    unit: Unit | None,
+) -> str:
     """The repair where rows are `found` seconds apart and `sample_time` says otherwise.
 
-    `unit` is what the spec says of the column of time.
+    `rows` of the file, of which the spec takes one in `every`; `column` and `unit` of their times,
+    None where the spec names no column or its times are dates.
     """
     ratio = expected / found if found > 0 else 0.0
-    if unit in _TIME_UNITS and abs(ratio / _TIME_UNITS[unit] - 1) < 0.01:
-        return f"the time seems to be in s: take `unit: {unit}` out of `time:`"
-    if abs(ratio / _DAY - 1) < 0.01:
-        return (
-            "the time seems to count days, as serial dates of a spreadsheet do, which text rounds: "
-            "format the cells as dates with times"
-        )
-    every = round(ratio)
-    if every > 1 and abs(ratio - every) < 0.01 * every:
-        return f"`every: {every}` takes one row in {every}"
-    if unit := next((u for u, f in _TIME_UNITS.items() if abs(ratio * f - 1) < 0.01), None):
-        return f"if the time is in {unit}, write `time: {{column: {column}, unit: {unit}}}`"
-    return f"write `sample_time: {seconds_text(found)}`, or bring the rows to it by `resample:`"
+    picked = round(ratio * every)
+    is_whole = round(ratio) > 1 and abs(ratio - round(ratio)) < 0.01 * ratio
+    thinned = f"`every: {picked}` takes one row in {picked}"
+    leaves_rows = is_whole and rows > picked
+    if column is not None and unit is not None:
+        likely = (u for u, s in _TIME_UNITS.items() if abs(s / unit.scale / ratio - 1) < 0.01)
+        if meant := next(likely, None) if ratio else None:
+            repair = f"if the time is in {meant}, write `time: {{column: {column}, unit: {meant}}}`"
+            if meant == "d":
+                repair += (
+                    ", or format serial dates of a spreadsheet as dates: their text is rounded"
+                )
+            return f"{repair}; else {thinned}" if leaves_rows else repair
+    step = f"write `sample_time: {seconds_text(found)}`"
+    if is_whole and _is_unit_of_time(ratio):
+        return f"{step} if its unit is wrong; else {thinned}" if leaves_rows else step
+    return thinned if leaves_rows else f"{step}, or bring the rows to it by `resample:`"
 
 
-_TIME_UNITS = {"ms": 1e3, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}
-"""Units that a column of time often has, and how many of them a second is."""
+_TIME_UNITS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+"""Units that a column of time often has, in seconds."""
 
 
-_DAY = 86400.0
+def _is_unit_of_time(ratio: float) -> bool:
+    """True if two units of time differ by a whole ratio, as s and ms do."""
+    pairs = ((a, b) for a in _TIME_UNITS.values() for b in _TIME_UNITS.values())
+    return any(abs(a / b / ratio - 1) < 0.01 for a, b in pairs)
 
 
 def seconds_text(value: float) -> str:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import date, datetime
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from msnn.data.formats.table import ColumnTable, WantedColumns
 from msnn.data.formats.text.csv_file import text_table
 from msnn.data.formats.text.csv_header import Dialect, read_header, with_blank_rows
+from msnn.data.formats.text.xlsx_book import first_sheet
 from msnn.data.formats.text.xlsx_units import units_of_formats
 from msnn.data.formats.unpacked_size import refuse_unpacking
 from msnn.errors.data import files as errors
@@ -63,22 +61,15 @@ def sheet_lines(
 
 def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
     """The rows of the first sheet with their numbers, cells apart by tabs."""
-    # an optional package without types
-    openpyxl: Any = import_module("openpyxl")
     try:
         with zipfile.ZipFile(path) as book:
             unpacked = sum(part.file_size for part in book.infolist())
         # XML is packed by 10, and parsed at a tenth of the speed of numbers
         refuse_unpacking(path, shown, unpacked, free=1 << 26, times_size=50)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # styles that it does not know
-            book: Any = openpyxl.load_workbook(path, read_only=True, data_only=True)
-            sheet: Any = book.worksheets[0]
-            sheet.reset_dimensions()  # a size that the file states may be smaller than the sheet
+        with first_sheet(path) as sheet:
             rows = [[_text(cell) for cell in row] for row in sheet.iter_rows(values_only=True)]
-            book.close()
-            if _has_formulas(path):
-                _show_formulas(openpyxl, path, rows)
+        if _has_formulas(path):
+            _show_formulas(path, rows)
     except SpecError:
         raise
     except OSError as error:
@@ -127,25 +118,18 @@ def _has_formulas(path: Path) -> bool:
         return any(b"<f" in book.read(name) for name in sheets)
 
 
-def _show_formulas(openpyxl: Any, path: Path, rows: list[list[str]]) -> None:
+def _show_formulas(path: Path, rows: list[list[str]]) -> None:
     """Puts formulas in the place of values that nobody has computed and saved.
 
     They would read as cells that are empty, which is a measurement that was not made.
     """
-    books = [
-        openpyxl.load_workbook(path, read_only=True, data_only=values) for values in (True, False)
-    ]
-    sheets = [book.worksheets[0] for book in books]
-    for sheet in sheets:
-        sheet.reset_dimensions()
-    both = zip(*(sheet.iter_rows() for sheet in sheets), strict=True)
-    for texts, (values, formulas) in zip(rows, both, strict=True):
-        for index, (value, formula) in enumerate(zip(values, formulas, strict=True)):
-            # a formula whose value is an empty text was computed: that is of another type
-            if formula.data_type == "f" and value.value is None and value.data_type == "n":
-                texts[index] = _text(formula.value)
-    for book in books:
-        book.close()
+    with first_sheet(path) as shown, first_sheet(path, data_only=False) as written:
+        both = zip(rows, shown.iter_rows(), written.iter_rows(), strict=True)
+        for texts, values, formulas in both:
+            for index, (value, formula) in enumerate(zip(values, formulas, strict=True)):
+                # a formula whose value is an empty text was computed: that is of another type
+                if formula.data_type == "f" and value.value is None and value.data_type == "n":
+                    texts[index] = _text(formula.value)
 
 
 def _text(cell: object) -> str:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import operator
 import re
-import warnings
 import zipfile
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from html import unescape
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from msnn.data.formats.capital_units import CapitalUnit
+from msnn.data.formats.text.xlsx_book import first_sheet
 from msnn.data.formats.written_units import ShownUnit, UnknownUnit, stated_unit
 from spec_schema.units.unit import ONE, Unit
 
@@ -26,7 +24,7 @@ _CODES = re.compile(r"""formatCode=(?:"([^"]*)"|'([^']*)')""")
 _TOKEN = re.compile(
     r'"(?P<quoted>[^"]*)"|\\(?P<escaped>.)|[_*].|\[\$(?P<currency>[^\]-]*)[^\]]*\]'
     r"|\[(?P<condition>[<>=]+\s*-?[\d.]+(?:[Ee][+-]?\d+)?)\]|\[[^\]]*\]"
-    r"|(?P<digit>General|[0#?](?:[Ee][+-](?=[0#?]))?)|(?P<mark>[.,%@])|(?P<end>;)|(?P<letter>.)",
+    r"|(?P<digit>General|Standard|[0#?](?:[Ee][+-](?=[0#?]))?)|(?P<mark>[.,%@])|(?P<end>;)|(?P<letter>.)",
     re.DOTALL,
 )
 _THOUSANDS = re.compile(r"(?<=0),+(?![0,])")
@@ -64,13 +62,8 @@ def units_of_formats(
     """
     if not _may_show_units(path):
         return {}
-    openpyxl: Any = import_module("openpyxl")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # styles that it does not know
-        book: Any = openpyxl.load_workbook(path, read_only=True, data_only=True)
-        sheet: Any = book.worksheets[0]
-        sheet.reset_dimensions()
-        found: dict[int, dict[tuple[str, int], ShownUnit]] = {index: {} for index in columns}
+    found: dict[int, dict[tuple[str, int], ShownUnit]] = {index: {} for index in columns}
+    with first_sheet(path) as sheet:
         for row in sheet.iter_rows(min_row=after + 1):
             for index in columns:
                 cell = row[index] if index < len(row) else None
@@ -85,7 +78,6 @@ def units_of_formats(
                 if one is None:
                     one = ShownUnit(section.unit, str(cell.coordinate), 0, section.thousands)
                 found[index][key] = replace(one, count=one.count + 1)
-        book.close()
     return {index: tuple(shown.values()) for index, shown in found.items()}
 
 
