@@ -19,7 +19,12 @@ from compiler.interpreter.operations import NOWHERE, evaluator
 from compiler.ir import ops
 from compiler.ir.program import Graph, Node, NodeId
 
-_NEUTRAL = {ops.Add: 0.0, ops.Subtract: 0.0, ops.Multiply: 1.0, ops.Divide: 1.0}
+_NEUTRAL: Mapping[type, float] = {
+    ops.Add: 0.0,
+    ops.Subtract: 0.0,
+    ops.Multiply: 1.0,
+    ops.Divide: 1.0,
+}
 _NEAR = {0.0: 1e-44, 1.0: 1e-7}
 """A little more than rounds to the neutral number: a runtime's own last digits may be others."""
 

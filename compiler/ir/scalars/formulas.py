@@ -25,7 +25,7 @@ def hyperbolic_cosine(b: Arithmetic[V], a: tuple[V, ...]) -> V:
 def logistic(b: Arithmetic[V], a: tuple[V, ...]) -> V:
     """e^−|x| / (1 + e^−|x|) below 0, else 1 / (1 + e^−|x|): no intermediate overflows.
 
-    e⁻ˣ of a large −x would, and its square in the slope from half of that on.
+    e⁻ˣ of a large −x would, and its square in the derivative from half of that on.
     """
     one, tail = b.constant(1.0), _tail(b, a[0])
     return b.divide(b.where_negative(a[0], tail, one), b.add(one, tail))
@@ -42,7 +42,7 @@ def soft_plus(b: Arithmetic[V], a: tuple[V, ...]) -> V:
 
 
 def _tail(b: Arithmetic[V], x: V) -> V:
-    """e^−|x|, of −x or x by choice: |x| has slope 0 at 0, where what is made of this is smooth."""
+    """e^−|x|, by choice of −x or x: |x| has the derivative 0 at 0, where both functions rise."""
     return b.apply("exp", b.where_negative(x, x, b.negate(x)))
 
 
