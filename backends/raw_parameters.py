@@ -66,6 +66,11 @@ def raw_value(parameter: Parameter, physical: FloatArray) -> tuple[FloatArray, b
             raise AssertionError("bounds are floats or None")
 
 
+def is_off_bounds(parameter: Parameter, physical: FloatArray) -> NDArray[np.bool_]:
+    """True for elements that are not moved off a bound: training begins at exactly these."""
+    return _inside(parameter, physical) == physical
+
+
 def physical_value(parameter: Parameter, raw: FloatArray) -> FloatArray:
     """The physical value of a raw variable."""
     match parameter.minimum, parameter.maximum:

@@ -254,7 +254,7 @@ class Kernel:
         rates: Mapping[str, float],
         known: KnownTerms | None = None,
     ) -> Variables:
-        """The variables at these weights, those with a rate at what their raw values stand for."""
+        """The variables at these weights; those with a rate that were on a bound begin off it."""
         made = Variables(
             program=self.program,
             dtype=self.dtype,
@@ -270,6 +270,7 @@ class Kernel:
     def fill_in_physical(self, variables: Variables) -> None:
         """Fills in the physical values of the raw variables that move."""
         self._library.msnn_physical(ctypes.byref(variables.addresses))
+        variables.keep_given()
 
 
 def _handed(work: WorkStruct, ranks: Ranks | None) -> HandedSums | None:

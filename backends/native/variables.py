@@ -18,7 +18,7 @@ from backends.native.kernel_structs import (
     OptimizerStruct,
     VariablesStruct,
 )
-from backends.raw_parameters import mapping_of, raw_value
+from backends.raw_parameters import is_off_bounds, mapping_of, raw_value
 from compiler.ir.program import Parameter, Program
 
 FloatArray = NDArray[np.float64]
@@ -121,6 +121,9 @@ class Variables:
             "raw": numbers(lambda p: raws[p.name][0] if p.name in raws else 0.0).astype(dtype),
             "physical": numbers(lambda p: weights[p.name]).astype(dtype),
         }
+        self._given = arrays["raw"].copy(), arrays["physical"].copy()
+        off_bounds = numbers(lambda p: is_off_bounds(p, np.asarray(weights[p.name])))
+        self._begins_as_given = off_bounds.astype(bool)
         # as they were given: `scale_rates` begins from these, so that no rounding adds up
         self._rates = numbers(lambda p: rates.get(p.name, 0.0))
         arrays["first"] = np.zeros_like(arrays["raw"])
@@ -137,6 +140,12 @@ class Variables:
         self.known = None if known is None or known.is_empty else KnownMemory(known)
         if self.known is not None:
             self.optimizer.known = ctypes.pointer(self.known.struct)
+
+    def keep_given(self) -> None:
+        """Sets the physical values of raw variables as they began to those given, unrounded."""
+        raw, physical = self._given
+        begun = self._begins_as_given & (self.arrays["raw"] == raw)
+        np.copyto(self.arrays["physical"], physical, where=begun)
 
     def scale_rates(self, factor: float) -> None:
         """Sets the learning rates to so many times those that were given."""

@@ -88,7 +88,7 @@ class Draft:
     def lower_step(self, nodes: OnnxNodes, names: PortNames) -> None:
         """Appends the step's nodes, which read and write values called as `names` says."""
         ports = {p.signal.name: (p, names.inputs[p.signal.name]) for p in self.interface.inputs}
-        sources = LeafNodes(ports, names.states, names.parameters)
+        sources = LeafNodes(ports, names.states, names.parameters, self.weights)
         values = lower_nodes(self.program.step, self.interface.step_nodes, sources, nodes)
         for output in self.interface.outputs:
             # an output may be an input as it is, or the same value as another one: ONNX wants a

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from typing import assert_never
 
 import numpy as np
+from numpy.typing import NDArray
 
+from backends.onnx_model.near_neutral import near_neutral
 from backends.onnx_model.nodes import OnnxNodes
 from backends.ports.step_interface import Port
 from compiler.ir import ops
@@ -31,6 +33,8 @@ class LeafNodes:
     ports: Mapping[str, tuple[Port, str]]
     states: Mapping[str, str]
     parameters: Mapping[str, str]
+    weights: Mapping[str, NDArray[np.float64]]
+    """The numbers that the initialisers of parameters hold."""
 
 
 def lower_nodes(
@@ -38,6 +42,9 @@ def lower_nodes(
 ) -> dict[NodeId, str]:
     """Names of the values of `nodes`, which must hold the operands of each before it."""
     values: dict[NodeId, str] = {}
+    # in single precision what is dropped changes nothing
+    is_double = onnx.dtype == np.dtype(np.float64)
+    kept = near_neutral(graph, nodes, sources.weights) if is_double else {}
     for index in nodes:
         node = graph[index]
         # the place in the spec goes with each node, where viewers of ONNX show it
@@ -45,7 +52,12 @@ def lower_nodes(
         onnx.describe(node.label or f"n{index}", place)
         operands = [values[arg] for arg in node.args]
         types = [graph[arg].type for arg in node.args]
-        values[index] = _lower(node, operands, types, sources, onnx)
+        shape = node.type.shape
+        if index in kept:
+            dropped = kept[index]
+            operands[dropped] = onnx.reshaped(operands[dropped], shape, (1, *shape))
+        value = _lower(node, operands, types, sources, onnx)
+        values[index] = onnx.reshaped(value, (1, *shape), shape) if index in kept else value
     return values
 
 

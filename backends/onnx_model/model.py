@@ -92,7 +92,7 @@ def build_initial_state(
         port.signal.name: (port, names.start_windows[port.signal.name])
         for port in interface.start_windows
     }
-    sources = LeafNodes(windows, {}, names.parameters)
+    sources = LeafNodes(windows, {}, names.parameters, draft.weights)
     values = lower_nodes(draft.program.start, interface.start_nodes, sources, nodes)
     for state in interface.states:
         nodes.add_as(names.states[state.name], "Identity", [values[state.start]])

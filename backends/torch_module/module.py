@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from backends.ports.identifiers import c_identifier
 from backends.raw_parameters import Mapping as RawMapping
-from backends.raw_parameters import mapping_of, raw_value
+from backends.raw_parameters import is_off_bounds, mapping_of, raw_value
 from backends.torch_module.lowering import (
     GivenNode,
     LoweredGraph,
@@ -157,8 +157,8 @@ class TorchModel(nn.Module):
     ) -> tuple[str, ...]:
         """Sets the named parameters; returns those of `moving` that were moved off a bound.
 
-        Parameters in `moving` begin at the value of their raw variable, as in every engine, so that
-        a resumed training has the values of one that was never interrupted.
+        Elements of `moving` that were moved have the value of their raw variable; all others begin
+        at what is loaded.
         """
         moved: list[str] = []
         # loading is no operation that slopes go through
@@ -172,9 +172,12 @@ class TorchModel(nn.Module):
                 loaded = self._loaded.get(name)
                 if loaded is not None:
                     own = self.raw(name)
-                    kept = physical_value(parameter, own) if name in moving else value
+                    kept = self._tensor(value)
+                    if off and name in moving:
+                        still = torch.as_tensor(is_off_bounds(parameter, value), device=self.device)
+                        kept = torch.where(still, kept, physical_value(parameter, own))
                     self.get_buffer(loaded.raw).copy_(own)
-                    self.get_buffer(loaded.physical).copy_(torch.as_tensor(kept))
+                    self.get_buffer(loaded.physical).copy_(kept)
         return tuple(moved)
 
     def weights(self) -> dict[str, FloatArray]:

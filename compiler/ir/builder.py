@@ -150,6 +150,11 @@ class GraphBuilder(NodeStore):
         _, low, _ = self.aligned(value, low)  # it has an axis that the window of high renamed
         return self.emit(ops.Clamp(), (value, low, high), Type(axes, unit))
 
+    def where_negative(self, value: NodeId, then: NodeId, otherwise: NodeId) -> NodeId:
+        """`then` where the value is below 0, else, as for NaN, the other."""
+        is_negative = self.compare(ops.Relation.LESS, value, self.constant(0.0))
+        return self.select(is_negative, then, otherwise)
+
     def zero_with(self, factor: NodeId, product: NodeId) -> NodeId:
         """0 where the factor is 0, else the product; a factor that is NaN is not 0."""
         if self.infinite_values.is_never_zero(factor):

@@ -56,6 +56,8 @@ def measured_slopes(
         single = _matrices(subject, slopes.jacobian, drawn, "float32")
         values, sums = _values(subject, drawn), _sums(subject, drawn)
         matrices = [matrix for matrix in slopes.jacobian.matrices if matrix.name in found]
+        lost = [np.isnan(matrix).any(axis=(1, 2), keepdims=True) for matrix in wanted.values()]
+        undefined = np.logical_or.reduce(lost)
         columns = {m.name: _largest(m.columns, values[m.columns.letter], drawn) for m in matrices}
         own = dict[str, NDArray[np.float64]]()
         if any((largest <= TINY).any() for largest in columns.values()):
@@ -67,6 +69,7 @@ def measured_slopes(
                 columns[matrix.name],
                 sums[matrix.rows.letter],
                 own.get(matrix.name),
+                undefined,
             )
             for matrix in matrices
         }
@@ -104,6 +107,10 @@ class _Judge:
     finite, and where infinite slopes cancel on two paths and none is right (decision 0184)."""
     scale: NDArray[np.float64]
     """What errors are relative to, (points, rows, columns)."""
+    undefined: NDArray[np.bool_]
+    """Points at which the interpreter has a NaN in any matrix, (points, 1, 1), as a value inside is
+    infinite. CasADi differentiates all outputs at once and has 0 times it, a NaN, in other entries
+    too, for example next to a gaussian set of width 0."""
 
     @staticmethod
     def of(
@@ -112,6 +119,7 @@ class _Judge:
         largest: NDArray[np.float64],
         rows: _Sums,
         own: NDArray[np.float64] | None,
+        undefined: NDArray[np.bool_],
     ) -> _Judge:
         """Makes a judge of its entries; `largest` is of each column, `own` the entries' terms."""
         count = len(judged)
@@ -120,7 +128,8 @@ class _Judge:
         wanted = np.where(finite[:, :, np.newaxis], judged, np.nan)
         terms = _magnitude(_flat(matrix.rows, rows.terms, count))[:, :, np.newaxis]
         natural = np.where(largest > TINY, terms / largest, 0.0 if own is None else own)
-        return _Judge(wanted, np.maximum(natural, _magnitude(wanted).max(initial=0.0)))
+        largest_entry = _magnitude(wanted).max(initial=0.0)
+        return _Judge(wanted, np.maximum(natural, largest_entry), undefined)
 
     def error(self, found: NDArray[Any], explanation: _Explanation | None = None) -> float:
         """The largest; infinite where an entry is not finite and the judge's is.
@@ -130,7 +139,7 @@ class _Judge:
         found, wanted = found.astype(np.float64), self.wanted
         # `STEEP` of the guards, times other slopes, stands for an infinite one
         steep = np.isinf(wanted) & (np.sign(wanted) * found >= _STEEP * self.scale)
-        right = (found == wanted) | np.isnan(wanted) | steep
+        right = (found == wanted) | np.isnan(wanted) | steep | (np.isnan(found) & self.undefined)
         if explanation is not None:
             right |= explanation.of(found, wanted)
         errors = np.where(right, 0.0, np.abs(found - wanted) / self.scale)

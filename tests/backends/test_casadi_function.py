@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import casadi
 import numpy as np
 import pytest
@@ -116,6 +118,29 @@ def test_a_problem_of_many_steps_keeps_one_copy_of_the_step(form: Form, calls: i
     twice = casadi.Function("twice", symbols, [second[0]])
     assert _calls(twice) == 2
     assert _calls(twice.expand()) == calls
+
+
+@pytest.mark.parametrize("x", [-800.0, -400.0, -30.0, -1.0, 0.0, 1.0, 30.0, 800.0])
+def test_sigmoid_and_softplus_have_exact_slopes_of_both_orders(x: float):
+    """A solver asks for both; e^−|x| has none at 0, and e^−x overflows in the slope first."""
+    b = GraphBuilder()
+    x_node = b.state("x", Type())
+    outputs = [Output(name, b.apply(name, x_node)) for name in ("sigmoid", "softplus")]
+    step, at = build_function(_program(b, *outputs, next=x_node)), casadi.MX.sym("at")
+    values = step.call({"x": at})
+    tail = math.exp(-abs(x))
+    share, rest = (1.0 if x >= 0 else tail) / (1 + tail), (1.0 if x < 0 else tail) / (1 + tail)
+    wanted = {
+        "sigmoid": (share * rest, share * rest * (rest - share)),
+        "softplus": (share, share * rest),
+    }
+    for name, slopes in wanted.items():
+        slope = casadi.jacobian(values[name], at)
+        curvature = casadi.jacobian(slope, at)
+        found = casadi.Function("f", [at], [slope, curvature])(x)
+        # a slope of 1 leaves of 1 − e^−x what rounds it
+        for one, exact in zip(found, slopes, strict=True):
+            assert float(one) == pytest.approx(exact, rel=1e-13, abs=1e-16 if x > 0 else 0.0)
 
 
 def test_building_leaves_casadi_as_it_was():

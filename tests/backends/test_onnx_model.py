@@ -16,7 +16,7 @@ from backends.onnx_model.model import build_initial_state, build_model, build_ro
 from backends.ports.step_interface import step_interface
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.builder import GraphBuilder
-from compiler.ir.program import Declared, Output, Program, State
+from compiler.ir.program import Declared, Output, Parameter, Program, Role, Signal, State
 from compiler.ir.types import Type
 from compiler.passes.close_loop import close_loop
 from compiler.passes.to_step_form import to_step_form
@@ -166,6 +166,23 @@ def test_parameters_are_initialisers_that_may_be_replaced():
     assert values["h_weight"].dtype == np.float64
     single = build_model(program, dtype=np.float32)
     assert all(t.data_type != onnx.TensorProto.DOUBLE for t in single.graph.initializer)
+
+
+@pytest.mark.parametrize("place", [0, 1])
+@pytest.mark.parametrize("operation", ["add", "subtract", "multiply", "divide"])
+def test_an_operand_near_0_or_1_is_not_dropped(operation: str, place: int):
+    """onnxruntime compares it in single precision."""
+    weight, u = (1e-50, 1e-49) if operation in ("add", "subtract") else (1 + 1e-8, 3.0)
+    b = GraphBuilder()
+    operands = [b.parameter("p", Type()), b.negate(b.signal("u", 0, 0, Type()))]
+    y = b.negate(getattr(b, operation)(*(operands if place == 0 else operands[::-1])))
+    program = Program(
+        "near", None, (Signal("u", Role.INPUT),), (Parameter("p", initial=(weight,)),), (),
+        b.graph(), GraphBuilder().graph(), (Output("y", y),),
+    )  # fmt: skip
+    exact = Interpreter(program).step({"u": np.array([u])}, np.array([0]), {}).outputs["y"]
+    found = run(build_model(program), {"u": np.array(u)})["y"]
+    np.testing.assert_allclose(found, exact[0], rtol=1e-15)
 
 
 def test_the_same_program_gives_the_same_bytes():

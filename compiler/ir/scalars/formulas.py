@@ -23,20 +23,27 @@ def hyperbolic_cosine(b: Arithmetic[V], a: tuple[V, ...]) -> V:
 
 
 def logistic(b: Arithmetic[V], a: tuple[V, ...]) -> V:
-    """1 / (1 + e⁻ˣ); beyond the bound the sum rounds to eˣ anyway, and exp = ∞ has slope 0 · ∞."""
-    grown = b.apply("exp", b.minimum(b.negate(a[0]), b.constant(700.0)))
-    return b.divide(b.constant(1.0), b.add(b.constant(1.0), grown))
+    """e^−|x| / (1 + e^−|x|) below 0, else 1 / (1 + e^−|x|): no intermediate overflows.
+
+    e⁻ˣ of a large −x would, and its square in the derivative from half of that on.
+    """
+    one, tail = b.constant(1.0), _tail(b, a[0])
+    return b.divide(b.where_negative(a[0], tail, one), b.add(one, tail))
 
 
 def soft_plus(b: Arithmetic[V], a: tuple[V, ...]) -> V:
-    """max(x, 0) + log(1 + e^−|x|).
+    """max(x, 0) + log(1 + e^−|x|)."""
+    one, tail = b.constant(1.0), _tail(b, a[0])
+    whole = b.add(one, tail)
+    # what the sum rounds off: to first order of it log(w + r) = log w + r/w, all digits of the tail
+    rest = b.subtract(tail, b.subtract(whole, one))
+    logarithm = b.add(b.apply("log", whole), b.divide(rest, whole))
+    return b.add(b.where_negative(a[0], b.constant(0.0), a[0]), logarithm)
 
-    A tie has the slope of the first operand: half of each order gives the right one at 0, 1/2.
-    """
-    zero, half = b.constant(0.0), b.constant(0.5)
-    both = b.add(b.maximum(a[0], zero), b.maximum(zero, a[0]))
-    tail = b.apply("exp", b.negate(b.apply("abs", a[0])))
-    return b.add(b.multiply(half, both), b.apply("log", b.add(b.constant(1.0), tail)))
+
+def _tail(b: Arithmetic[V], x: V) -> V:
+    """e^−|x|, by choice of −x or x: |x| has the derivative 0 at 0, where both functions rise."""
+    return b.apply("exp", b.where_negative(x, x, b.negate(x)))
 
 
 def one_minus_square(b: Arithmetic[V], value: V) -> V:

@@ -89,6 +89,43 @@ def test_both_engines_train_alike(model: str, optimizer: str) -> None:
             np.testing.assert_allclose(native_weights[name], weight, atol=20 * tolerance * scale)
 
 
+BOUNDED = """
+dims: {three: 3}
+inputs: {u: {}}
+targets: {z: {}}
+parameters:
+  above: {init: 0.3, min: -0.05, scale: 2}
+  below: {init: 0.3, max: 0.7, scale: 3}
+  between: {init: 0.3, min: -0.05, max: 0.8}
+  scaled: {init: 0.3, scale: 3}
+  at: {init: [0.3, -0.05, 0.1], min: -0.05, dims: [three]}
+outputs: {y: {expr: "(above + below + between + scaled + sum(at)) * u", predicts: z}}
+"""
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("engine", ENGINES)
+def test_training_begins_at_the_given_weights_to_the_bit(engine: str, dtype: str) -> None:
+    """The map of the raw variable rounds: a value on the limit of a `clip` would be beside it."""
+    require_tool("gcc", install="apt install gcc")
+    program, plan = planned(BOUNDED, f"dtype: {dtype}, optimizer: {{sgd: {{lr: 0.01}}}}")
+    random = np.random.default_rng(5)
+    for _ in range(8):
+        given = {name: random.uniform(-0.04, 0.7, w.shape) for name, w in initial(program).items()}
+        given["at"][1] = -0.05  # a value on a bound is moved off it, the others are not
+        made = ENGINES[engine](plan, log_of(program), given, None, None)
+        began, start = made.weights(), made.state()
+        assert made.moved == ("at",)
+        assert -0.05 < began["at"][1] < -0.0499
+        for name, weight in given.items():
+            kept = weight.astype(dtype) == began[name]
+            assert kept.sum() == weight.size - (name == "at"), name
+        made.train_batches(runs_of(1), BATCH)
+        assert np.any(made.weights()["between"] != began["between"])
+        made.restore(start)
+        assert all(np.array_equal(made.weights()[name], began[name]) for name in given)
+
+
 @pytest.mark.parametrize("optimizer", ["adam: {lr: 0.01}", "lbfgs: {iterations: 4}"])
 def test_threads_of_a_stage_change_no_bit(optimizer: str) -> None:
     require_tool("gcc", install="apt install gcc")

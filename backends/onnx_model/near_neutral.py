@@ -1,0 +1,60 @@
+"""Finds the additions and products that onnxruntime leaves out, although they change something.
+
+Its NoopElimination (1.31) compares an operand that is known and has one element with 0 or 1 in
+single precision, in double models too: a factor or divisor within 6e-8 of 1 is dropped, and a term
+below 7e-46. Weights and what is computed from them alone are known. An operand with more axes than
+the other one is kept, as the result has its axes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.interpreter.operations import NOWHERE, evaluator
+from compiler.ir import ops
+from compiler.ir.program import Graph, Node, NodeId
+
+_NEUTRAL: Mapping[type, float] = {
+    ops.Add: 0.0,
+    ops.Subtract: 0.0,
+    ops.Multiply: 1.0,
+    ops.Divide: 1.0,
+}
+_NEAR = {0.0: 1e-44, 1.0: 1e-7}
+"""A little more than rounds to the neutral number: a runtime's own last digits may be others."""
+
+
+def near_neutral(
+    graph: Graph, nodes: Sequence[NodeId], weights: Mapping[str, NDArray[np.float64]]
+) -> dict[NodeId, int]:
+    """Those of the nodes that have an operand which would be dropped, and is not 0 or 1.
+
+    With the place of the operand."""
+    known: list[Any] = [None] * len(graph)
+    found: dict[NodeId, int] = {}
+    with np.errstate(all="ignore"):
+        for index in nodes:
+            node = graph[index]
+            if _is_known(node, known):
+                types = tuple(graph[arg].type for arg in node.args)
+                known[index] = evaluator(node, types, weights, np.dtype(np.float64))(known, NOWHERE)
+            neutral = _NEUTRAL.get(type(node.op))
+            if neutral is None or math.prod(node.type.shape) != 1:
+                continue
+            for place, arg in enumerate(node.args):
+                value = known[arg]
+                if value is not None and 0.0 < abs(value.item() - neutral) < _NEAR[neutral]:
+                    found[index] = place
+    return found
+
+
+def _is_known(node: Node, known: Sequence[Any]) -> bool:
+    if isinstance(node.op, ops.Constant | ops.ReadParameter):
+        return True
+    reads = isinstance(node.op, ops.Leaf | ops.Window)
+    return not reads and all(known[arg] is not None for arg in node.args)
