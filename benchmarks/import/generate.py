@@ -35,7 +35,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from environments import peer_python
 
 from spec_schema.diagnostics.diagnostic import SpecError
-from tests.importing.recorded_model import (
+from tests.features.nnodely.recorded_model import (
     RECORDS,
     TOLERANCE,
     deviations,

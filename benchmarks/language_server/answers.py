@@ -23,7 +23,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from tests.language_server.client import Client, editor
+from tests.features.language_server.client import Client, editor
 
 EQUATIONS = 2000
 ROUNDS = 30

@@ -32,7 +32,7 @@ from results import write_section
 from sweep_speed import DRAW, EXAMPLE, SETTINGS
 
 import msnn
-from msnn.comparison.trial import Trial, TrialOutcome
+from msnn.features.comparison.trial import Trial, TrialOutcome
 
 _TICKS = os.sysconf("SC_CLK_TCK")
 

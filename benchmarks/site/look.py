@@ -23,7 +23,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from tests.docs.usable import MODES, faults_of
-from tests.reports.browser import chromium
+from tests.features.report_page.browser import chromium
 
 ROOT = Path(__file__).resolve().parents[2]
 _ALIKE = ("decisions/0", "spec_schema/explanations/")

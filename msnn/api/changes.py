@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from msnn.changes.model_changes import ModelChanges, Trained, model_changes
+from msnn.features.changes.model_changes import ModelChanges, Trained, model_changes
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
@@ -47,7 +47,7 @@ def _trained(
 ) -> Trained:
     # opened for runs alone: most comparisons are of texts
     from msnn.api.measurements import validate
-    from msnn.errors.results.changes import not_measured
+    from msnn.features.changes.errors import not_measured
     from msnn.model.model_weights import choose_weights
     from msnn.model.saved_run import WEIGHTS
 

@@ -11,10 +11,10 @@ from spec_schema.reading.python_values import Settings, setting_texts
 
 if TYPE_CHECKING:
     from msnn.api.results.comparisons import ShownComparison
-    from msnn.comparison.compare import ComparisonOptions, Listener
-    from msnn.comparison.draws import Draws
-    from msnn.comparison.variants import Grid
     from msnn.data.reading.frames import Frames
+    from msnn.features.comparison.compare import ComparisonOptions, Listener
+    from msnn.features.comparison.draws import Draws
+    from msnn.features.comparison.variants import Grid
 
 _USUAL_DRAWS = 20
 
@@ -143,7 +143,7 @@ def _options(
     cost: bool,
 ) -> ComparisonOptions:
     """The arguments that every comparison takes, as its engine has them."""
-    from msnn.comparison.compare import ComparisonOptions
+    from msnn.features.comparison.compare import ComparisonOptions
 
     return ComparisonOptions(
         settings=setting_texts(settings),
@@ -166,8 +166,8 @@ def _ranked(
     listener: Listener | None,
 ) -> ShownComparison:
     from msnn.api.results.comparisons import shown_comparison
-    from msnn.comparison.compare import compare as run
-    from msnn.comparison.variants import grid_axes
+    from msnn.features.comparison.compare import compare as run
+    from msnn.features.comparison.variants import grid_axes
 
     return shown_comparison(run([Path(spec) for spec in specs], grid_axes(grid), options, listener))
 
@@ -177,8 +177,8 @@ def _place(path: str | Path | None) -> Path | None:
 
 
 def _draws(draw: Sequence[str] | Mapping[str, str], count: int | None, seed: int) -> Draws:
-    from msnn.comparison.draws import Draws, draw_axes
-    from msnn.errors.sweeps import nothing_drawn
+    from msnn.features.comparison.draws import Draws, draw_axes
+    from msnn.features.comparison.errors.sweeps import nothing_drawn
     from spec_schema.diagnostics.diagnostic import SpecError
 
     axes = draw_axes(draw)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from msnn.importing.written import WrittenImport
+    from msnn.features.nnodely.written import WrittenImport
 
 
 def import_nnodely(file: str | Path, out: str | Path | None = None) -> WrittenImport:
@@ -20,6 +20,6 @@ def import_nnodely(file: str | Path, out: str | Path | None = None) -> WrittenIm
     beside it. Raises SpecError where a value or relation is not as nnodely writes it, where a
     function is not translated, and where one of the files exists.
     """
-    from msnn.importing.written import write_import
+    from msnn.features.nnodely.written import write_import
 
     return write_import(Path(file), None if out is None else Path(out))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from msnn.api.results.measurements import ShownReport, ShownSimulations
     from msnn.data.dataset import Dataset
     from msnn.data.reading.frames import Frames
-    from msnn.data_check.found import DataCheck
+    from msnn.features.data_check.found import DataCheck
     from msnn.simulation.engines.engine import Engine
     from msnn.simulation.engines.progress import RolloutProgress
     from msnn.simulation.intervals import Intervals
@@ -43,7 +43,7 @@ def check_data(
     data of the spec. The answer has what `msnn data --json` writes. Raises SpecError where data
     cannot be read at all, MissingExtraError.
     """
-    from msnn.data_check.check import check_data as run
+    from msnn.features.data_check.check import check_data as run
 
     return run(model, data, data_root)
 

@@ -61,12 +61,12 @@ def report(
     """
     from backends.files.atomic_write import write_text
     from msnn.errors.results import reports as errors
+    from msnn.features.report_page.live import NotLive, live_model
+    from msnn.features.report_page.page import Contents, page_text
     from msnn.model.load import load_model
     from msnn.model.model_weights import choose_weights
     from msnn.reports.drawn import shown_first
     from msnn.reports.learned_functions import learned_functions
-    from msnn.reports.page.live import NotLive, live_model
-    from msnn.reports.page.page import Contents, page_text
     from msnn.reports.run_summary import read_run
 
     if (folder := run_of(Path(run))) is None:

@@ -10,14 +10,14 @@ from backends.files.atomic_write import naming
 from backends.files.text_templates import text_templates
 from backends.ports.identifiers import c_identifier
 from msnn.errors.commands import folder_exists, unusable_name
-from msnn.project.from_data.new_spec import NewSpec, spec_from_data
 from msnn.project.sample_data import sample_records
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.json_schema import json_schema_text
 from spec_schema.names import LONGEST_NAME, is_name, why_reserved
 
 SCHEMA_FILE = "msnn.schema.json"
-_IGNORED = "build/\nruns/\n"
+IGNORED = "build/\nruns/\n"
+"""The `.gitignore` of a project."""
 
 
 def new_project(folder: Path) -> Path:
@@ -25,27 +25,11 @@ def new_project(folder: Path) -> Path:
 
     Raises SpecError where something is there already or the name is not one, OSError.
     """
-    name = _name_of(folder)
-    return _written(folder, _texts(name))
+    name = project_name(folder)
+    return write_project(folder, _texts(name))
 
 
-def new_project_from(folder: Path, data: Path, predict: str | None) -> tuple[Path, NewSpec]:
-    """Makes the folder of a spec of measured data, which stay where they are.
-
-    Raises as `new_project`, and what `spec_from_data` raises.
-    """
-    name = _name_of(folder)
-    spec = spec_from_data(name, data, folder, predict)
-    texts = {
-        f"{name}.msnn.yaml": spec.text,
-        "README.md": text_templates("project").get_template("README_data.md.j2").render(name=name),
-        ".gitignore": _IGNORED,
-        SCHEMA_FILE: json_schema_text(),
-    }
-    return _written(folder, texts), spec
-
-
-def _name_of(folder: Path) -> str:
+def project_name(folder: Path) -> str:
     """The name of the model; SpecError where it is none, or something is there already."""
     name = folder.name
     wrong = f"it is not a word of at most {LONGEST_NAME} letters and digits"
@@ -57,7 +41,8 @@ def _name_of(folder: Path) -> str:
     return name
 
 
-def _written(folder: Path, texts: Mapping[str, str]) -> Path:
+def write_project(folder: Path, texts: Mapping[str, str]) -> Path:
+    """Writes the folder with these texts, by the paths of their files; OSError."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     # on the same disk, where a rename is one operation: the folder is there whole or not at all
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as place:
@@ -79,7 +64,7 @@ def _texts(name: str) -> dict[str, str]:
     return {
         f"{name}.msnn.yaml": environment.get_template("spec.yaml.j2").render(facts),
         "README.md": environment.get_template("README.md.j2").render(facts),
-        ".gitignore": _IGNORED,
+        ".gitignore": IGNORED,
         SCHEMA_FILE: json_schema_text(),
         **{f"data/{file}": text for file, text in sample_records().items()},
     }

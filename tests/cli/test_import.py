@@ -6,8 +6,8 @@ import json
 
 from msnn.cli.exit_codes import ExitCode
 from tests.cli.command_line import CommandLine
-from tests.importing.recorded_model import recorded
-from tests.importing.saved_model import saved, with_function
+from tests.features.nnodely.recorded_model import recorded
+from tests.features.nnodely.saved_model import saved, with_function
 
 LAYERS = recorded("layers")
 

@@ -21,7 +21,7 @@ from tests.conditions import require_package
 from tests.docs.diagnostics import all_messages
 from tests.docs.keys import known_keys
 from tests.docs.usable import MODES, faults_of
-from tests.reports.browser import opened
+from tests.features.report_page.browser import opened
 
 
 @pytest.fixture(scope="module")

@@ -18,11 +18,11 @@ from compiler.passes.analyses.kept_slices import cut_weights
 from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.pruning.prune_zero_slices import prune_zero_slices
 from msnn.cli.application import run
-from msnn.comparison.cost import c_cost
 from msnn.data.dataset import FloatArray
 from msnn.exports.check import check_exports
 from msnn.exports.export import plan_exports, target_names, write_export
 from msnn.exports.table import NAMES
+from msnn.features.comparison.cost import c_cost
 from msnn.model.load import load_model
 from msnn.model.model import Model
 from msnn.reports.run_summary import read_run, run_text

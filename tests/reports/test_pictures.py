@@ -14,12 +14,12 @@ from cycler import cycler
 from matplotlib.colors import to_hex
 
 import msnn
-from msnn.data_check import figure as data_figure
+from msnn.features.data_check import figure as data_figure
+from msnn.features.report_page.functions import function_charts
 from msnn.reports import plotting
 from msnn.reports.drawn import shown_first
 from msnn.reports.functions_of_run import functions_of_run
 from msnn.reports.learned_functions import Curve, LearnedFunction
-from msnn.reports.page.functions import function_charts
 from msnn.reports.pictures.run import plot_run
 from msnn.reports.pictures.simulation import plot_simulation
 from msnn.reports.pictures.validation import plot_validation

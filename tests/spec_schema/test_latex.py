@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 import pytest
 
 import msnn
+from msnn.features.report_page.equations import equations
 from msnn.reports.latex import formulas
-from msnn.reports.page.equations import equations
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText
 from spec_schema.expressions.latex import expression_latex, name_latex

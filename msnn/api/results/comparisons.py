@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from msnn.api.results.shown import Shown
-from msnn.comparison.compare import Comparison
-from msnn.comparison.plot import plot_comparison
-from msnn.comparison.table import comparison_cells, comparison_record
+from msnn.features.comparison.compare import Comparison
+from msnn.features.comparison.plot import plot_comparison
+from msnn.features.comparison.table import comparison_cells, comparison_record
 from msnn.tables import Table, count
 
 

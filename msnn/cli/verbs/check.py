@@ -68,7 +68,7 @@ def check(
             spare_files_of(model)
             diagnostics, sources = model.warnings, model.sources
             if with_data:
-                from msnn.data_check.check import check_data
+                from msnn.features.data_check.check import check_data
 
                 diagnostics = (*diagnostics, *check_data(model).findings)
         # one broken spec keeps the others from no check: all files are told of, then the command

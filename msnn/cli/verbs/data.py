@@ -36,8 +36,8 @@ def data(
     feedback. What is found is a warning that names the key to write.
     """
     from msnn.cli.console import json_text, note, report, report_model, result
-    from msnn.data_check.check import check_data
-    from msnn.data_check.report import check_record, check_tables
+    from msnn.features.data_check.check import check_data
+    from msnn.features.data_check.report import check_record, check_tables
     from msnn.model.load import load_model
 
     refuse_undrawable(plot)
@@ -51,6 +51,6 @@ def data(
         write_text(json, json_text("data", check_record(found)) + "\n")
     result(check_tables(found))
     if plot is not None:
-        from msnn.data_check.figure import plot_data_check
+        from msnn.features.data_check.figure import plot_data_check
 
         note(f"drawn: {plot_data_check(plot, found)}")

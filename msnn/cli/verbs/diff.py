@@ -55,10 +55,15 @@ def diff(
     `--fail-on` is found, 3 when that is only a metric.
     """
     from msnn.api.changes import changes
-    from msnn.changes.model_changes import FailOn
-    from msnn.changes.report import changes_markdown, changes_record, changes_text, failures
     from msnn.cli.console import json_result, progress_stream, report, result, spare_files_of
     from msnn.cli.step_progress import StepProgress
+    from msnn.features.changes.model_changes import FailOn
+    from msnn.features.changes.report import (
+        changes_markdown,
+        changes_record,
+        changes_text,
+        failures,
+    )
     from msnn.model.load import load_model
 
     asked = {word.strip() for word in fail_on.split(",")}

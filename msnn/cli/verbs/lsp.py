@@ -12,6 +12,6 @@ def lsp() -> None:
     from msnn.packages import PYGLS
 
     PYGLS.require("speaks the protocol of editors")
-    from msnn.language_server.server import serve
+    from msnn.features.language_server.server import serve
 
     serve()

@@ -1,0 +1,101 @@
+"""Joins all that changed from one model to another, and decides what of it ends a pipeline."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from compiler.ir.program import Program
+from msnn.data.dataset import FloatArray
+from msnn.features.changes.export_changes import export_changes
+from msnn.features.changes.interface_changes import InterfaceChange, interface_changes
+from msnn.features.changes.metric_changes import MetricChange, metric_changes
+from msnn.model.model import Model
+from msnn.reports.compare_specs import SpecDifference, compare_specs
+from msnn.validation.validate import ValidationReport
+from spec_schema.diagnostics.diagnostic import Diagnostic
+
+FailOn = Literal["any", "breaking", "worse", "never"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LearnedNumber:
+    """A single number that both runs have learned."""
+
+    name: str
+    unit: str
+    old: float
+    new: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trained:
+    """A run: what it learned, and how well that predicts; None where data cannot be read."""
+
+    weights: Mapping[str, FloatArray]
+    validation: ValidationReport | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelChanges:
+    """The changes between two models; metrics and learned numbers only between two runs."""
+
+    name: str
+    specs: SpecDifference
+    interface: tuple[InterfaceChange, ...]
+    metrics: tuple[MetricChange, ...] = ()
+    learned: tuple[LearnedNumber, ...] = ()
+    warnings: tuple[Diagnostic, ...] = ()
+
+    @property
+    def breaking(self) -> tuple[InterfaceChange, ...]:
+        """The changes that users of the model must follow."""
+        return tuple(change for change in self.interface if change.breaks)
+
+    def worse(self, margin: float) -> tuple[MetricChange, ...]:
+        """Metrics whose error grew by more than this share."""
+        return tuple(c for c in self.metrics if c.growth is not None and c.growth > margin)
+
+
+def model_changes(
+    old: Model,
+    new: Model,
+    runs: tuple[Trained, Trained] | None = None,
+    warnings: tuple[Diagnostic, ...] = (),
+) -> ModelChanges:
+    """Compares two models, and with `runs` what was trained of each."""
+    metrics: tuple[MetricChange, ...] = ()
+    learned: tuple[LearnedNumber, ...] = ()
+    if runs is not None:
+        before, after = runs
+        learned = _learned(new.program, before.weights, after.weights)
+        # one of them alone would call every metric new
+        if before.validation is not None and after.validation is not None:
+            metrics = metric_changes(before.validation, after.validation)
+    return ModelChanges(
+        name=new.name,
+        specs=compare_specs(old, new),
+        interface=(*interface_changes(old.program, new.program), *export_changes(old, new)),
+        metrics=metrics,
+        learned=learned,
+        warnings=warnings,
+    )
+
+
+def _learned(
+    program: Program, old: Mapping[str, FloatArray], new: Mapping[str, FloatArray]
+) -> tuple[LearnedNumber, ...]:
+    return tuple(
+        LearnedNumber(
+            name=parameter.name,
+            unit="" if parameter.unit is None else parameter.unit.text,
+            old=float(old[parameter.name].item()),
+            new=float(new[parameter.name].item()),
+        )
+        for parameter in program.parameters
+        # arrays have pictures and reports; a table of thousands of numbers says nothing
+        if parameter.learn and not parameter.axes
+        # the old model may have had an array of this name
+        if parameter.name in old and old[parameter.name].size == 1
+    )

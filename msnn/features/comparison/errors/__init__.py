@@ -1,0 +1,1 @@
+"""Messages about comparisons and sweeps."""

@@ -1,0 +1,261 @@
+"""Ranks the models of a comparison: by one metric on rows held out, and by what they cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from msnn.features.comparison.errors import comparison as errors
+from msnn.features.comparison.variants import Variant
+from msnn.training.records.run_log import Measured, RunLine
+from spec_schema.diagnostics.diagnostic import SpecError
+
+Way = tuple[str, str, str]
+_HIGHER = frozenset({"fit", "r2"})
+
+
+@dataclass(frozen=True, slots=True)
+class Criterion:
+    """One metric of one output, simulated one way: what models are ranked by."""
+
+    way: Way | None
+    """None: the monitor of the last stage, where no spec says what to measure."""
+    metric: str
+
+    @property
+    def is_higher_better(self) -> bool:
+        return self.metric in _HIGHER
+
+    def of(self, measured: Sequence[Measured]) -> float:
+        """The metric among those that were measured; NaN where it is not there."""
+        found = (
+            # by way: two specs may measure one output over different rollouts
+            each.metrics.get(self.metric, math.nan)
+            for each in measured
+            if each.way == self.way
+        )
+        return next(found, math.nan)
+
+    @property
+    def heading(self) -> str:
+        """`x_next rmse [m], 50 steps`."""
+        if self.way is None:
+            return "monitor"
+        of, rollout, unit = self.way
+        shown = {"fit": " [%]"}.get(self.metric, f" [{unit}]" if unit else "")
+        return f"{of} {self.metric}{shown}, {rollout}"
+
+
+MONITOR = Criterion(None, "monitor")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ranked:
+    """One model: mean and standard deviation over its seeds and folds."""
+
+    variant: Variant
+    lines: tuple[RunLine, ...]
+    """Trainings that came to their end."""
+    failed: tuple[RunLine, ...]
+    scores: tuple[float, ...]
+    """The criterion on rows held out, one a training."""
+    training_score: float
+    """The criterion on the rows that were trained on."""
+    is_on_front: bool = False
+    """Whether no other model is as accurate for less, or more accurate for as much."""
+    is_best: bool = False
+
+    @property
+    def score(self) -> float:
+        return float(np.mean(self.scores)) if self.scores else math.nan
+
+    @property
+    def deviation(self) -> float:
+        """Over n - 1; NaN of a single training."""
+        return float(np.std(self.scores, ddof=1)) if len(self.scores) > 1 else math.nan
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every training came to its end: the mean of some folds flatters."""
+        # folds that diverge are the hard ones
+        return not self.failed and not math.isnan(self.score)
+
+    @property
+    def parameters(self) -> int:
+        # folds may leave out more or fewer by penalties
+        return max((line.parameters for line in self.lines), default=0)
+
+    @property
+    def seconds(self) -> float:
+        return sum(line.seconds for line in self.lines)
+
+    @property
+    def instructions(self) -> float:
+        """The instructions of one step of the C; NaN where they were not counted."""
+        found = [line.cost.instructions for line in self.lines if line.cost is not None]
+        return float(np.mean(found)) if found else math.nan
+
+    @property
+    def flash(self) -> int | None:
+        return max((line.cost.flash for line in self.lines if line.cost is not None), default=None)
+
+    @property
+    def expense(self) -> float:
+        """Instructions of a step where they were counted, else learned numbers."""
+        return self.parameters if math.isnan(self.instructions) else self.instructions
+
+    def information(self, way: Way | None) -> tuple[float, float]:
+        """Akaike's and Schwarz's criteria of the training rows, for each scored value.
+
+        AIC/n = (L + 2p)/n, BIC/n = (L + p ln n)/n, L = -2 ln of the likelihood of Gaussian errors,
+        p learned numbers, n scored values (Akaike 1974, Schwarz 1978). Smaller is better.
+        """
+        found: list[tuple[float, float]] = []
+        for line in self.lines:
+            each = next((m for m in line.training if m.way == way), None)
+            if each is None or "aic" not in each.metrics or not each.scored:
+                continue
+            n, p = each.scored, line.parameters
+            aic = each.metrics["aic"]
+            # for each scored value, as variants with longer windows score fewer of them
+            found.append((aic / n, (aic - 2 * p + p * math.log(n)) / n))
+        if not found:
+            return math.nan, math.nan
+        aics, bics = zip(*found, strict=True)
+        return float(np.mean(aics)), float(np.mean(bics))
+
+
+def common_ways(lines: Sequence[RunLine]) -> tuple[Way, ...]:
+    """Outputs and ways to simulate them that were measured of all, in the order of the first.
+
+    Raises SpecError where each was measured, but nothing alike.
+    """
+    if not lines:
+        return ()
+    shared = [each.way for each in lines[0].held_out]
+    for line in lines[1:]:
+        ways = {each.way for each in line.held_out}
+        # in the order of the first spec, whose first entry decides what is ranked by
+        left = [way for way in shared if way in ways]
+        if not left and (shared or ways):
+            told = (lines[0].model, _told(lines[0]), line.model, _told(line))
+            raise SpecError((errors.nothing_in_common(*told),))
+        shared = left
+    return tuple(shared)
+
+
+def _told(line: RunLine) -> list[str]:
+    """The words for each measurement of a model: `y in m, record`."""
+    return [
+        f"{of} in {unit}, {rollout}" if unit else f"{of}, {rollout}"
+        for of, rollout, unit in (each.way for each in line.held_out)
+    ]
+
+
+def chosen_criterion(lines: Sequence[RunLine], wanted: str | None) -> Criterion:
+    """The criterion of ranks: `wanted`, or else the first entry of `validate`.
+
+    `fit`, `x_next.fit` and `x_next.fit:record` name a metric, its output, and how its rollout
+    begins.
+
+    Where no spec has such entries, that is the monitor. Raises SpecError for what was not
+    measured of all.
+    """
+    ways = common_ways(lines)
+    shared = [each for way in ways for each in lines[0].held_out if each.way == way]
+    if wanted is None:
+        return Criterion(shared[0].way, shared[0].asked) if shared else MONITOR
+    return named_criterion(shared, wanted)
+
+
+def named_criterion(shared: Sequence[Measured], wanted: str) -> Criterion:
+    """The metric that `wanted` names among those that are measured. Raises SpecError."""
+    measured, _, rollout = wanted.partition(":")
+    of, _, metric = measured.rpartition(".")
+    for each in shared:
+        # an output may have dots itself: the metric is what stands behind the last one
+        alike = of in ("", each.of) and each.rollout.startswith(rollout)
+        if alike and metric in each.metrics:
+            return Criterion(each.way, metric)
+    names = [f"{each.of}.{metric}:{each.rollout}" for each in shared for metric in each.metrics]
+    raise SpecError((errors.unknown_criterion(wanted, tuple(names)),))
+
+
+def ranked(lines: Mapping[Variant, Sequence[RunLine]], criterion: Criterion) -> tuple[Ranked, ...]:
+    """All models, the most accurate first.
+
+    Behind them are those of which some trainings failed, and last those without a score.
+    """
+    entries = [_ranked(variant, found, criterion) for variant, found in lines.items()]
+    sign = -1.0 if criterion.is_higher_better else 1.0
+    ordered = sorted(entries, key=lambda e: _order(e, sign))
+    return _marked(ordered)
+
+
+def _order(entry: Ranked, sign: float) -> tuple[bool, bool, float, float]:
+    # False first: with a score before without, whole before not; of equals the cheaper
+    return math.isnan(entry.score), not entry.is_whole, sign * entry.score, entry.expense
+
+
+def _ranked(variant: Variant, found: Sequence[RunLine], criterion: Criterion) -> Ranked:
+    ended = tuple(line for line in found if line.state == "finished")
+
+    def scores(line: RunLine) -> tuple[float, float]:
+        if criterion.way is None:
+            return line.monitor, math.nan
+        return criterion.of(line.held_out), criterion.of(line.training)
+
+    both = [scores(line) for line in ended]
+    return Ranked(
+        variant=variant,
+        lines=ended,
+        failed=tuple(line for line in found if line.state != "finished"),
+        scores=tuple(held_out for held_out, _ in both),
+        training_score=float(np.mean([trained for _, trained in both])) if both else math.nan,
+    )
+
+
+def _marked(ordered: Sequence[Ranked]) -> tuple[Ranked, ...]:
+    """The same with the best and the front of accuracy against expense marked.
+
+    Both of those whose trainings all ended, or of what there is where no model is such.
+    """
+    least = math.inf
+    marked: list[Ranked] = []
+    some_are_whole = any(entry.is_whole for entry in ordered)
+    for place, entry in enumerate(ordered):  # the most accurate first, the cheaper of equals
+        there = entry.is_whole if some_are_whole else not math.isnan(entry.score)
+        # by falling accuracy: on the front is what costs less than all before it
+        on_front = there and entry.expense < least
+        least = min(least, entry.expense) if there else least
+        marked.append(replace(entry, is_on_front=on_front, is_best=there and place == 0))
+    return tuple(marked)
+
+
+def cheapest_as_good(entries: Sequence[Ranked], criterion: Criterion) -> Ranked | None:
+    """The cheapest model within one standard error of the best (Breiman et al. 1984), if another.
+
+    None where the best was trained once, so that nothing is known of its spread.
+    """
+    best = next((entry for entry in entries if entry.is_best), None)
+    if best is None or len(best.scores) < 2:
+        return None
+    # the standard error of the mean over seeds and folds
+    margin = best.deviation / math.sqrt(len(best.scores))
+    near = [
+        entry
+        for entry in entries
+        # where the best is whole, a model that lost trainings does not replace it
+        if entry.is_whole >= best.is_whole
+        and entry.scores
+        and (
+            entry.score >= best.score - margin
+            if criterion.is_higher_better
+            else entry.score <= best.score + margin
+        )
+    ]
+    found = min(near, key=lambda entry: entry.expense)
+    return None if found is best else found

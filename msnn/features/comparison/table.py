@@ -1,0 +1,171 @@
+"""Shows a comparison: as a table, and as JSON values."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from msnn.features.comparison.compare import Comparison
+from msnn.features.comparison.ranking import Criterion, Ranked, cheapest_as_good
+from msnn.tables import Table
+
+
+def comparison_table(found: Comparison, most: int | None = None) -> str:
+    """The text of `comparison_cells`."""
+    return comparison_cells(found, most).text
+
+
+def comparison_cells(found: Comparison, most: int | None = None) -> Table:
+    """One row a model, the most accurate first; columns that nobody has are left out.
+
+    With `most`, so many rows and those of the Pareto front and of trainings that failed.
+    """
+    others = _others(found)
+    shown = (
+        entry
+        for place, entry in enumerate(found.entries)
+        # what failed is listed whatever its place: it is what has to be acted on
+        if most is None or place < most or entry.is_on_front or entry.failed
+    )
+    rows = [_row(entry, found, others) for entry in shown]
+    core = next((line.cost.core for e in found.entries for line in e.lines if line.cost), "")
+    header = (
+        "model",
+        found.criterion.heading,
+        "±",
+        "in training",
+        *(each.heading for each in others),
+        "AIC/n",
+        "BIC/n",
+        "numbers",
+        "training",
+        f"instructions, {core}",
+        "flash",
+        "",
+    )
+    return Table(header, rows, numbers=range(1, len(header) - 1))
+
+
+def comparison_notes(found: Comparison) -> list[str]:
+    """The notes that a reader of the table should see besides."""
+    notes: list[str] = []
+    best = found.best
+    if best is not None and best.lines[0].folder is not None and found.folder is not None:
+        notes.append(f"the best is kept in {found.folder / best.lines[0].folder}")
+    cheaper = cheapest_as_good(found.entries, found.criterion)
+    if cheaper is not None:
+        notes.append(f"within one standard error of it, and the cheapest: {cheaper.variant.label}")
+    scored = {
+        # the same fold and way with another count: start rows that a window needs are not scored
+        (line.fold, *m.way, m.scored)
+        for e in found.entries
+        for line in e.lines
+        for m in line.training
+    }
+    if len(scored) > len({each[:-1] for each in scored}):
+        notes.append("windows differ, and so do the rows that are scored at the start of records")
+    if found.uncounted:
+        notes.append(
+            "instructions were not counted; this installs what counts them: apt-get install "
+            + " ".join(found.uncounted)
+        )
+    return notes
+
+
+def comparison_record(found: Comparison) -> dict[str, Any]:
+    """The same as JSON values, with every training."""
+    drawn = {axis.path: str(axis.law) for axis in found.draws.axes}
+    return {
+        "draws": {"seed": found.draws.seed, "count": found.draws.count, "keys": drawn}
+        if drawn
+        else None,
+        "criterion": found.criterion.heading,
+        "higher_is_better": found.criterion.is_higher_better,
+        "models": [
+            {
+                "model": entry.variant.label,
+                "spec": str(entry.variant.spec),
+                "settings": list(entry.variant.settings),
+                "score": entry.score,
+                "deviation": entry.deviation,
+                "training_score": entry.training_score,
+                "aic_per_value": entry.information(found.criterion.way)[0],
+                "bic_per_value": entry.information(found.criterion.way)[1],
+                "numbers": entry.parameters,
+                "seconds": entry.seconds,
+                "instructions": entry.instructions,
+                "flash": entry.flash,
+                "best": entry.is_best,
+                "front": entry.is_on_front,
+                "runs": [
+                    {
+                        "seed": line.seed,
+                        "fold": line.fold,
+                        "score": score,
+                        "seconds": line.seconds,
+                        "folder": line.folder,
+                    }
+                    for line, score in zip(entry.lines, entry.scores, strict=True)
+                ],
+                "failed": [
+                    {"seed": line.seed, "fold": line.fold, "state": line.state, "why": line.reason}
+                    for line in entry.failed
+                ],
+            }
+            for entry in found.entries
+        ],
+    }
+
+
+def _others(found: Comparison) -> list[Criterion]:
+    """The fit of what is ranked, and what the first entries ask for of all else."""
+    shown: list[Criterion] = []
+    lines = [line for entry in found.entries for line in entry.lines]
+    for way in found.ways:
+        asked = next(each for each in lines[0].held_out if each.way == way)
+        wanted = [asked.asked]
+        if way == found.criterion.way and "fit" in asked.metrics:
+            wanted.append("fit")
+        shown += [Criterion(way, metric) for metric in wanted]
+    return [each for each in dict.fromkeys(shown) if each != found.criterion]
+
+
+def _row(entry: Ranked, found: Comparison, others: list[Criterion]) -> tuple[str, ...]:
+    aic, bic = entry.information(found.criterion.way)
+    means = [
+        sum(each.of(line.held_out) for line in entry.lines) / len(entry.lines)
+        if entry.lines
+        else math.nan
+        for each in others
+    ]
+    return (
+        entry.variant.label,
+        _number(entry.score),
+        _number(entry.deviation, 2),
+        _number(entry.training_score),
+        *map(_number, means),
+        _number(aic),
+        _number(bic),
+        str(entry.parameters) if entry.lines else "",
+        f"{entry.seconds:.2f} s" if entry.lines else "",
+        "" if math.isnan(entry.instructions) else f"{entry.instructions:.0f}",
+        "" if entry.flash is None else f"{entry.flash} B",
+        _marks(entry),
+    )
+
+
+def _marks(entry: Ranked) -> str:
+    marks = [
+        *(["best"] if entry.is_best else []),
+        *(["Pareto front"] if entry.is_on_front else []),
+        *(f"{line.state}{_which(line.seed, line.fold)}" for line in entry.failed),
+    ]
+    return ", ".join(marks)
+
+
+def _which(seed: int, fold: int | None) -> str:
+    return (f" seed {seed}" if seed else "") + (f" fold {fold}" if fold is not None else "")
+
+
+def _number(value: float, digits: int = 5) -> str:
+    return "" if math.isnan(value) else f"{value:.{digits}g}"

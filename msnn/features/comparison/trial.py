@@ -1,0 +1,274 @@
+"""One training of a comparison: a variant, seed and fold, trained, measured and costed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.reading.frames import Frames
+from msnn.errors.failures import MissingExtraError
+from msnn.features.comparison.cost import c_cost
+from msnn.features.comparison.errors.comparison import killed_again, nothing_held_out
+from msnn.features.comparison.planned import planned
+from msnn.features.comparison.readings import Readings
+from msnn.features.comparison.variants import Variant
+from msnn.model.load import with_seed
+from msnn.model.model import Model
+from msnn.model.model_data import sources_of
+from msnn.model.model_weights import redrawn_weights
+from msnn.model.saved_run import CHECKPOINT, WEIGHTS
+from msnn.model.weights.weights_file import read_weights
+from msnn.training.plans.stage_data import TRAIN
+from msnn.training.records.progress import Silent
+from msnn.training.records.run_lock import alone
+from msnn.training.records.run_log import LOG, Measured, RunLine, append, measured_in, read
+from msnn.training.records.training_options import in_folder, options_for
+from msnn.training.run_line import begun, diverged, ended
+from msnn.training.train import train
+from msnn.training.training_result import TrainingDivergedError
+from msnn.validation.validate import validate
+from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, describe
+from spec_schema.diagnostics.render import render
+
+_FOLDER = "compare"
+_KEY_SHOWN = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One training: a variant, a fold and a seed."""
+
+    variant: Variant
+    seed: int
+    """0 is what the spec says; others draw initial values and orders anew."""
+    fold: int | None
+    is_costed: bool = True
+    """Whether its C is counted: that of other seeds and folds has the same operations."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """The settings that all trials of a comparison share."""
+
+    data: Frames | None
+    data_root: Path | None
+    held_out: str
+    """The set that models are compared on."""
+    runs: Path | None
+    """Where trainings are kept; None keeps none."""
+    counts_cost: bool
+
+
+@dataclass(frozen=True, slots=True)
+class TrialOutcome:
+    """The end of a trial."""
+
+    line: RunLine
+    is_new: bool
+    """False where the log had it."""
+    is_logged: bool = False
+    """Whether the log has its line already."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadyTrial:
+    """A trial that is to be trained: what is known before, and what it reads."""
+
+    trial: Trial
+    line: RunLine
+    model: Model
+    data: Dataset
+
+
+def run_trial(
+    trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
+) -> TrialOutcome:
+    """Trains, measures and costs a variant, or takes what is `known` of it by key.
+
+    Mistakes of the spec or the data, what is not installed, and a training that diverges are
+    outcomes. One that another process trains in the same folder is waited for. Raises
+    TrainingInterruptedError.
+    """
+    found = ready_trial(trial, setup, known, readings)
+    if isinstance(found, TrialOutcome):
+        return found
+    if setup.runs is None:
+        return train_ready(found, setup)
+    folder = setup.runs / trial_folder(found.model, found.line)
+    with alone(folder):
+        # another comparison has trained it since the log was read, or a process was killed here
+        if folder.exists():
+            of_now = {line.key: line for line in read(setup.runs / LOG)}
+            found = ready_trial(trial, setup, of_now, readings)
+            if isinstance(found, TrialOutcome):
+                return replace(found, is_logged=found.line == of_now.get(found.line.key))
+        outcome = train_ready(found, setup)
+        # before another process may look
+        is_logged = log_outcome(setup.runs / LOG, outcome.line)
+        return replace(outcome, is_logged=is_logged)
+
+
+def log_outcome(log: Path, line: RunLine) -> bool:
+    """Adds the line of a training that is over to the log; False for one that was refused."""
+    # a refused spec can be mended: next time it is tried again
+    if line.state == "refused":
+        return False
+    append(log, line)
+    # after the line: killed between the two, the training is in the log and its checkpoint
+    # harmless; until then a killed comparison goes on from it
+    if line.folder is not None:
+        (log.parent / line.folder / CHECKPOINT).unlink(missing_ok=True)
+    return True
+
+
+def ready_trial(
+    trial: Trial, setup: Setup, known: Mapping[str, RunLine], readings: Readings
+) -> ReadyTrial | TrialOutcome:
+    """Prepares a trial; the outcome itself where it is known, or cannot be trained."""
+    # a spec that cannot be read has no hash; its line says at least which one was tried
+    line = _unknown(trial)
+    try:
+        model = with_seed(readings.model(trial.variant, trial.fold), trial.seed)
+        data = readings.data(trial.variant, trial.fold)
+        # before training: what cannot be compared need not be trained
+        _require_rows(data, setup.held_out)
+        line = begun(model, data, seed=trial.seed, fold=trial.fold, held_out=setup.held_out)
+        line = replace(line, drawn_by=trial.variant.drawn_by)
+        ready = ReadyTrial(trial, line, model, data)
+        if line.key in known and _is_kept(known[line.key], model, setup):
+            return TrialOutcome(_completed(known[line.key], ready, setup), is_new=False)
+    except (SpecError, MissingExtraError) as error:
+        return refused(line, error)
+    return ready
+
+
+def train_ready(ready: ReadyTrial, setup: Setup) -> TrialOutcome:
+    """Trains, measures and costs it. Raises TrainingInterruptedError."""
+    try:
+        with sources_of(ready.model):
+            return TrialOutcome(_trained(ready, setup), is_new=True)
+    except (SpecError, MissingExtraError) as error:
+        return refused(ready.line, error)
+    # an outcome and no end: in a sweep some learning rates always are too high
+    except TrainingDivergedError as error:
+        return TrialOutcome(diverged(ready.line, error), is_new=True)
+
+
+def trial_folder(model: Model, line: RunLine) -> Path:
+    """The folder in which a trial is kept, seen from the log."""
+    # by its key, no time: a training that was killed finds its checkpoint there
+    return Path(model.name) / _FOLDER / line.key[:_KEY_SHOWN]
+
+
+def killed(trial: Trial, times: str) -> TrialOutcome:
+    """The outcome of a trial whose process was killed again and again."""
+    return refused(_unknown(trial), SpecError((killed_again(trial.variant.label, times),)))
+
+
+def refused(line: RunLine, error: SpecError | MissingExtraError) -> TrialOutcome:
+    """A training that cannot be, and why."""
+    found = error.diagnostics if isinstance(error, SpecError) else [error.diagnostic]
+    sources = error.sources if isinstance(error, SpecError) else ()
+    reason = render(found, "full", sources)
+    return TrialOutcome(replace(line, state="refused", reason=reason), is_new=True)
+
+
+def _is_kept(line: RunLine, model: Model, setup: Setup) -> bool:
+    """Whether a training that the log has was measured as now, and has its weights, if wanted.
+
+    A file that is empty, cut short or of other arrays is no file of weights.
+    """
+    if line.state != "finished":
+        return True
+    # a log of before told fewer ways to measure apart
+    if {each.way for each in line.held_out} != {each.way for each in planned(model)}:
+        return False
+    if setup.runs is None:
+        return True
+    if line.folder is None:
+        return False
+    try:
+        read_weights(setup.runs / line.folder / WEIGHTS, model.program)
+    except SpecError:
+        return False
+    return True
+
+
+def _require_rows(data: Dataset, held_out: str) -> None:
+    if not data.has(held_out):
+        raise SpecError((nothing_held_out(held_out, data.sets),))
+
+
+def _unknown(trial: Trial) -> RunLine:
+    """The line of a training before its spec is read."""
+    return RunLine(
+        key="",
+        model=trial.variant.label,
+        spec=str(trial.variant.spec),
+        spec_sha256="",
+        settings=trial.variant.settings,
+        seed=trial.seed,
+        fold=trial.fold,
+        data_sha256="",
+        state="refused",
+        reason="",
+    )
+
+
+def _completed(line: RunLine, ready: ReadyTrial, setup: Setup) -> RunLine:
+    """The line of a training that is over, with its cost and its training rows.
+
+    Who trained it may have asked for neither: `train --folds` measures what it held out alone.
+    """
+    model, data = ready.model, ready.data
+    lacks_cost = setup.counts_cost and ready.trial.is_costed and line.cost is None
+    if (line.training and not lacks_cost) or setup.runs is None or line.folder is None:
+        return line
+    weights = read_weights(setup.runs / line.folder / WEIGHTS, model.program)
+    if not line.training:
+        # what the spec asks for, on the training rows: information criteria are of these
+        line = replace(line, training=_measured(model, data, weights, TRAIN))
+    return replace(line, cost=c_cost(model, weights)) if lacks_cost else line
+
+
+def _trained(ready: ReadyTrial, setup: Setup) -> RunLine:
+    trial, line, model, data = ready.trial, ready.line, ready.model, ready.data
+    first = redrawn_weights(model, trial.seed) if trial.seed else None
+    heard = _Heard()
+    # standard errors take as long as some epochs, and no table shows them
+    options = options_for(model, runs=setup.runs, has_errors=False)
+    if setup.runs is not None:
+        options = in_folder(options, setup.runs / trial_folder(model, line))
+        options = replace(options, ends_in_log=True)
+    found = train(model.program, data, model.spec.train, options, heard, first)
+    weights = found.weights
+    return replace(
+        ended(line, found, setup.runs),
+        held_out=_measured(model, data, weights, setup.held_out),
+        training=_measured(model, data, weights, TRAIN),
+        cost=c_cost(model, weights) if setup.counts_cost and trial.is_costed else None,
+        warnings=tuple(heard.said),
+    )
+
+
+def _measured(
+    model: Model, data: Dataset, weights: Mapping[str, FloatArray], name: str
+) -> tuple[Measured, ...]:
+    """Measures what the spec asks for on the rows of a set."""
+    checks, stages = model.spec.checks, model.spec.train
+    found = validate(
+        model.program, data, checks, weights, on=name, judges_errors=False, stages=stages
+    )
+    return measured_in(found)
+
+
+class _Heard(Silent):
+    """Keeps what a training warns of."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def warned(self, diagnostic: Diagnostic) -> None:
+        self.said.append(describe(diagnostic))

@@ -1,0 +1,204 @@
+"""Runs the trials of a comparison in processes of their own, each ready for many."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import dataclass
+from types import FrameType
+from typing import Any
+
+from msnn.features.comparison.readings import Readings
+from msnn.features.comparison.trial import Setup, Trial, TrialOutcome, killed, run_trial
+from msnn.features.comparison.workers.waiting import Waiting
+from msnn.project.away_from_folder import load_away_from_folder
+from msnn.project.process_context import process_context
+from msnn.training.records.run_log import RunLine
+from msnn.training.training_result import TrainingInterruptedError
+
+_INTERRUPTED = 130
+_TIMES = "twice"
+"""That a process is killed before its trial is given up."""
+
+
+def outcomes(
+    waiting: Waiting,
+    setup: Setup,
+    known: Mapping[str, RunLine],
+    jobs: int,
+    modules: Sequence[str] = (),
+) -> Generator[tuple[Trial, TrialOutcome]]:
+    """Each trial with its outcome, as they end; `jobs` at once, one alone in this process.
+
+    Processes have the slow `modules` that most trials need before they begin, where they can.
+    A process that is killed is replaced: its trial goes on from its checkpoint, behind the others
+    of its variant, and is given up when it is killed again. An interrupt ends all of them after the
+    batch that is on.
+    """
+    # no process of its own: a debugger and Ctrl-C work as in `train`
+    if jobs == 1:
+        readings, trial = Readings(setup.data, setup.data_root), None
+        while (trial := waiting.take(trial)) is not None:
+            yield trial, run_trial(trial, setup, known, readings)
+        return
+    again: set[Trial] = set()
+    with _Workers(setup, known, jobs, modules) as workers:
+        while workers.begin(waiting):
+            for trial, outcome in workers.ended():
+                if outcome is not None:
+                    yield trial, outcome
+                elif trial in again:
+                    yield trial, killed(trial, _TIMES)
+                else:
+                    again.add(trial)
+                    waiting.put_back(trial)
+
+
+@dataclass(slots=True)
+class _Shared:
+    """The arguments that a worker was given when it began."""
+
+    setup: Setup | None = None
+    known: Mapping[str, RunLine] | None = None
+    readings: Readings | None = None
+    is_over: Any = None
+
+
+_SHARED = _Shared()
+
+
+@dataclass(slots=True)
+class _Worker:
+    """A process of its own: nothing of this one is in it but what it is given."""
+
+    opened: Callable[[], ProcessPoolExecutor]
+    last: Trial | None = None
+    """What it has read for."""
+    trial: Trial | None = None
+    """What it trains now."""
+    future: Future[TrialOutcome] | None = None
+    _pool: ProcessPoolExecutor | None = None
+
+    def start(self, trial: Trial) -> None:
+        """Begins a trial, in another process where this one was killed meanwhile."""
+        self.trial = self.last = trial
+        if self._pool is not None:
+            with suppress(BrokenProcessPool):
+                self.future = self._pool.submit(_in_worker, trial)
+                return
+        self._pool = self.opened()
+        self.future = self._pool.submit(_in_worker, trial)
+
+    def ended(self) -> tuple[Trial, TrialOutcome | None]:
+        """The trial that is over; None where the process was killed."""
+        assert self.trial is not None
+        assert self.future is not None
+        trial, future = self.trial, self.future
+        self.trial = self.future = None
+        try:
+            return trial, future.result()
+        except BrokenProcessPool:
+            self.close()
+            return trial, None
+
+    def close(self) -> None:
+        """Waits for the process to end."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+        self._pool = self.last = None
+
+
+class _Workers:
+    """So many processes; a Ctrl-C ends all of them."""
+
+    def __init__(
+        self, setup: Setup, known: Mapping[str, RunLine], jobs: int, modules: Sequence[str]
+    ) -> None:
+        # this module too, with what it imports: a fork then starts to work at once
+        context = process_context((__name__, *modules))
+        self._began: Any = context.SimpleQueue()
+        self._is_over: Any = context.Event()
+        given = (self._began, self._is_over, setup, known, dict(os.environ))
+
+        def opened() -> ProcessPoolExecutor:
+            # a pool for each process: one that dies breaks its pool, and with a common one all
+            # would be lost
+            return ProcessPoolExecutor(1, context, initializer=_begin, initargs=given)
+
+        self._all = [_Worker(opened) for _ in range(jobs)]
+
+    def __enter__(self) -> _Workers:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        if kind is not None:
+            self._interrupt()
+        for worker in self._all:
+            worker.close()
+
+    def begin(self, waiting: Waiting) -> bool:
+        """Gives work to all that have none; whether anything is being trained then."""
+        for worker in self._all:
+            if worker.trial is None and (trial := waiting.take(worker.last)) is not None:
+                worker.start(trial)
+        return any(worker.trial is not None for worker in self._all)
+
+    def ended(self) -> list[tuple[Trial, TrialOutcome | None]]:
+        """Trials that are over, at least one; None where their process was killed."""
+        running = {worker.future: worker for worker in self._all if worker.future is not None}
+        # whichever ends first: variants take different times
+        done, _ = wait(running, return_when=FIRST_COMPLETED)
+        return [running[future].ended() for future in done]
+
+    def _interrupt(self) -> None:
+        """Asks every worker to end: of a Ctrl-C in a terminal they know, of others they do not."""
+        # before the signals: a worker that takes a trial meanwhile sees it
+        self._is_over.set()
+        # each worker put its process there when it began
+        while not self._began.empty():
+            with suppress(ProcessLookupError):
+                os.kill(self._began.get(), signal.SIGINT)
+
+
+def _begin(
+    began: Any,
+    is_over: Any,
+    setup: Setup,
+    known: Mapping[str, RunLine],
+    environment: Mapping[str, str],
+) -> None:
+    load_away_from_folder()
+    os.environ.clear()  # that of a server is older, where one forked this process
+    os.environ.update(environment)
+    # modules never go: no search for garbage has to pass through all that they hold
+    gc.freeze()
+    _SHARED.setup, _SHARED.known, _SHARED.is_over = setup, known, is_over
+    _SHARED.readings = Readings(setup.data, setup.data_root)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # between trainings; a training puts its own handler in place while it runs
+        signal.signal(number, _end)
+    began.put(os.getpid())
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    """Between trainings there is nothing to keep; a training listens by itself."""
+    del number, frame
+    # no clean-up: the interpreter would wait for threads of the pool
+    os._exit(_INTERRUPTED)
+
+
+def _in_worker(trial: Trial) -> TrialOutcome:
+    assert _SHARED.setup is not None
+    assert _SHARED.known is not None
+    assert _SHARED.readings is not None
+    if _SHARED.is_over.is_set():  # it began after the interrupt
+        os._exit(_INTERRUPTED)
+    try:
+        return run_trial(trial, _SHARED.setup, _SHARED.known, _SHARED.readings)
+    except (TrainingInterruptedError, KeyboardInterrupt):
+        os._exit(_INTERRUPTED)  # its checkpoint is kept; the pool would wait for more to do

@@ -1,0 +1,114 @@
+"""Trains on a node of a Ray cluster what a command sends, and answers with what it leaves."""
+
+from __future__ import annotations
+
+import gc
+import json
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from msnn.features.comparison.readings import Latest
+from msnn.features.comparison.trial import ReadyTrial, Setup, Trial, TrialOutcome, train_ready
+from msnn.model.load import with_seed
+from msnn.model.saved_run import CHECKPOINT, DESCRIPTION, read_json
+from msnn.project.away_from_folder import load_away_from_folder
+from msnn.training.folds import of_fold
+from msnn.training.records.run_log import RunLine
+from spec_schema.version import __version__
+
+_OPEN_MODELS, _OPEN_DATA = 4, 16
+"""That a process of a node keeps: folds and variants after each other share them."""
+
+Files = Mapping[str, bytes]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SentTrial:
+    """A trial as it is sent: what others share with it is named, and lies in the object store."""
+
+    trial: Trial
+    line: RunLine
+    rows: Any
+    """The reference of the data without their series: which rows are whose."""
+    series: Any
+    spec_places: Sequence[str]
+    """Where the spec is, seen from the folder that the command will write."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """Trials of a variant that are trained after each other."""
+
+    trials: tuple[SentTrial, ...]
+    model: Any
+    """The reference of the model before their folds and seeds."""
+    spec: str
+    setup: Setup
+
+
+@dataclass(frozen=True, slots=True)
+class TaskResult:
+    """The end of a trial on a node, the files that it leaves, and the seconds that it took."""
+
+    outcome: TrialOutcome
+    files: Files
+    seconds: float
+
+
+def in_task(task: Task) -> list[TaskResult]:
+    """Trains on a node, in a folder of its own; what it leaves is the answer."""
+    load_away_from_folder()
+    found = [_trained(task, sent) for sent in task.trials]
+    _freeze()
+    return found
+
+
+@cache
+def _freeze() -> None:
+    """Leaves what a process has imported out of all searches for garbage, once."""
+    gc.freeze()
+
+
+def _trained(task: Task, sent: SentTrial) -> TaskResult:
+    began, trial = time.monotonic(), sent.trial
+    model = with_seed(_opened(task.model, _MODELS), trial.seed)
+    model = model if trial.fold is None else of_fold(model, trial.fold)
+    # arrays from the object store are read-only and shared by all processes of a node
+    data = replace(_opened(sent.rows, _DATA), series=_opened(sent.series, _DATA))
+    ready = ReadyTrial(trial, sent.line, model, data)
+    # nodes share no disk with the command, as a rule
+    with tempfile.TemporaryDirectory(prefix="msnn-") as place:
+        runs = None if task.setup.runs is None else Path(place)
+        outcome = train_ready(ready, replace(task.setup, runs=runs))
+        files: dict[str, bytes] = {}
+        if runs is not None and outcome.line.folder is not None:
+            folder = runs / outcome.line.folder
+            files = {
+                path.relative_to(folder).as_posix(): path.read_bytes()
+                for path in folder.rglob("*")
+                # the training is over: nobody goes on from there
+                if path.is_file() and path.name != CHECKPOINT
+            }
+            record = read_json(folder / DESCRIPTION)
+            record |= {"spec": task.spec, "spec_places": sent.spec_places}  # as the command sees it
+            text = json.dumps(record, ensure_ascii=False, indent=2) + "\n"
+            files[DESCRIPTION] = text.encode()
+    # what has trained: the line came with the version of the command
+    line = replace(outcome.line, version=__version__)
+    return TaskResult(replace(outcome, line=line), files, time.monotonic() - began)
+
+
+_MODELS = Latest[Any](_OPEN_MODELS)
+_DATA = Latest[Any](_OPEN_DATA)
+
+
+def _opened(reference: Any, kept: Latest[Any]) -> Any:
+    """Fetches from the object store, the same object each time as long as it is kept."""
+    # get() would make a new object each time, and the caches of the model with it
+    return kept.get(reference.hex(), lambda: import_module("ray").get(reference))

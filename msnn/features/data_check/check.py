@@ -1,0 +1,144 @@
+"""Looks at all data that a spec reads, and says what is wrong with them and what they can teach."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from msnn.data.dataset import Dataset, FloatArray
+from msnn.data.reading.frames import Frames
+from msnn.features.data_check.advice.dynamics import dynamics_findings
+from msnn.features.data_check.advice.reading import reading_findings
+from msnn.features.data_check.advice.signals import sampling_findings, signal_findings
+from msnn.features.data_check.channels import Channel, RowsOfData, channels_of, rows_of
+from msnn.features.data_check.dynamics.check import check_inputs, check_target
+from msnn.features.data_check.found import (
+    CheckedChannel,
+    CheckedSystem,
+    CheckedTarget,
+    DataCheck,
+    DatasetCheck,
+    targets_of,
+)
+from msnn.features.data_check.read import (
+    frames_as_recorded,
+    frames_resampled,
+    read_as_recorded,
+    read_resampled,
+)
+from msnn.features.data_check.signals.check import check_series
+from msnn.features.data_check.signals.quantisation import rounding
+from msnn.features.data_check.signals.sampling import sampling_of
+from msnn.features.data_check.signals.spikes import spikes, without_spikes
+from msnn.model.model import Model
+from msnn.simulation.simulation_data import GivenData, given_files
+from spec_schema.diagnostics.diagnostic import Findings
+
+
+def check_data(
+    model: Model, data: GivenData | None = None, data_root: str | Path | None = None
+) -> DataCheck:
+    """Checks the data of a model; `data`, files or frames, in place of those of the spec.
+
+    Raises SpecError where they cannot be read at all, MissingExtraError.
+    """
+    files = None if data is None else given_files(data)
+    if data is not None and files is None:
+        frames = cast("Frames", data)
+        return check_datasets(
+            model, {"data": frames_as_recorded(model, frames)}, frames_resampled(model, frames)
+        )
+    recorded = read_as_recorded(model, files, data_root)
+    return check_datasets(model, recorded, read_resampled(model, files, data_root))
+
+
+def check_datasets(
+    model: Model, recorded: Mapping[str, Dataset], resampled: Dataset | None = None
+) -> DataCheck:
+    """Checks data sets; the system is looked at in the first, or in it at the sample time."""
+    findings = Findings()
+    checked: list[DatasetCheck] = []
+    for name, dataset in recorded.items():
+        checked.append(_dataset(model, name, dataset, resampled=resampled is not None))
+        findings.report(*dataset.warnings)
+        findings.report(*sampling_findings(model, checked[-1], resampled=resampled is not None))
+        findings.report(*signal_findings(checked[-1]))
+    if resampled is not None:
+        told = set(findings.in_order)
+        findings.report(*(said for said in resampled.warnings if said not in told))
+    system = None
+    if model.program.sample_time is not None:
+        step = _step(checked[0], model.program.sample_time)
+        # data that are resampled have the step of the model, whatever was recorded
+        if resampled is not None:
+            step = model.program.sample_time
+        system = _system(model, resampled or next(iter(recorded.values())), step)
+        findings.report(*dynamics_findings(system, resampled=resampled is not None))
+        findings.report(*reading_findings(model, system))
+    return DataCheck(
+        sample_time=model.program.sample_time,
+        datasets=tuple(checked),
+        system=system,
+        findings=findings.in_order,
+    )
+
+
+def _dataset(model: Model, name: str, dataset: Dataset, *, resampled: bool) -> DatasetCheck:
+    rows = rows_of(dataset)
+    to = model.program.sample_time if resampled else None
+    pieces = [piece for record in dataset.records for piece in record.pieces]
+    return DatasetCheck(
+        name=name,
+        sampling=tuple(found for piece in pieces if (found := sampling_of(piece)) is not None),
+        channels=tuple(
+            CheckedChannel(
+                one, check_series(one.values, rows.follows, one.missing, int(one.left_out.sum()))
+            )
+            for one in channels_of(model.program, dataset, to)
+        ),
+        rows=rows,
+    )
+
+
+def _step(checked: DatasetCheck, otherwise: float) -> float:
+    """Seconds between rows as they are recorded."""
+    steps = [one.step for one in checked.sampling if np.isfinite(one.step)]
+    return float(np.median(steps)) if steps else otherwise
+
+
+def _system(model: Model, dataset: Dataset, step: float) -> CheckedSystem:
+    rows = rows_of(dataset)
+    channels = list(channels_of(model.program, dataset))
+    wanted = targets_of(model.program)
+    # an input without any value would leave no row to look at
+    inputs = [
+        channel
+        for channel in channels
+        if channel.signal.name not in wanted and np.isfinite(channel.values).any()
+    ]
+    table = np.zeros((dataset.rows, len(inputs)))
+    for column, channel in enumerate(inputs):
+        table[:, column] = _clean(channel, rows)
+    about = check_inputs(table, rows.follows, [rounding(channel.values) for channel in inputs])
+    return CheckedSystem(
+        step=step,
+        inputs=tuple(inputs),
+        about=about,
+        targets=tuple(
+            CheckedTarget(
+                channel,
+                wanted[channel.signal.name],
+                check_target(_clean(channel, rows), table, rows.follows, about),
+            )
+            for channel in channels
+            if channel.signal.name in wanted
+        ),
+    )
+
+
+def _clean(channel: Channel, rows: RowsOfData) -> FloatArray:
+    # a spike would be an impulse to which nothing answers
+    return without_spikes(channel.values, spikes(channel.values, rows.follows))

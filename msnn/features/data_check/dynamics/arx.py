@@ -1,0 +1,122 @@
+"""Fits a long linear model of a series in its own past and that of inputs, by least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from msnn.data.dataset import FloatArray
+from msnn.features.data_check.dynamics.pieces import Piece
+
+_AT_ONCE = 4096
+_SMALLEST = 1e-75
+"""Size of a column, relative to 1, whose square still has a reciprocal with room for factors."""
+
+_RIDGE = 1e-7
+"""Of the mean square of a regressor, as if each had noise 70 dB below it: of the many long models
+that fit data without noise it takes a small one; what nothing excites is 0 with a large error."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArxOrders:
+    """The past of the output from 1 row back, that of each input from `first` rows back."""
+
+    own: int
+    last: int
+    first: int = 0
+
+    @property
+    def taps(self) -> int:
+        return self.last - self.first + 1
+
+    @property
+    def depth(self) -> int:
+        return max(self.own, self.last)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arx:
+    """A(q) y = Σ Bⱼ(q) uⱼ + c + e (Ljung, System Identification, 2nd ed. 1999, §4.2)."""
+
+    orders: ArxOrders
+    denominator: FloatArray
+    """A, which begins with 1."""
+    numerators: FloatArray
+    """(inputs, taps): Bⱼ, the first tap `first` rows back."""
+    covariance: FloatArray
+    """Of −a₁ …, then all taps input by input."""
+    residual: float
+    """Standard deviation of e."""
+    rows: int
+    squares: float
+    """Σ e²."""
+    total: float
+    """Σ y² of the same rows."""
+
+
+def fit_arx(pieces: Sequence[Piece], orders: ArxOrders) -> Arx | None:
+    """The model with the least Σ e²; None where there are fewer than two rows per parameter
+    or a column has squares outside the range of doubles.
+
+    The covariance is s² (XᵀX)⁻¹, right where the orders leave e white. Normal equations are summed
+    over blocks, so memory is that of the numbers.
+    """
+    inputs = pieces[0].inputs.shape[1] if pieces else 0
+    count = orders.own + inputs * orders.taps + 1
+    rows = sum(max(len(piece) - orders.depth, 0) for piece in pieces)
+    if rows < 2 * count:
+        return None
+    gram = np.zeros((count + 1, count + 1))
+    for piece in pieces:
+        # blocks keep the memory at that of the numbers, whatever the record is long
+        for first in range(orders.depth, len(piece), _AT_ONCE):
+            table = _regressors(piece, orders, first, min(first + _AT_ONCE, len(piece)))
+            gram += table.T @ table
+    # columns of unlike sizes: without scales the inverse would lose their digits
+    scale = np.sqrt(np.diag(gram) / rows)
+    # a column that is 0 stays 0
+    scale[scale == 0] = 1.0
+    # variances of such columns leave the range of doubles
+    if scale.min() < _SMALLEST or scale.max() > 1.0 / _SMALLEST:
+        return None
+    gram /= np.outer(scale, scale)
+    left, right = gram[:-1, :-1], gram[:-1, -1]
+    # with the ridge it has an inverse even where inputs depend on each other
+    inverse = np.linalg.inv(left + _RIDGE * rows * np.eye(count))
+    found = inverse @ right
+    squares = float(gram[-1, -1] - 2 * right @ found + found @ left @ found)
+    # Noise that the ridge stands for passes through the model to the residual. Σe², a difference
+    # of large numbers, can come out below that.
+    squares = max(squares, _RIDGE * rows * (1 + float(found @ found))) * scale[-1] ** 2
+    variance = squares / (rows - count)
+    # back to the units of the columns
+    inverse *= variance / np.outer(scale[:-1], scale[:-1])
+    found *= scale[-1] / scale[:-1]
+    return Arx(
+        orders=orders,
+        denominator=np.concatenate(([1.0], -found[: orders.own])),
+        numerators=found[orders.own : -1].reshape(inputs, orders.taps),
+        covariance=inverse[:-1, :-1],
+        residual=float(np.sqrt(variance)),
+        rows=rows,
+        squares=squares,
+        total=float(gram[-1, -1]) * scale[-1] ** 2,
+    )
+
+
+def _regressors(piece: Piece, orders: ArxOrders, first: int, stop: int) -> FloatArray:
+    """(stop − first, numbers + 1): past output, past inputs, 1, and the output itself."""
+    rows = stop - first
+    columns: list[FloatArray] = []
+    if orders.own:
+        # newest first, as polynomials in q⁻¹ count
+        past = sliding_window_view(piece.output[first - orders.own : stop - 1], orders.own)
+        columns.append(past[:rows, ::-1])
+    for series in piece.inputs.T:
+        past = sliding_window_view(series[first - orders.last : stop - orders.first], orders.taps)
+        columns.append(past[:rows, ::-1])
+    columns += [np.ones((rows, 1)), piece.output[first:stop, None]]
+    return np.concatenate(columns, axis=1)

@@ -1,0 +1,1 @@
+"""Messages about recorded data and about first specs of data."""

@@ -1,0 +1,121 @@
+"""Chooses the linear model that a new spec begins with: delays, orders, length of rollouts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from msnn.data.dataset import BoolArray, FloatArray
+from msnn.features.data_check.dynamics.arx import Arx, ArxOrders, fit_arx
+from msnn.features.data_check.dynamics.impulse_response import Responses, responses
+from msnn.features.data_check.dynamics.pieces import Piece, pieces_of
+from msnn.features.data_check.dynamics.time_constants import time_constants
+from msnn.features.data_check.first_spec.columns import FoundColumn
+from msnn.training.starts.linear_system import filtered
+
+_ORDERS = (1, 2, 3, 4)
+_AS_GOOD = 1.02
+"""A higher order must lower the error by more than 2 %."""
+_VALIDATION = 0.2
+_LONGEST_ROLLOUT = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Baseline:
+    """y[t+1] = Σ aᵢ y[t−i] + Σⱼ Σᵢ bⱼᵢ uⱼ[t+1−dⱼ−i] + c, i from 0 to order − 1."""
+
+    order: int
+    delays: tuple[int, ...]
+    """Rows from each input to its first effect, at least 1."""
+    seen: tuple[bool, ...]
+    """Whether the data show the delay; it is 1 by default."""
+    immediate: tuple[bool, ...]
+    """Whether the effect begins in the same row, which no prediction can use."""
+    horizon: int
+    """Rows of a rollout: three time constants, as far as the records allow."""
+    constant_error: float
+    """Root mean square of the last fifth around the mean of the rest."""
+    held_error: float
+    """The same of the row before as the prediction."""
+
+
+def choose_baseline(
+    target: FoundColumn, inputs: Sequence[FoundColumn], follows: BoolArray
+) -> Baseline:
+    """The smallest model that simulates the last fifth of the rows about as well as larger ones."""
+    table = np.stack([c.values for c in inputs], axis=1) if inputs else np.zeros((len(follows), 0))
+    pieces = pieces_of(target.values, table, follows)
+    found = responses(pieces)
+    delays = [None if found is None else found.delay(i) for i in range(len(inputs))]
+    sharp = [found is not None and found.begins_sharply(i) for i in range(len(inputs))]
+    seen = tuple(max(delay or 1, 1) for delay in delays)
+    # a response that rises slowly has begun earlier, or rises after a delay
+    least = tuple(delay if s else 1 for delay, s in zip(seen, sharp, strict=True))
+    cut = int(len(follows) * (1 - _VALIDATION))
+    tried: list[tuple[float, int, tuple[int, ...]]] = []
+    # both are tried: the first effect that the responses show may be later than the true one
+    for used in dict.fromkeys((least, seen)):
+        delayed = table.copy()
+        for column, delay in enumerate(used):
+            # moved, so that one ARX form with inputs from the last row on serves all delays
+            delayed[:, column] = _later(table[:, column], delay - 1)
+        train = pieces_of(target.values[:cut], delayed[:cut], follows[:cut])
+        tried.append((*_order(train, pieces_of(target.values, delayed, follows)), used))
+    _, order, used = min(tried, key=lambda one: one[0])
+    late = target.values[cut:]
+    return Baseline(
+        order=order,
+        delays=used,
+        seen=tuple(delay is not None for delay in delays),
+        immediate=tuple(delay == 0 for delay in delays),
+        # with the data as they are: the time constants do not depend on the delays
+        horizon=_horizon(pieces, found, order + max(used, default=1), len(late)),
+        constant_error=_rms(late - np.nanmean(target.values[:cut])),
+        held_error=_rms(np.diff(late)),
+    )
+
+
+def _order(train: Sequence[Piece], pieces: Sequence[Piece]) -> tuple[float, int]:
+    """The error of the smallest order that is about as good as the best, and that order."""
+    errors: dict[int, float] = {}
+    for order in _ORDERS:
+        model = fit_arx(train, ArxOrders(order, order, first=1))
+        # an unstable predictor may fit one step well and runs away in a rollout
+        if model is not None and np.all(np.abs(np.roots(model.denominator)) < 1):
+            errors[order] = sum(_simulation_error(model, piece) for piece in pieces)
+    if not errors:
+        return np.inf, 2
+    best = min(errors.values())
+    # errors are squares: 2 % of the error are 4 % of these
+    return next((e, order) for order, e in errors.items() if e <= _AS_GOOD**2 * best)
+
+
+def _simulation_error(model: Arx, piece: Piece) -> float:
+    """Σ e² of a free run in the last fifth of a piece; it has forgotten its start by then."""
+    driven = np.zeros(len(piece))
+    for series, taps in zip(piece.inputs.T, model.numerators, strict=True):
+        # taps begin with the row before
+        driven += np.convolve(series, np.concatenate(([0.0], taps)))[: len(piece)]
+    late = int(len(piece) * (1 - _VALIDATION))
+    error = piece.output - filtered(driven, model.denominator)
+    return float(np.sum(error[late:] ** 2))
+
+
+def _horizon(pieces: Sequence[Piece], found: Responses | None, past: int, late: int) -> int:
+    constants = None if found is None else time_constants(pieces, found)
+    wanted = 3 * constants.slowest if constants is not None else 20.0
+    longest = max(map(len, pieces), default=0)
+    # the validation rows must hold a rollout, the training rows several
+    room = min(late - past - 1, (longest - past) // 4)
+    return int(max(min(wanted, _LONGEST_ROLLOUT, room), 1))
+
+
+def _later(values: FloatArray, rows: int) -> FloatArray:
+    # NaN: rows whose input is not known belong to no piece
+    return np.concatenate((np.full(rows, np.nan), values[: len(values) - rows]))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.nanmean(values**2)))

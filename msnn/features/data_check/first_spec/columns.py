@@ -1,0 +1,208 @@
+"""Reads the columns of a file with names that a spec can have, and their units."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from msnn.data.dataset import FloatArray
+from msnn.data.formats.capital_units import CapitalUnit
+from msnn.data.formats.table import ColumnTable, WantedColumns
+from msnn.data.formats.table_of_formats import format_of
+from msnn.data.formats.written_units import (
+    MixedUnits,
+    TwoUnits,
+    is_case_kept,
+    plain_label,
+    without_brackets,
+    written_unit,
+)
+from msnn.features.data_check.errors.first_specs import no_table
+from msnn.features.data_check.first_spec.layout import TextLayout, layout_of, number
+from spec_schema.diagnostics.diagnostic import SpecError
+from spec_schema.expressions.language import BUILTINS
+from spec_schema.expressions.moments import read_moment
+from spec_schema.names import is_name, normalised, why_reserved
+from spec_schema.units.parser import parse_unit
+from spec_schema.units.unit import ONE, Unit
+
+_LONGEST_NAME = 40
+_OTHER = re.compile("[^A-Za-z0-9_Ͱ-Ͽ]+")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundColumn:
+    """One column of numbers."""
+
+    index: int
+    label: str
+    """What the header says."""
+    name: str
+    """What the spec calls it."""
+    unit: Unit | None
+    doubt: CapitalUnit | TwoUnits | MixedUnits | None = None
+    """The unit that the file states, where that leaves a doubt; `unit` is None then."""
+    key: str | int
+    """How the spec finds it: by its header, or by its index where that does not name it."""
+    values: FloatArray
+
+    @property
+    def moves(self) -> bool:
+        known = self.values[np.isfinite(self.values)]
+        return len(known) > 1 and float(np.ptp(known)) > 0
+
+    @property
+    def is_seldom(self) -> bool:
+        """Whether most rows lack it or the value before: as an input it would end every episode."""
+        known = np.isfinite(self.values)
+        return 2 * int(np.sum(known[1:] & known[:-1])) < len(known) - 1
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """A note where nobody can tell the unit by the file."""
+        match self.doubt:
+            case CapitalUnit(different=units):
+                pass
+            case TwoUnits(named=named, stated=stated):
+                units = (named, stated)
+            case MixedUnits(shown=shown):
+                units = [one.unit for one in shown if one.unit is not None]
+            case None:
+                return ()
+        texts = " or ".join(unit.text for unit in units)
+        return (f"`{self.label}` may be in {texts}: write the unit of `{self.name}`",)
+
+    @property
+    def how_often(self) -> str:
+        known = int(np.isfinite(self.values).sum())
+        return f"has a value in {known} of {len(self.values)} rows"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundTable:
+    """The columns of numbers of one file, and what it has beside them."""
+
+    layout: TextLayout
+    columns: tuple[FoundColumn, ...]
+    texts: tuple[int, ...]
+    """Indices of columns that are not numbers."""
+    dates: FoundColumn | None
+    """The first column of dates, in seconds from the first row."""
+
+    @property
+    def rows(self) -> int:
+        return len(self.columns[0].values)
+
+    def text_in(self, called: str) -> str | None:
+        """The first cell that is no number in the text column with this header; None without."""
+        for index in self.texts:
+            label = self.layout.labels[index]
+            if called in (label, plain_label(label)[0]):
+                cells = [row[index] for row in self.layout.sample if index < len(row)]
+                decimal = self.layout.dialect.decimal
+                return next((c for c in cells if not number(c, decimal)), None)
+        return None
+
+
+def columns_of(path: Path) -> FoundTable:
+    """All columns of numbers; SpecError where there are none, or a cell among them is none."""
+    layout = layout_of(path)
+    decimal = layout.dialect.decimal
+    numbers = [
+        index
+        for index in range(len(layout.labels))
+        if all(number(row[index], decimal) for row in layout.sample if index < len(row))
+        # an empty column is no number
+        and any(row[index] for row in layout.sample if index < len(row))
+    ]
+    if not numbers:
+        raise SpecError([no_table(path.name)])
+    dates = next((i for i in range(len(layout.labels)) if _has_dates(layout, i)), None)
+    read = numbers if dates is None else [*numbers, dates]
+    wanted = WantedColumns(
+        dict.fromkeys(read, "the new spec"),
+        optional=frozenset(numbers),
+        moments=frozenset(read) - frozenset(numbers),
+    )
+    table = format_of(path).reader(path, path.name, wanted, layout.dialect)
+    assert isinstance(table, ColumnTable), "tables of text and workbooks have one time"
+    names = dict(zip(numbers, _names(layout, numbers), strict=True))
+
+    def column(index: int, unit: Unit | CapitalUnit | TwoUnits | MixedUnits | None) -> FoundColumn:
+        return FoundColumn(
+            index=index,
+            label=layout.labels[index],
+            name=names.get(index, "time"),
+            unit=unit if isinstance(unit, Unit) else None,
+            doubt=None if isinstance(unit, Unit) else unit,
+            key=_key(layout, index),
+            values=table.columns[index],
+        )
+
+    return FoundTable(
+        layout=layout,
+        columns=tuple(column(index, _unit(layout, table, index)) for index in numbers),
+        dates=None if dates is None else column(dates, parse_unit("s")),
+        texts=tuple(i for i in range(len(layout.labels)) if i not in names),
+    )
+
+
+def _has_dates(layout: TextLayout, index: int) -> bool:
+    cells = [row[index] for row in layout.sample if index < len(row)]
+    return len(cells) > 1 and all(read_moment(cell) is not None for cell in cells)
+
+
+def free_name(wanted: str, taken: set[str]) -> str:
+    """A name like the wanted one that nothing has yet; it is taken then."""
+    name, number = wanted, 1
+    while name in taken:
+        number += 1
+        name = f"{wanted}_{number}"
+    taken.add(name)
+    return name
+
+
+def _names(layout: TextLayout, numbers: list[int]) -> Iterator[str]:
+    """A name of its own for each column: of the header's letters and digits."""
+    # a signal called `sum` would hide the function in every formula
+    taken = set(BUILTINS)
+    for index in numbers:
+        text = normalised(plain_label(layout.labels[index])[0])
+        name = _OTHER.sub("_", text).strip("_")[:_LONGEST_NAME].rstrip("_")
+        if not is_name(name):
+            name = f"c_{name}" if name else f"column_{index}"
+        if why_reserved(name) is not None:
+            name = f"{name}_"
+        yield free_name(name, taken)
+
+
+def _unit(
+    layout: TextLayout, table: ColumnTable, index: int
+) -> Unit | CapitalUnit | TwoUnits | MixedUnits | None:
+    text = without_brackets(layout.units[index]) or plain_label(layout.labels[index])[1]
+    # no unit: a spec that says `1` would ask the same of all that is added to it
+    unit = None if text == "-" else written_unit(text)
+    stated = table.units.get(index)  # that of the number formats of a workbook too
+    if isinstance(stated, TwoUnits | MixedUnits):
+        return stated
+    if isinstance(stated, Unit | CapitalUnit) and stated.text != ONE.text:
+        unit = stated
+    if not isinstance(unit, CapitalUnit):
+        return unit
+    if unit.written is not None and is_case_kept(unit, layout.labels, layout.units):
+        return unit.written
+    return unit.different[0] if len(unit.different) == 1 else unit
+
+
+def _key(layout: TextLayout, index: int) -> str | int:
+    """The header where it names this column alone and is no pattern of several."""
+    label = layout.labels[index]
+    # two columns of one header are told apart by index alone
+    named = layout.named and layout.labels.count(label) == 1
+    if named and label and label.isprintable() and not set(label) & set("{}"):
+        return label
+    return index

@@ -1,0 +1,165 @@
+"""Decides which open text is checked when, and keeps what was found of each."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+
+from msnn.features.language_server.examine import Examined
+from msnn.features.language_server.knowledge import Knowledge
+from msnn.features.language_server.problems import Problem, problems_of
+from msnn.features.language_server.view import View
+from msnn.features.language_server.worker import CheckEndedError, CheckProcess
+from spec_schema.diagnostics.source import SourceText
+
+PAUSE = 0.15
+"""Seconds without a change after which a text is checked."""
+_STALE = 2.0
+"""Seconds that a check goes on although its text has changed: shorter ones may as well end."""
+_LONGEST = 60.0
+"""Seconds after which a check is given up."""
+
+
+@dataclass(eq=False, kw_only=True)
+class OpenText:
+    """A text in an editor: as it is, and what the last check of it found."""
+
+    path: str
+    source: SourceText
+    version: int | None = None
+    due: float | None = None
+    """When it is to be checked; None where it is, as it stands."""
+    checked: SourceText | None = None
+    """The text that `problems` are of."""
+    problems: tuple[Problem, ...] = ()
+    files: frozenset[str] = frozenset()
+    """Where the files that the last check read really are."""
+    knowledge: Knowledge = field(default_factory=Knowledge)
+    _view: View | None = None
+
+    @property
+    def view(self) -> View:
+        """The text with what is known of it, made once for each text."""
+        view = self._view
+        if view is None or view.source is not self.source or view.knowledge is not self.knowledge:
+            view = self._view = View(self.source, self.knowledge)
+        return view
+
+
+class Checks:
+    """The texts that are open, by their addresses, and one process that checks them in turn."""
+
+    def __init__(
+        self, publish: Callable[[str, OpenText], None], complain: Callable[[str], None]
+    ) -> None:
+        self.texts: dict[str, OpenText] = {}
+        self._publish, self._complain = publish, complain
+        self._process = CheckProcess()
+        # one: texts are checked in turn by one process, and its pipe knows one question at a time
+        self._thread = ThreadPoolExecutor(max_workers=1)
+        self._is_over = False
+        self._changed = asyncio.Event()
+
+    def put(self, address: str, path: str, text: str, version: int | None) -> None:
+        """Opens or replaces a text; it and those that use it are checked soon."""
+        opened, pause = self.texts.get(address), PAUSE
+        if opened is None:
+            pause = 0.0
+            opened = self.texts[address] = OpenText(path=path, source=SourceText(path, text))
+        # A byte order mark is not a character of the text.
+        opened.source = SourceText(path, text.removeprefix("\ufeff"))
+        opened.version = version
+        self._ask(opened, time.monotonic() + pause)
+
+    def close(self, address: str) -> None:
+        """Forgets a text: what is in its file holds again."""
+        # before asking: those that use it read its file then, not what was typed
+        closed = self.texts.pop(address, None)
+        if closed is not None:
+            self._ask(closed, time.monotonic())
+
+    def look_again(self) -> None:
+        """Checks all: files may have changed."""
+        for opened in self.texts.values():
+            opened.due = time.monotonic()
+        self._changed.set()
+
+    def end(self) -> None:
+        """Ends the process, and the loop after what it does."""
+        self._is_over = True
+        self._thread.shutdown(wait=True, cancel_futures=True)
+        self._process.stop()
+
+    async def run(self) -> None:
+        """Checks what is due until the server ends."""
+        loop = asyncio.get_running_loop()
+        # while the editor still shows the file: the first check then finds a process ready
+        loop.run_in_executor(self._thread, self._process.start)
+        while not self._is_over:
+            waiting = [(t.due, address) for address, t in self.texts.items() if t.due is not None]
+            if not waiting:
+                # cleared before waiting, by the only task that waits: a change in between is not
+                # lost
+                self._changed.clear()
+                await self._changed.wait()
+                continue
+            # the one that waits longest; a change puts its own text off again
+            due, address = min(waiting)
+            if due > time.monotonic():
+                await asyncio.sleep(due - time.monotonic())
+                continue
+            try:
+                await self._check(address, self.texts[address], loop)
+            except Exception as error:  # noqa: BLE001  (a mistake of ours ends one check, not all)
+                self._complain(f"{address}: {type(error).__name__}: {error}")
+
+    async def _check(self, address: str, opened: OpenText, loop: asyncio.AbstractEventLoop) -> None:
+        # before the check, so that a change meanwhile asks for another one
+        source, opened.due = opened.source, None
+        unsaved = {_real(t.path): t.source.text for a, t in self.texts.items() if a != address}
+        gives_up = partial(self._gives_up, opened, source, time.monotonic())
+        check = partial(self._process.examine, opened.path, source.text, unsaved, gives_up)
+        try:
+            examined = await loop.run_in_executor(self._thread, check)
+        except CheckEndedError as error:
+            if opened.source is source and not self._is_over:
+                self._complain(f"{opened.path}: {error}")
+            return
+        self._take(opened, source, examined)
+        # an answer about an older text would underline other words
+        if self.texts.get(address) is opened and opened.source is source:
+            self._publish(address, opened)
+
+    def _take(self, opened: OpenText, source: SourceText, examined: Examined) -> None:
+        opened.checked = source
+        # kept also for a text that has changed since: repairs compare `checked` with `source`
+        opened.problems = problems_of(examined, opened.path)
+        # a text that cannot even be read leaves what was known of it: names are still proposed
+        if examined.sources:
+            opened.files = frozenset(map(_real, examined.sources))
+        if examined.knowledge is not None:
+            opened.knowledge = examined.knowledge
+
+    def _gives_up(self, opened: OpenText, source: SourceText, began: float) -> bool:
+        took = time.monotonic() - began
+        is_stale = opened.source is not source and took > _STALE
+        return self._is_over or is_stale or took > _LONGEST
+
+    def _ask(self, changed: OpenText, due: float) -> None:
+        """Has a text checked, and every other that reads it."""
+        real = _real(changed.path)
+        changed.due = due
+        for opened in self.texts.values():
+            if opened is not changed and real in opened.files:
+                opened.due = due
+        self._changed.set()
+
+
+def _real(path: str) -> str:
+    # realpath raises for a null byte, which an address may have
+    return os.path.realpath(path) if "\0" not in path else path

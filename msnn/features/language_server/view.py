@@ -1,0 +1,123 @@
+"""Joins the text of an editor to what the last model that compiled tells of its names."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from compiler.lowering.scope import Kind
+from msnn.features.language_server.cursor import Cursor, cursor_at
+from msnn.features.language_server.knowledge import Knowledge, Known
+from msnn.features.language_server.outline import Heading, OutlineSection, outline
+from msnn.features.language_server.positions import Position, offset_of
+from spec_schema.diagnostics.source import SourceText, Span
+from spec_schema.names import normalised
+
+# with dots: names of sub-models have them
+_WORD = re.compile(r"[\w.]++")
+_QUOTED = re.compile(r"\"[^\"]*+\"|'[^']*+'")
+_COMMENT = re.compile(r"(?:^|\s)#")
+_SHOWN = 8
+"""Lines of a declaration that are shown."""
+_LONGEST = 1_000_000
+"""Characters of a text that is looked at; the reader refuses a longer one."""
+
+
+@dataclass(frozen=True)
+class Word:
+    """A name in a line, as far as the place in it: of `plant.k` in its first part, `plant`."""
+
+    text: str
+    line: int
+    start: int
+    end: int
+
+    @property
+    def heading(self) -> Heading:
+        """Its place."""
+        return Heading(self.text, self.line, self.start, self.line)
+
+
+@dataclass(frozen=True)
+class View:
+    """A text as it is now, and what was known of it last."""
+
+    source: SourceText
+    knowledge: Knowledge
+
+    @cached_property
+    def outline(self) -> tuple[OutlineSection, ...]:
+        """The sections of the text."""
+        return outline(self.source) if len(self.source.text) <= _LONGEST else ()
+
+    @cached_property
+    def headings(self) -> Mapping[str, tuple[Kind, Heading]]:
+        """The declarations of the text by name."""
+        return {
+            normalised(heading.name): (section.kind, heading)
+            for section in self.outline
+            if section.kind is not None
+            for heading in section.entries
+        }
+
+    @cached_property
+    def names(self) -> Mapping[str, Known]:
+        """Every name; `place` tells where it stands now."""
+        new = {
+            name: Known(name=name, kind=kind, place=span_of(heading, self.source), is_new=True)
+            for name, (kind, heading) in self.headings.items()
+            if name not in self.knowledge.names
+        }
+        # what the compiler knows goes before: a text in which one is typing loses no types
+        return {**self.knowledge.names, **new}
+
+    def place(self, known: Known) -> Span:
+        """The declaration of a name: in the text as it is now, or in another file."""
+        found = self.headings.get(known.name)
+        return known.place if found is None else span_of(found[1], self.source)
+
+    def cursor(self, position: Position) -> Cursor:
+        """The part of the text around a place."""
+        return cursor_at(self.source, *offset_of(position, self.source))
+
+    def is_comment(self, position: Position) -> bool:
+        """Whether a place is behind the `#` of a comment."""
+        line, column = offset_of(position, self.source)
+        # a `#` in quotes is text
+        before = _QUOTED.sub("", self.source.line(line + 1)[:column])
+        return _COMMENT.search(before) is not None
+
+    def declaration(self, known: Known) -> str:
+        """The lines of the text that declare a name, the first of them."""
+        if known.name not in self.headings:
+            return ""
+        _, heading = self.headings[known.name]
+        last = min(heading.last_line, heading.line + _SHOWN - 1, self.source.line_count - 1)
+        lines = range(heading.line, last + 1)
+        return textwrap.dedent("\n".join(self.source.line(n + 1) for n in lines)).rstrip()
+
+    def word(self, position: Position) -> Word | None:
+        """The name at a place; None between names."""
+        line, column = offset_of(position, self.source)
+        text = self.source.line(line + 1)
+        for found in _WORD.finditer(text):
+            if found.start() <= column <= found.end():
+                dot = text.find(".", column, found.end())
+                end = found.end() if dot < 0 else dot
+                return Word(normalised(text[found.start() : end]), line, found.start(), end)
+        return None
+
+
+def span_of(heading: Heading, source: SourceText) -> Span:
+    """The place of a key."""
+    line = heading.line + 1
+    return Span(
+        file=source.path,
+        line=line,
+        column=heading.column + 1,
+        end_line=line,
+        end_column=heading.end_column + 1,
+    )

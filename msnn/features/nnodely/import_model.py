@@ -1,0 +1,241 @@
+"""Makes a spec and weights of a model that nnodely 1.x saved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msnn.features.nnodely.equations import Equations
+from msnn.features.nnodely.errors import (
+    copied,
+    not_json,
+    renamed,
+    unfit_shapes,
+    unknown_name,
+    unknown_relation,
+)
+from msnn.features.nnodely.functions import Functions
+from msnn.features.nnodely.layers.layers import Layers
+from msnn.features.nnodely.parameters import Parameters
+from msnn.features.nnodely.recognition.recognise import recognise
+from msnn.features.nnodely.relations import Relations
+from msnn.features.nnodely.saved_file.grammar import File, names_in, read_file
+from msnn.features.nnodely.saved_file.json_text import JsonText, read_json
+from msnn.features.nnodely.saved_file.shared_arrays import shared_across, shared_arrays
+from msnn.features.nnodely.signals import Loops, OtherLoopError, Signals
+from msnn.features.nnodely.spec_sections import Sections, spec_values
+from msnn.features.nnodely.terms.dims import Dims
+from msnn.features.nnodely.terms.names import TakenNames
+from msnn.features.nnodely.terms.terms import Cutter, Term
+from msnn.features.nnodely.terms.values import ShapeError, ValueOperations
+from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
+from spec_schema.reading.endless_files import refuse_endless
+
+_MOST_PASSES = 8
+"""Each finds a closed loop of more samples; a file has few of them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportedModel:
+    """A spec as plain values, its weights by parameter, and what its reader should know."""
+
+    spec: dict[str, Any]
+    weights: dict[str, NDArray[np.float64]]
+    names: dict[str, dict[str, str]]
+    """What inputs and outputs of the file are called in the spec."""
+    warnings: tuple[Diagnostic, ...]
+    text: JsonText
+
+
+def import_text(text: str, file_name: str, name: str) -> ImportedModel:
+    """The model of a JSON text. Raises SpecError with what is wrong or cannot be said."""
+    read = read_json(text, file_name)
+    file = read_file(read)
+    known = Loops()
+    # each input can change twice: its width becomes known, and that its future is read
+    for _ in range(_MOST_PASSES + 2 * len(file.Inputs)):
+        try:
+            return _Import(file, read, name, known).model()
+        except OtherLoopError:
+            continue
+    raise SpecError([not_json(file_name, "its closed loops do not settle", "", None)])
+
+
+def read_text(path: Path) -> str:
+    """The text of a file. Raises SpecError where it is none."""
+    try:
+        # a device or a pipe has no end
+        refuse_endless(path)
+        return path.read_bytes().decode("utf-8")
+    except UnicodeDecodeError:
+        reason = "it is no UTF-8 text"
+    except OSError as fault:
+        reason = (fault.strerror or str(fault)).lower()
+    raise SpecError([not_json(str(path), reason, "", None)])
+
+
+class _Import:
+    def __init__(self, file: File, text: JsonText, name: str, known: Loops) -> None:
+        self._file, self._text, self._name = file, text, name
+        self._findings = Findings()
+        self._names = TakenNames()
+        for kind, olds in (("input", file.Inputs), ("output", file.Outputs)):
+            for old in olds:
+                # inputs and outputs first: what users call by name keeps its own where two want it
+                self._names.of(kind, old)
+        dims = Dims(self._names.free)
+        self._parameters = Parameters(
+            text=text,
+            parameters=file.Parameters,
+            constants=file.Constants,
+            sample_time=float(file.Info.SampleTime),
+            names=self._names,
+            dims=dims,
+            across=shared_across(file),
+        )
+        values = ValueOperations(dims, Cutter(self._parameters.samples, self._parameters.stacked))
+        self._functions = Functions(
+            file=file, text=text, names=self._names, parameters=self._parameters, values=values
+        )
+        self._layers = Layers(
+            names=self._names,
+            dims=dims,
+            parameters=self._parameters,
+            values=values,
+            shared=shared_arrays(file),
+        )
+        self._relations = Relations(
+            file=file,
+            text=text,
+            values=values,
+            parameters=self._parameters,
+            layers=self._layers,
+            functions=self._functions,
+            findings=self._findings,
+        )
+        self._relations.recognised = dict(recognise(file))
+        self._relations.held = _held(file)
+        self._signals = Signals(
+            file=file,
+            text=text,
+            names=self._names,
+            values=values,
+            findings=self._findings,
+            value_of=self._relations.of,
+            known=known,
+        )
+        # each asks the other: signals for what is connected, relations for windows
+        self._relations.signals = self._signals
+        self._values = values
+
+    def model(self) -> ImportedModel:
+        """Follows outputs, then what closes loops, then losses; writes what was found."""
+        outputs = {
+            old: self._whole(source, ("Outputs", old)) for old, source in self._file.Outputs.items()
+        }
+        followed = 0
+        # what closes one loop may read another input that is closed: the list grows while it is
+        # followed
+        while followed < len(self._signals.loops):
+            self._close(self._signals.loops[followed])
+            followed += 1
+        # losses compare with what was logged, also of an input that is fed back (R9)
+        self._signals.scoring = True
+        losses = dict(self._losses())
+        for kind, section, olds in (
+            ("input", "Inputs", self._file.Inputs),
+            ("output", "Outputs", self._file.Outputs),
+        ):
+            for old in olds:
+                new = self._names.of(kind, old)
+                used = (
+                    # an input that nothing reads is not in the spec, and its name of no interest
+                    kind == "output" or old in self._signals.inputs or old in self._signals.targets
+                )
+                if new != old and used:
+                    place = self._text.place(section, old)
+                    self._findings.report(renamed(old, new, place))
+        for array in self._layers.copied:
+            section = "Parameters" if array in self._file.Parameters else "Constants"
+            self._findings.report(copied(array, self._text.place(section, array)))
+        hints = {
+            id(term): old
+            for old, value in self._relations.known.items()
+            for term in value.pieces
+            if len(value.pieces) == 1
+        }
+        sections = Sections(
+            name=self._name,
+            file=self._file,
+            names=self._names,
+            parameters=self._parameters,
+            layers=self._layers,
+            functions=self._functions,
+            signals=self._signals,
+            equations=Equations(names=self._names, hints=hints),
+            outputs=outputs,
+            held={
+                self._relations.values_name(old): term
+                for old, term in self._relations.held.items()
+                if term is not None
+            },
+            losses=losses,
+        )
+        spec = spec_values(sections)
+        names = {
+            kind: {old: self._names.of(kind, old) for old in olds}
+            for kind, olds in (("input", self._file.Inputs), ("output", self._file.Outputs))
+        }
+        return ImportedModel(
+            spec=spec,
+            weights=self._parameters.weights,
+            names=names,
+            warnings=self._findings.in_order,
+            text=self._text,
+        )
+
+    def _whole(self, source: str, path: tuple[str, ...]) -> Term:
+        if source not in self._file.Relations:
+            place = self._text.place(*path)
+            wanted = unknown_name(".".join(path), source, "relation", place)
+            raise self._relations.refused(wanted)
+        return self._values.whole(self._relations.of(source))
+
+    def _close(self, name: str) -> None:
+        source = self._file.Inputs[name].closed_loop
+        assert source is not None
+        path = ("Inputs", name, "closedLoop")
+        if source not in self._file.Relations:
+            place = self._text.place(*path)
+            raise self._relations.refused(unknown_name(".".join(path), source, "relation", place))
+        try:
+            self._signals.close(name, self._relations.of(source))
+        except ShapeError as fault:
+            place = self._text.place(*path)
+            raise self._relations.refused(unfit_shapes(".".join(path), str(fault), place)) from None
+
+    def _losses(self) -> Iterator[tuple[str, tuple[str, Term, Term]]]:
+        for old, given in self._file.Minimizers.items():
+            sides: list[Term] = []
+            for side, source in (("A", given.A), ("B", given.B)):
+                sides.append(
+                    self._whole(self._file.Outputs.get(source, source), ("Minimizers", old, side))
+                )
+            if given.loss not in {"mse", "rmse", "mae", "cross_entropy"}:
+                place = self._text.place("Minimizers", old, "loss")
+                path = f"Minimizers.{old}.loss"
+                what = f"a loss `{given.loss}` is not known"
+                repair = "train for `mse`, `rmse`, `mae` or `cross_entropy`"
+                raise self._relations.refused(unknown_relation(path, what, repair, place))
+            yield old, (given.loss, sides[0], sides[1])
+
+
+def _held(file: File) -> dict[str, Term | None]:
+    # `grad` of the language is by an entry: what it is taken by becomes an equation of its own
+    operands = [names_in(one[1]) for one in file.Relations.values() if one[0] == "Differentiate"]
+    return {names[1]: None for names in operands if len(names) == 2}

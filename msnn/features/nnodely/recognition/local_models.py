@@ -1,0 +1,231 @@
+"""Recognises the cells of local models, which nnodely writes out one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from msnn.features.nnodely.functions import NotRecognisedError
+from msnn.features.nnodely.layers.layers import Weighted
+from msnn.features.nnodely.recognition.recognised import Followed, Recognised
+from msnn.features.nnodely.saved_file.graph import Graph
+from msnn.features.nnodely.saved_file.shared_arrays import shared_arrays
+from msnn.features.nnodely.terms.terms import Call, Term, call, times
+from msnn.features.nnodely.terms.values import Value
+
+_FEWEST = 2
+
+
+@dataclass(frozen=True, slots=True)
+class _Sum:
+    """Σ cell · activation over all sets of all activations, in their order."""
+
+    cells: tuple[str, ...]
+    activations: tuple[str, ...]
+    sizes: tuple[int, ...]
+
+
+def local_models(graph: Graph) -> Mapping[str, Recognised]:
+    """Local models of filters, of linear maps, of functions, and weighted sums of one value."""
+    shared = shared_arrays(graph.file)
+    # partial sums: only the outermost one is the local model
+    inner = {
+        pair[0]
+        for name in graph.file.Relations
+        if (pair := graph.pair(name, "Add")) is not None and graph.uses[pair[0]] == 1
+    }
+    found: dict[str, Recognised] = {}
+    for name in graph.file.Relations:
+        whole = None if name in inner else _sum(graph, name)
+        if whole is not None:
+            one = _of_layers(graph, whole, shared) or _of_one_value(whole)
+            one = one or _of_functions(graph, whole, shared)
+            if one is not None:
+                found[name] = one
+    return found
+
+
+def _sum(graph: Graph, name: str) -> _Sum | None:
+    products: list[str] = []
+    # sums are nested on their left side: the last term is found first
+    while (sides := graph.pair(name, "Add")) is not None and (
+        # an inner sum that others read is a value of its own
+        not products or graph.uses[name] == 1
+    ):
+        products.append(sides[1])
+        name = sides[0]
+    products = [name, *reversed(products)]
+    pairs = [graph.pair(one, "Mul") for one in products]
+    # a product that others read is a value of its own
+    if len(products) < _FEWEST or any(graph.uses[one] != 1 for one in products):
+        return None
+    cells = [pair[0] for pair in pairs if pair is not None]
+    chosen = [tuple(_selected(graph, pair[1])) for pair in pairs if pair is not None]
+    if len(chosen) != len(products) or not chosen[0]:
+        return None
+    activations = tuple(name for name, _, _ in chosen[0])
+    sizes = tuple(size for _, size, _ in chosen[0])
+    # the sets of the last activation turn fastest
+    # all combinations exactly once: a cell left out would be one with weights 0, which would learn
+    wanted = list(product(*(range(size) for size in sizes)))
+    indexes = [tuple(index for _, _, index in one) for one in chosen]
+    same = all(
+        tuple((n, s) for n, s, _ in c) == tuple(zip(activations, sizes, strict=True))
+        for c in chosen
+    )
+    if not same or indexes != wanted or len(set(activations)) != len(activations):
+        return None
+    return _Sum(tuple(cells), activations, sizes)
+
+
+def _selected(graph: Graph, name: str) -> Iterator[tuple[str, int, int]]:
+    """The activations of a product, with their sizes and the set of each; nothing of another."""
+    found: list[tuple[str, int, int]] = []
+    rest: str | None = name
+    while rest is not None:
+        sides = graph.pair(rest, "Mul")
+        one = rest if sides is None else sides[1]
+        match graph.file.Relations.get(one):
+            # the degree of one set among `size`
+            case ["Select", [str() as source], int() as size, int() as index]:
+                found.append((source, size, index))
+            case _:
+                return
+        rest = None if sides is None else sides[0]
+    yield from reversed(found)
+
+
+def _of_one_value(whole: _Sum) -> Recognised | None:
+    """Cells that are all the same relation: its value times the sum of the activations."""
+    if len(set(whole.cells)) != 1 or len(whole.activations) != 1:
+        return None
+    cell, [activation] = whole.cells[0], whole.activations
+
+    def make(relations: Followed) -> Value:
+        degrees = relations.operand(activation)
+        rest = f", over={relations.values.dims.of(degrees.dim)}"
+        total = relations.values.along(lambda x: call("sum", x, rest=rest, dim=1), degrees, 1)
+        return relations.values.elementwise(times, relations.operand(cell), total)
+
+    return Recognised((cell, activation), make)
+
+
+def _of_layers(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognised | None:
+    """Cells that are filters or linear maps of one value, each with weights of its own."""
+    kinds: set[tuple[Any, ...]] = set()
+    layers: list[Weighted] = []
+    for cell in whole.cells:
+        match graph.file.Relations.get(cell):
+            # without dropout, which a cell of the language has not
+            case [("Fir" | "Linear") as kind, [str() as operand], str() as weight, bias, 0 | 0.0]:
+                kinds.add((kind, operand, bias is None))
+                layers.append(Weighted(kind, weight, bias if isinstance(bias, str) else None, 0.0))
+            case _:
+                return None
+    arrays = [a for layer in layers for a in (layer.weight, layer.bias) if a is not None]
+    # cells are stacked in one array: weights that others share would be learned twice
+    private = len(set(arrays)) == len(arrays) and not shared.intersection(arrays)
+    if len(kinds) != 1 or not private or any(graph.uses[cell] != 1 for cell in whole.cells):
+        return None
+    if any(array not in graph.file.Parameters for array in arrays):
+        return None
+    [(kind, operand, _)] = kinds
+
+    def make(relations: Followed) -> Value:
+        value = relations.operand(operand)
+        inner = value.window if kind == "Fir" else value.dim
+        fits = value.dim == 1 if kind == "Fir" else value.window == 1
+        if not fits or len(value.pieces) != 1:
+            raise NotRecognisedError(
+                "cells of a local model over what is no single value or window"
+            )
+        weights = [relations.layers.matrix(layer, inner) for layer in layers]
+        if any(weight.shape[1] != 1 for weight in weights):
+            raise NotRecognisedError("cells of a local model with more than one result")
+        by = _degrees(relations, whole)
+        # cells in the order of their sets, the last activation fastest: that of the layer's array
+        stacked = np.concatenate([weight.ravel() for weight in weights])
+        parameters = relations.layers.parameters
+        biases = [
+            parameters.numbers(layer.bias).values.reshape(-1)[:1]
+            for layer in layers
+            if layer.bias is not None
+        ]
+        form = "fir" if kind == "Fir" and inner > 1 else "linear"
+        # written only where it is not the form's default: linear cells have a bias, filters none
+        bias = {"bias": bool(biases)} if bool(biases) != (form == "linear") else {}
+        settings = {"local_model": {"by": by, "cell": {form: bias}}}
+        name = relations.layers.declare("local", ("local", whole), settings)
+        parameters.weights[f"{name}.weight"] = stacked
+        if biases:
+            parameters.weights[f"{name}.bias"] = np.concatenate(biases)
+        return Value(1, 1, (Term(Call(name, steady=False), (value.pieces[0],)),))
+
+    return Recognised((operand, *whole.activations), make)
+
+
+def _of_functions(graph: Graph, whole: _Sum, shared: frozenset[str]) -> Recognised | None:
+    """Cells that are one function of the same values, with numbers of their own in each set."""
+    codes: set[tuple[Any, ...]] = set()
+    own: list[list[str]] = []
+    for cell in whole.cells:
+        match graph.file.Relations.get(cell):
+            case ["ParamFun", _, str() as key] if key in graph.file.Functions:
+                given = graph.file.Functions[key]
+                operands = tuple(graph.operands(cell))
+                # by source: nnodely saves the same function under a new key for each cell
+                codes.add((given.code, given.name, operands, given.map_over_dim is False))
+                own.append(given.params_and_consts)
+            case _:
+                return None
+    arrays = [array for one in own for array in one]
+    private = len(set(arrays)) == len(arrays) > 0 and not shared.intersection(arrays)
+    scalars = all(a in graph.file.Parameters and graph.file.Parameters[a].dim == 1 for a in arrays)
+    timed = any(
+        a in graph.file.Parameters
+        and (graph.file.Parameters[a].sw or graph.file.Parameters[a].tw) is not None
+        for a in arrays
+    )
+    if len(codes) != 1 or len(whole.sizes) != 1 or not (private and scalars) or timed:
+        return None
+    [(_, _, operands, is_plain)] = codes
+    if not is_plain or any(graph.uses[cell] != 1 for cell in whole.cells):
+        return None
+    [activation] = whole.activations
+    key = graph.file.Relations[whole.cells[0]][2]
+
+    def make(relations: Followed) -> Value:
+        streams = [relations.operand(operand) for operand in operands]
+        size = whole.sizes[0]
+        dim = relations.values.dims.of(size)
+        terms = [
+            relations.layers.parameters.joined([one[k] for one in own], dim)
+            for k in range(len(own[0]))
+        ]
+        cells = relations.functions.of_sets(key, streams, terms, size)
+        degrees = relations.operand(activation)
+        weighted = relations.values.elementwise(times, cells, degrees)
+        rest = f", over={dim}"
+        return relations.values.along(lambda x: call("sum", x, rest=rest, dim=1), weighted, 1)
+
+    return Recognised((*(o for o in operands if o in graph.file.Relations), activation), make)
+
+
+def _degrees(relations: Followed, whole: _Sum) -> list[Term]:
+    """The activations along dimensions of their own."""
+    found: list[Term] = []
+    for k, activation in enumerate(whole.activations):
+        value = relations.operand(activation)
+        # dimensions are named by size: two of one size would be aligned instead of combined
+        repeated = whole.sizes[k] in whole.sizes[:k]
+        if value.window != 1:
+            raise NotRecognisedError("activations of a local model over a window")
+        term = value.pieces[0]
+        if repeated:
+            term = relations.layers.along_other(term, "set" + "s" * k)
+        found.append(term)
+    return found

@@ -1,0 +1,18 @@
+"""Finds relations that stand for many: local models, integrals and derivatives in time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from msnn.features.nnodely.recognition.calculus import calculus
+from msnn.features.nnodely.recognition.local_models import local_models
+from msnn.features.nnodely.recognition.recognised import Recognised
+from msnn.features.nnodely.saved_file.grammar import File
+from msnn.features.nnodely.saved_file.graph import Graph
+
+
+def recognise(file: File) -> Mapping[str, Recognised]:
+    """Finds the relations that are the whole of a form made of many relations."""
+    graph = Graph(file)
+    # of a relation that is both, the local model stands
+    return {**calculus(graph), **local_models(graph)}

@@ -1,0 +1,31 @@
+"""Describes what many relations are together, and what it needs to be followed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from msnn.features.nnodely.functions import Functions
+from msnn.features.nnodely.layers.layers import Layers
+from msnn.features.nnodely.signals import Signals
+from msnn.features.nnodely.terms.values import Value, ValueOperations
+
+
+class Followed(Protocol):
+    """The relations around a recognised form, as it reads them."""
+
+    values: ValueOperations
+    layers: Layers
+    functions: Functions
+    signals: Signals | None
+
+    def operand(self, name: str) -> Value: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Recognised:
+    """The relations that it needs, and how its value is made of theirs."""
+
+    needs: tuple[str, ...]
+    make: Callable[[Followed], Value]

@@ -1,0 +1,31 @@
+"""Finds the arrays that several layers and formulas of a file use."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from msnn.features.nnodely.saved_file.grammar import File, names_in
+
+
+def shared_arrays(file: File) -> frozenset[str]:
+    """Weights that stand in layers of different kinds, or in a formula too."""
+    arrays = {*file.Parameters, *file.Constants}
+    layers: set[tuple[str, ...]] = set()
+    uses: Counter[str] = Counter()
+    for kind, operands, *rest in file.Relations.values():
+        uses.update({one for one in names_in(operands) if one in arrays})
+        if kind in {"Fir", "Linear"} and len(rest) >= 2:
+            # a set: equal layers are one in the spec, and use their arrays once
+            layers.add((kind, *map(str, rest)))
+    for _, weight, bias, *_ in layers:
+        uses.update({weight, bias} & arrays)
+    for function in file.Functions.values():
+        uses.update(set(function.params_and_consts))
+    return frozenset(name for name, count in uses.items() if count > 1)
+
+
+def shared_across(file: File) -> frozenset[str]:
+    """The arrays that layers have with rows and columns exchanged: matrices of `Linear`."""
+    layers = (rest for kind, _, *rest in file.Relations.values() if kind == "Linear")
+    weights = {str(rest[0]) for rest in layers if rest}
+    return shared_arrays(file) & weights

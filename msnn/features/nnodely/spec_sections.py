@@ -1,0 +1,153 @@
+"""Puts what was read of a model into the sections of a spec."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from msnn.features.nnodely.equations import Equations
+from msnn.features.nnodely.functions import Functions
+from msnn.features.nnodely.layers.layers import Layers
+from msnn.features.nnodely.parameters import Parameters
+from msnn.features.nnodely.saved_file.grammar import File
+from msnn.features.nnodely.signals import Signals
+from msnn.features.nnodely.terms.names import TakenNames
+from msnn.features.nnodely.terms.terms import Term, number_text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sections:
+    """All that was read of a model."""
+
+    name: str
+    file: File
+    names: TakenNames
+    parameters: Parameters
+    layers: Layers
+    functions: Functions
+    signals: Signals
+    equations: Equations
+    outputs: Mapping[str, Term]
+    held: Mapping[str, Term]
+    losses: Mapping[str, tuple[str, Term, Term]]
+
+
+def spec_values(found: Sections) -> dict[str, Any]:
+    """The spec as plain values, in the order in which people read one."""
+    equations, signals = found.equations, found.signals
+    predictors, added = _predictors(found)
+    outputs = {found.names.of("output", old): term for old, term in found.outputs.items()}
+    outputs |= added
+    closings = {name: term for name, (term, _) in signals.states.items()}
+    losses = [term for _, *sides in found.losses.values() for term in sides]
+    # all uses are counted before a text is written: what is used twice becomes an equation
+    equations.count([*outputs.values(), *found.held.values(), *signals.equations.values()])
+    degrees = [term for one in found.layers.declared.values() for term in _degrees(one)]
+    equations.count([*closings.values(), *losses, *degrees])
+    # named before anything is written: who uses the same term then writes the name
+    for name, term in [*found.held.items(), *signals.equations.items(), *outputs.items()]:
+        equations.name(term, name)
+    held = {name: equations.text(term, entry=name) for name, term in found.held.items()}
+    kept = {
+        name: {"expr": equations.text(term, entry=name), "history": 0}
+        for name, term in signals.equations.items()
+    }
+    written = {
+        name: _output(_entry_text(equations, outputs, name), predictors.get(name))
+        for name in outputs
+    }
+    states = {
+        name: _state(found, equations.text(term), size)
+        for name, (term, size) in signals.states.items()
+    }
+    scored = {
+        found.names.free(old): f"{loss}({equations.text(a)}, {equations.text(b)})"
+        for old, (loss, a, b) in found.losses.items()
+    }
+    functions = {
+        name: {"args": list(formula.args), "expr": formula.text}
+        for name, formula in found.functions.declared.items()
+    }
+    layers = {n: _layer(equations, settings) for n, settings in found.layers.declared.items()}
+    inputs = {n: _signal(found, s) for n, s in _named(found, signals.inputs)}
+    targets = {n: _signal(found, s) for n, s in _named(found, signals.targets) if n not in inputs}
+    sections = {
+        "msnn": 1,
+        "name": found.name,
+        "sample_time": f"{number_text(float(found.file.Info.SampleTime))} s",
+        "dims": found.parameters.dims.section(),
+        "inputs": inputs,
+        "targets": targets,
+        "constants": found.parameters.fixed,
+        "parameters": found.parameters.declared,
+        "layers": layers,
+        "functions": functions,
+        "states": states,
+        "equations": {**equations.texts, **held, **kept},
+        "outputs": written,
+        "losses": scored,
+    }
+    # a spec has inputs, if only none
+    return {key: value for key, value in sections.items() if value != {} or key == "inputs"}
+
+
+def _degrees(settings: dict[str, Any]) -> list[Term]:
+    """The activations of a local model; none of another layer."""
+    return settings.get("local_model", {}).get("by", [])
+
+
+def _layer(equations: Equations, settings: dict[str, Any]) -> dict[str, Any]:
+    if "local_model" not in settings:
+        return settings
+    by = [equations.text(term) for term in _degrees(settings)]
+    local = {**settings["local_model"], "by": by if len(by) > 1 else by[0]}
+    return {"local_model": local}
+
+
+def _entry_text(equations: Equations, outputs: Mapping[str, Term], name: str) -> str:
+    """The formula of an output, or the name of the entry that is the same."""
+    term = outputs[name]
+    first = next((n for n, other in outputs.items() if other is term), name)
+    # of two outputs that are the same term the first has the formula
+    own = first == name and equations.is_named(term, name)
+    return equations.text(term, entry=name) if own or not term.args else equations.text(term)
+
+
+def _predictors(found: Sections) -> tuple[dict[str, str], dict[str, Term]]:
+    """The output that predicts each input, and the outputs that are added for it."""
+    predictors: dict[str, str] = {}
+    added: dict[str, Term] = {}
+    for old, ahead in found.signals.predicted.items():
+        new = found.names.of("input", old)
+        source = found.file.Inputs[old].closed_loop
+        target = f"{new}[t+{ahead}]"
+        for output, relation in found.file.Outputs.items():
+            name = found.names.of("output", output)
+            if relation == source and name not in predictors:
+                predictors[name] = target
+                break
+        else:
+            assert source is not None
+            name = found.names.free(f"{new}_next")
+            predictors[name] = target
+            value = found.functions.values.whole(found.signals.value_of(source))
+            added[name] = value
+    return predictors, added
+
+
+def _output(text: str, predicts: str | None) -> Any:
+    return text if predicts is None else {"expr": text, "predicts": predicts}
+
+
+def _state(found: Sections, text: str, size: int) -> dict[str, Any]:
+    dims = {} if size == 1 else {"dims": found.parameters.dims.of(size)}
+    return {"next": text, "history": 0, **dims}
+
+
+def _named(found: Sections, signals: Mapping[str, int]) -> Iterator[tuple[str, int]]:
+    return ((found.names.of("input", old), size) for old, size in signals.items())
+
+
+def _signal(found: Sections, size: int) -> dict[str, Any]:
+    return {} if size == 1 else {"dims": found.parameters.dims.of(size)}

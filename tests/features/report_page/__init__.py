@@ -1,0 +1,1 @@
+"""TODO tests/features/report_page."""
