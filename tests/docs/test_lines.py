@@ -17,6 +17,7 @@ PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
     *sorted((ROOT / "examples").glob("*/README.md")),
+    *sorted((ROOT / "msnn" / "features").glob("*/README.md")),
     ROOT / "editors" / "vscode" / "README.md",
 ]
 _ONE_LINE = re.compile(r"\s*(?:\||!?\[.*\]\(.*\)[.,;]?$|\S+$)")
