@@ -180,6 +180,6 @@ def test_a_module_of_python_that_is_named_runs_none(tmp_path: Path, launcher: st
     made = new_project(tmp_path / "plant")
     for name in NAMES - set(sys.stdlib_module_names):
         plant(made, name)
-    started = [sys.executable] if launcher == "python" else [TORCHRUN, "--nproc-per-node", "2"]
+    started = [sys.executable] if launcher == "python" else [TORCHRUN, "--nproc-per-node", "1"]
     code, said = run_by(made, *started, "-m", "msnn", "train", SPEC, *_SHORT)
     assert code == ExitCode.OK, said
