@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
+from tests.cli.test_working_folder import NAMES, STRANGERS, plant
 from tests.command_server import commands
 from tests.conditions import require_package, require_tool
 
@@ -86,10 +87,15 @@ def alone(msnn: str, folder: Path, *options: str) -> subprocess.CompletedProcess
 
 def by_torchrun(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     # without `--standalone` all runs of a machine ask for one port
-    torchrun = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
-    words = [sys.executable, *torchrun, "-m", "msnn", "train", "plant.yaml", *options]
+    torchrun = [Path(sys.executable).parent / "torchrun", "--standalone", "--nproc-per-node", "2"]
+    words = [*torchrun, "-m", "msnn", "train", "plant.yaml", *options]
     return subprocess.run(
-        words, cwd=folder, env=environment(), text=True, capture_output=True, check=False
+        words,
+        cwd=folder,
+        env={**environment(), "PYTHONPATH": ""},
+        text=True,
+        capture_output=True,
+        check=False,
     )
 
 
@@ -205,10 +211,14 @@ def assert_alike(ours: Path, one: Path) -> None:
 
 def test_torchrun_trains_as_one_process_and_keeps_one_run(forked: str, tmp_path: Path) -> None:
     folder = written(tmp_path / "two")
+    # `python -m` looks in the working folder itself, for what Python needs to begin
+    for name in NAMES - set(sys.stdlib_module_names):
+        plant(folder, name)
     found = by_torchrun(folder)
     assert found.returncode == 0, found.stderr
     assert found.stdout.count("kept in") == 1  # one of the ranks speaks
     assert found.stderr.count("stage 2/2") == 1
+    assert not (folder / STRANGERS).exists()
     run = run_of(folder)
     assert (folder / "runs/plant/latest").resolve() == run.resolve()
     assert len((folder / "runs/runs.jsonl").read_text().splitlines()) == 1
