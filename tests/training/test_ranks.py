@@ -115,11 +115,18 @@ class Started:
         words = [*msnn, "train", "plant.yaml", *options]
         place = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
         place |= more or {}
+        self.folders = folders
         self.processes = [
             subprocess.Popen(
                 words,
                 cwd=folder,
-                env={**environment(), **place, "RANK": str(rank), "TORCHELASTIC_RUN_ID": "test"},
+                env={
+                    **environment(),
+                    **place,
+                    "RANK": str(rank),
+                    "TORCHELASTIC_RUN_ID": "test",
+                    "TELL_PROCESS": str(folder / f"rank_{rank}"),
+                },
                 text=True,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -133,17 +140,22 @@ class Started:
         out, errors = process.communicate(timeout=120)
         return process.returncode, out + errors
 
+    def kill(self, rank: int) -> None:
+        """Of a command that is a fork, what computes."""
+        os.kill(int((self.folders[rank] / f"rank_{rank}").read_text()), signal.SIGKILL)
+
     def end(self) -> None:
-        for process in self.processes:
-            process.kill()
+        for rank, process in enumerate(self.processes):
+            if process.poll() is None:
+                self.kill(rank)
             process.communicate()
 
 
 @pytest.fixture
-def two(tmp_path: Path) -> Iterator[Started]:
-    """Two ranks on a training that lasts, each a process that a signal reaches."""
+def two(forked: str, tmp_path: Path) -> Iterator[Started]:
+    """Two ranks on a training that lasts."""
     folder = written(tmp_path / "run", epochs=LONG)
-    found = Started([sys.executable, "-m", "msnn"], (folder, folder))
+    found = Started([forked], (folder, folder))
     yield found
     found.end()
 
@@ -257,7 +269,7 @@ def test_a_rank_that_is_killed_ends_the_other_which_keeps_the_state(
         time.sleep(0.02)
     run = run_of(folder)
     wait_for(run / "metrics.jsonl", two.processes[0], lines=5)
-    two.processes[1].send_signal(signal.SIGKILL)
+    two.kill(1)
     code, said = two.ended(0)
     assert code == 1
     assert "E0867" in said
@@ -288,7 +300,7 @@ def test_the_death_of_the_first_rank_ends_the_others(
         time.sleep(0.02)
     run = run_of(folder)
     wait_for(run / "checkpoint.safetensors", two.processes[0])
-    two.processes[0].send_signal(signal.SIGKILL)
+    two.kill(0)
     code, said = two.ended(1)
     assert code == 1
     assert "E0867" in said
