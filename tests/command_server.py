@@ -39,7 +39,12 @@ with socket.socket(socket.AF_UNIX) as server:
     asked = {{"words": sys.argv[1:], "folder": os.getcwd(), "environment": dict(os.environ)}}
     socket.send_fds(server, [b"."], [0, 1, 2])
     server.sendall(json.dumps(asked).encode() + b"\\n")
-    code = server.makefile().read()
+    answer = server.makefile()
+    process = answer.readline()
+    if told := os.environ.get("TELL_PROCESS"):
+        with open(told, "w") as file:
+            file.write(process)
+    code = answer.read()
 sys.exit(int(code or 70))
 """
 
@@ -48,6 +53,7 @@ sys.exit(int(code or 70))
 def commands(folder: Path, *packages: str) -> Generator[Path]:
     """A folder with a command `msnn`, whose processes are gone afterwards.
 
+    Where TELL_PROCESS names a file, it gets the number of the process that a signal is for.
     Optional packages that are named are imported for all of them.
     """
     address = folder / "msnn.socket"
@@ -138,6 +144,7 @@ def _answer(asking: socket.socket) -> None:
         from msnn.cli.main import main
 
         main()
+    asking.sendall(f"{process}\n".encode())
     for stream in streams:
         os.close(stream)
     _, status = os.waitpid(process, 0)

@@ -21,7 +21,7 @@ from msnn.project.new_project import new_project
 from tests.conditions import require_package, require_tool
 
 SPEC = "plant.msnn.yaml"
-MSNN, TORCHRUN = (Path(sys.executable).parent / name for name in ("msnn", "torchrun"))
+MSNN = Path(sys.executable).parent / "msnn"
 STRANGERS = "strangers.log"
 """Where a module that is run leaves its name."""
 _OURS = ("numpy", "yaml", "pydantic", "pydantic_core", "jinja2", "typer", "click", "safetensors")
@@ -174,12 +174,13 @@ def test_the_process_that_checks_for_editors_runs_none(folder: Path, tmp_path: P
     assert (code, said) == (0, "True\n")
 
 
-@pytest.mark.parametrize("launcher", ["python", "torchrun"])
-def test_a_module_of_python_that_is_named_runs_none(tmp_path: Path, launcher: str):
-    """`python -m` looks in the working folder itself, for what Python needs to begin."""
+def test_a_module_of_python_that_is_named_runs_none(tmp_path: Path):
+    """`python -m` looks in the working folder itself, for what Python needs to begin.
+
+    So does torchrun: tests/training/test_ranks.py.
+    """
     made = new_project(tmp_path / "plant")
     for name in NAMES - set(sys.stdlib_module_names):
         plant(made, name)
-    started = [sys.executable] if launcher == "python" else [TORCHRUN, "--nproc-per-node", "2"]
-    code, said = run_by(made, *started, "-m", "msnn", "train", SPEC, *_SHORT)
+    code, said = run_by(made, sys.executable, "-m", "msnn", "train", SPEC, *_SHORT)
     assert code == ExitCode.OK, said

@@ -7,12 +7,16 @@ from pathlib import Path
 
 from compiler.kernels.table import KERNELS
 from compiler.layers import LAYERS, rule_of
+from msnn.cli.application import VERBS
 from msnn.data.formats.table_of_formats import FORMATS
 from msnn.exports.table import TARGETS
 from msnn.packages import OptionalPackage
-from spec_schema.fields.entry_kinds import kinds_of
+from spec_schema.fields.entry_kinds import kinds_of, kinds_within
 from spec_schema.sections.layers.layer import Layer
+from spec_schema.sections.spec import Spec
 from spec_schema.sections.training.optimizers import Optimizer
+from tests.docs.diagnostics import all_messages
+from tests.docs.keys import known_keys
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -71,3 +75,24 @@ def test_the_readme_and_the_language_name_every_target() -> None:
         assert f"`{target.name}`" in listed, f"name `{target.name}` under Export of README.md"
         row = f"| `{target.name}`"
         assert row in _page("language.md"), f"add {row} to the targets of docs/language.md"
+
+
+WRITTEN = "pytest tests/docs --accept writes docs/names.md"
+
+
+def test_the_index_has_every_verb_layer_key_and_message() -> None:
+    text = (ROOT / "docs" / "names.md").read_text(encoding="utf-8")
+    verbs, layers, keys, messages = text.split("\n## ")[1:]
+    assert set(re.findall(r"`(\w+)`", verbs)) == set(VERBS), WRITTEN
+    assert set(re.findall(r"`(\w+)`", layers)) == set(Layer.known_keys()), WRITTEN
+    known = {key for entry in kinds_within(Spec) for key in known_keys(entry)}
+    assert set(re.findall(r"^\| `(.+?)` \|", keys, re.MULTILINE)) == known, WRITTEN
+    assert set(re.findall(r"`(\w+)`", messages)) == {each.code for each in all_messages()}, WRITTEN
+
+
+def test_every_page_is_in_the_navigation_once() -> None:
+    listed = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
+    pages = [*(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "how-to").glob("*.md")]
+    for page in pages:
+        named = f": {page.relative_to(ROOT / 'docs')}\n"
+        assert listed.count(named) == 1, f"name {page.name} in mkdocs.yml, once"

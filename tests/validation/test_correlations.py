@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.signal import lfilter
 
 from msnn.data.dataset import FloatArray, IntArray
 from msnn.validation.statistics.clumps import dispersion, most_beyond
@@ -95,6 +94,8 @@ def test_noise_is_called_noise_at_many_lags(rows: int, of_record: int):
 )
 def test_noise_beside_a_slow_input_is_called_noise(rows: int, lags: int, memory: float):
     """Lags of a slow input leave the band in clumps, of which one alone is more than five lags."""
+    from scipy.signal import lfilter  # a second to import, in each process that collects
+
     generator = np.random.default_rng(2)
     places = np.arange(rows)
     accused = missed = 0

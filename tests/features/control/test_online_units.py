@@ -392,6 +392,7 @@ def test_steps_leave_memory_where_it_was(estimators: list[Path]) -> None:
 def test_sources_compile_without_warnings(tmp_path: Path) -> None:
     require_tool("gcc", install="apt install gcc")
     strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2"]
+    compiled: set[bytes] = set()
     for name, dtype in (("heated", "float32"), ("delayed", "float64"), ("vectors", "float32")):
         files = written(plan_of(SPECS[name], tmp_path / name, dtype), tmp_path / name / "out")
         for path in archives(files):
@@ -399,8 +400,12 @@ def test_sources_compile_without_warnings(tmp_path: Path) -> None:
             with zipfile.ZipFile(path) as archive:
                 archive.extractall(place)
             for source in sorted((place / "sources").glob("*.c")):
-                include = [f"-I{HEADERS}", f"-I{source.parent}", "-c", source, "-o", "/dev/null"]
-                subprocess.run(["gcc", *strict, *include], check=True)
+                # of the units for the two versions of FMI, only one source differs
+                if source.read_bytes() not in compiled:
+                    include = [f"-I{HEADERS}", f"-I{source.parent}"]
+                    command = ["gcc", *strict, *include, "-c", source, "-o", "/dev/null"]
+                    subprocess.run(command, check=True)
+                compiled.add(source.read_bytes())
 
 
 def test_the_archives_are_the_same_but_for_the_binary(

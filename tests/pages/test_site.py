@@ -12,14 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from msnn.cli.application import VERBS
-from spec_schema.fields.entry_kinds import kinds_within
-from spec_schema.sections.layers.layer import Layer
-from spec_schema.sections.spec import Spec
 from tests.cli.command_line import ROOT, in_new_process
 from tests.conditions import require_package
-from tests.docs.diagnostics import all_messages
-from tests.docs.keys import known_keys
 from tests.docs.usable import MODES, faults_of
 from tests.features.report_page.browser import opened
 
@@ -58,27 +52,6 @@ def test_search_finds_guides_before_explanations_of_messages(site: Path):
     assert len(guides) > 5
     assert len(later) > 500
     assert min(guides) > 1 > max(later)
-
-
-WRITTEN = "pytest tests/docs --accept writes docs/names.md"
-
-
-def test_the_index_has_every_verb_layer_key_and_message():
-    text = (ROOT / "docs" / "names.md").read_text(encoding="utf-8")
-    verbs, layers, keys, messages = text.split("\n## ")[1:]
-    assert set(re.findall(r"`(\w+)`", verbs)) == set(VERBS), WRITTEN
-    assert set(re.findall(r"`(\w+)`", layers)) == set(Layer.known_keys()), WRITTEN
-    known = {key for entry in kinds_within(Spec) for key in known_keys(entry)}
-    assert set(re.findall(r"^\| `(.+?)` \|", keys, re.MULTILINE)) == known, WRITTEN
-    assert set(re.findall(r"`(\w+)`", messages)) == {each.code for each in all_messages()}, WRITTEN
-
-
-def test_every_page_is_in_the_navigation_once():
-    listed = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
-    pages = [*(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "how-to").glob("*.md")]
-    for page in pages:
-        named = f": {page.relative_to(ROOT / 'docs')}\n"
-        assert listed.count(named) == 1, f"name {page.name} in mkdocs.yml, once"
 
 
 def test_the_commands_of_the_front_page(tmp_path: Path):
