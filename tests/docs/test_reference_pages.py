@@ -70,8 +70,13 @@ def test_every_block_has_its_page():
 
 @pytest.mark.parametrize(
     "page",
-    [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"],
-    ids=lambda page: page.name,
+    [
+        *PAGES,
+        ROOT / "README.md",
+        ROOT / "CONTRIBUTING.md",
+        *sorted((ROOT / "msnn" / "features").glob("*/README.md")),
+    ],
+    ids=lambda page: f"{page.parent.name}/{page.name}",
 )
 def test_links_lead_somewhere(page: Path):
     for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
