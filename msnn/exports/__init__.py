@@ -1,1 +1,1 @@
-"""Writes exports and describes them."""
+"""Plans, writes, runs and checks the exports of a model, for every target of `table.py`."""

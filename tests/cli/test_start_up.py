@@ -243,8 +243,8 @@ def test_rooms_of_what_a_spec_does_not_have_stay_closed(project: Path):
     said = in_new_process(("check", "plant.msnn.yaml"), project, start=_LISTED)
     loaded = set(said.err.splitlines())
     for closed in (
-        "msnn.features.control.elaborate.control",  # `mpc`
-        "msnn.features.control.elaborate.estimation",  # `estimator`
+        "msnn.features.control.elaborate.mpc",  # `mpc`
+        "msnn.features.control.elaborate.estimator",  # `estimator`
         "compiler.elaboration.integrators.implicit_part",  # `integrator: linear_implicit`
         "compiler.elaboration.integrators.linear_implicit",
         "compiler.differentiation.gradient_nodes",  # `grad`

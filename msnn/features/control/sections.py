@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from compiler.elaboration.section import CompiledSection, CompileOther, Section
 from compiler.ir.program import Program
 from compiler.linking.link import Linked
-from msnn.features.control.elaborate.control.control_problem import asked_control, control_problem
-from msnn.features.control.elaborate.estimation.estimation_problem import estimation_problem
+from msnn.features.control.elaborate.estimator.estimation_problem import estimation_problem
+from msnn.features.control.elaborate.mpc.control_problem import asked_control, control_problem
 from msnn.features.control.keys.estimator import Estimator
 from msnn.features.control.keys.mpc import OptimalControl
 from msnn.features.control.problem.optimal_control.problem import ControlProblem

@@ -1,1 +1,1 @@
-"""Reads models that other tools saved and writes them as specs and weights."""
+"""Reads models that nnodely saved and writes them as specs and weights."""

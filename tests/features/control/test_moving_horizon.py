@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import msnn
+from msnn.features.control.kalman.estimate import FilterStatus
 from msnn.features.control.problem.moving_horizon.spread import spread_of
 from msnn.features.control.problem.optimal_control.horizon import Array, Given
 from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.state_estimation.estimate import FilterStatus
 from msnn.features.control.problem.state_estimation.problem import EstimationProblem
 from msnn.features.control.run.control_range import ControlRange
 from msnn.features.control.run.estimation.moving_horizon import MovingHorizon

@@ -1,4 +1,4 @@
-"""Reads a CSV file cell by cell, to say exactly which cells are wrong and where."""
+"""Converts CSV cells to numbers one by one, where numpy cannot, and reports which are wrong."""
 
 from __future__ import annotations
 

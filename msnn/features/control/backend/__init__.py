@@ -1,4 +1,4 @@
-"""Writes predictive controllers as self-contained C."""
+"""Writes controllers, Kalman filters and moving-horizon estimators as self-contained C."""
 
 from msnn.features.control.backend.write_controller import write_controller
 

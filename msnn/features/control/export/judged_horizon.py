@@ -23,7 +23,7 @@ from msnn.features.control.backend.constants import reachable
 from msnn.features.control.backend.estimation.golden_filter import golden_steps
 from msnn.features.control.backend.estimation.library import FilterLibrary
 from msnn.features.control.export.estimate_share import EstimateShare
-from msnn.features.control.problem.state_estimation.estimate import FilterStatus
+from msnn.features.control.kalman.estimate import FilterStatus
 from msnn.features.control.problem.state_estimation.problem import EstimationProblem
 from msnn.features.control.run.estimation.moving_horizon import MovingHorizon
 from msnn.features.control.run.reference_method import ReferenceMethod

@@ -23,7 +23,7 @@ from backends.fmu.description.variables import rounded_range
 from compiler.ir.types import Type
 from msnn.features.control.backend.estimation.filter_fields import input_fields
 from msnn.features.control.fmu.online_unit import Fill, OnlineUnit, valid_numbers
-from msnn.features.control.problem.state_estimation.kalman_filter import KalmanFilter
+from msnn.features.control.kalman.kalman_filter import KalmanFilter
 from msnn.features.control.problem.state_estimation.problem import EstimationProblem
 
 _REFUSED = {3: "an input is infinite or NaN", 4: "a state was never given"}

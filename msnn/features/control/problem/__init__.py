@@ -1,1 +1,1 @@
-"""The problems of control and estimation as data, and the mathematics on them."""
+"""Problems of control and estimation as data, with their optimality conditions and scales."""

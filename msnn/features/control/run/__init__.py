@@ -1,1 +1,1 @@
-"""Controllers and estimators that run in Python, by their C or by the reference solver."""
+"""Controllers and moving-horizon estimators in Python, by their C or by the reference solver."""

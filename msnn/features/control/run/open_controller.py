@@ -10,9 +10,9 @@ from functools import partial
 from backends.files.c_compiler import CompilerMissingError
 from msnn.data.dataset import FloatArray
 from msnn.features.control.errors import export as predictive_control
+from msnn.features.control.kalman.kalman_filter import KalmanFilter
 from msnn.features.control.problem.optimal_control.problem import ControlProblem
 from msnn.features.control.problem.optimal_control.trained import trained
-from msnn.features.control.problem.state_estimation.kalman_filter import KalmanFilter
 from msnn.features.control.problem.state_estimation.problem import EstimationProblem
 from msnn.features.control.run.controller import Controller
 from msnn.features.control.run.estimation.moving_horizon import MovingHorizon

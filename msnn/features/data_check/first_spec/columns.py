@@ -22,7 +22,7 @@ from msnn.data.formats.written_units import (
     written_unit,
 )
 from msnn.features.data_check.errors.first_specs import no_table
-from msnn.features.data_check.first_spec.layout import TextLayout, layout_of, number
+from msnn.features.data_check.first_spec.text_layout import TextLayout, layout_of, number
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.expressions.language import BUILTINS
 from spec_schema.expressions.moments import read_moment

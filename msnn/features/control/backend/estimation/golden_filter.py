@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from backends.c_language.literals import Dtype
 from compiler.ir.types import Type
-from msnn.features.control.problem.state_estimation.kalman_filter import KalmanFilter
+from msnn.features.control.kalman.kalman_filter import KalmanFilter
 from msnn.features.control.problem.state_estimation.problem import EstimationProblem
 
 STEPS = 24

@@ -30,8 +30,8 @@ from msnn.features.control.backend.estimation.recorded_bits import recorded_bits
 from msnn.features.control.backend.inputs import quantity_lines
 from msnn.features.control.backend.members import StructMember
 from msnn.features.control.backend.numbers import TypedLiterals
+from msnn.features.control.kalman.kalman_filter import KalmanFilter
 from msnn.features.control.problem.state_estimation.augmented import augmented
-from msnn.features.control.problem.state_estimation.kalman_filter import KalmanFilter
 from msnn.features.control.problem.state_estimation.problem import EstimationProblem
 
 

@@ -1,1 +1,1 @@
-"""Holds what an estimator of states and parameters is made of, as data."""
+"""The problem of an estimator as data: states, parameters, measurements and their variances."""

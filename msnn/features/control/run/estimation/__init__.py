@@ -1,1 +1,1 @@
-"""Estimates states by windows of samples, with the solvers of controllers."""
+"""The moving-horizon estimator in Python, with the solvers of controllers."""

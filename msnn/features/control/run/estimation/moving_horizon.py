@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compiler.jacobian.matrices import by_name
+from msnn.features.control.kalman.estimate import (
+    Estimate,
+    FilterStatus,
+    WindowEstimate,
+)
+from msnn.features.control.kalman.kalman_filter import KalmanFilter
 from msnn.features.control.problem.moving_horizon.spread import spread_of
 from msnn.features.control.problem.moving_horizon.trained_window import trained_window
 from msnn.features.control.problem.moving_horizon.window_problem import window_problem
 from msnn.features.control.problem.optimal_control.horizon import Array, Given
 from msnn.features.control.problem.optimal_control.kkt import Judge, Residuals
 from msnn.features.control.problem.optimal_control.problem import ControlProblem
-from msnn.features.control.problem.state_estimation.estimate import (
-    Estimate,
-    FilterStatus,
-    WindowEstimate,
-)
-from msnn.features.control.problem.state_estimation.kalman_filter import KalmanFilter
 from msnn.features.control.problem.state_estimation.problem import EstimationProblem
 from msnn.features.control.run.control_range import ControlRange
 from msnn.features.control.run.estimation.window_data import WindowData

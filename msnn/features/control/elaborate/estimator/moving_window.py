@@ -5,8 +5,8 @@ from __future__ import annotations
 from compiler.ir.program import Program
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.sampling import Sampling
-from msnn.features.control.elaborate.control.control_problem import ITERATIONS, TOLERANCE
-from msnn.features.control.elaborate.control.plausible import TOO_LONG, check_tolerance
+from msnn.features.control.elaborate.mpc.control_problem import ITERATIONS, TOLERANCE
+from msnn.features.control.elaborate.mpc.plausible import TOO_LONG, check_tolerance
 from msnn.features.control.errors import estimation as errors
 from msnn.features.control.keys.estimator import MovingHorizon
 from msnn.features.control.problem.moving_horizon.window_problem import window_problem

@@ -12,15 +12,15 @@ from compiler.jacobian.matrices import Vector, vector_of
 from compiler.linking.link import Linked
 from compiler.lowering.failure import LoweringFailed
 from compiler.lowering.sampling import Sampling
-from msnn.features.control.elaborate.control.bounds import control_limits, path_limits, scales_of
-from msnn.features.control.elaborate.control.control_program import control_program
-from msnn.features.control.elaborate.control.control_spec import (
+from msnn.features.control.elaborate.mpc.bounds import control_limits, path_limits, scales_of
+from msnn.features.control.elaborate.mpc.control_program import control_program
+from msnn.features.control.elaborate.mpc.control_spec import (
     STAGE,
     TERMINAL,
     ControlSpec,
     control_spec,
 )
-from msnn.features.control.elaborate.control.dependence import signals_in_step
+from msnn.features.control.elaborate.mpc.dependence import signals_in_step
 from msnn.features.control.errors import control as errors
 from msnn.features.control.keys.mpc import InteriorPoint, OptimalControl
 from msnn.features.control.problem.optimal_control.problem import ControlProblem
@@ -116,7 +116,7 @@ def _problem(asked: ControlSpec, program: Program, findings: Findings) -> Contro
         tolerance=solver.tolerance or TOLERANCE,
     )
     # a spec without a controller is checked without what judges one
-    from msnn.features.control.elaborate.control.plausible import check_plausible
+    from msnn.features.control.elaborate.mpc.plausible import check_plausible
 
     check_plausible(problem, section, findings)
     return problem

@@ -11,8 +11,8 @@ from compiler.ir.liveness import needed
 from compiler.ir.ops import Constant, ReadSignal, ReadState, Window
 from compiler.ir.program import Output, Program, Signal
 from compiler.ir.types import Type, describe_axes
-from msnn.features.control.elaborate.control.control_spec import ControlSpec, bounded, limit
-from msnn.features.control.elaborate.control.dependence import signals_behind, signals_in_step
+from msnn.features.control.elaborate.mpc.control_spec import ControlSpec, bounded, limit
+from msnn.features.control.elaborate.mpc.dependence import signals_behind, signals_in_step
 from msnn.features.control.errors import control as errors
 from msnn.features.control.keys.mpc import ControlBound, OptimalControl
 from msnn.features.control.problem.optimal_control.problem import ControlLimits, Limits, PathLimits

@@ -26,10 +26,10 @@ from compiler.ir.liveness import reads_log
 from compiler.ir.program import History, Tape
 from compiler.ir.types import Type
 from compiler.jacobian.matrices import by_name, vector_of
+from msnn.features.control.kalman.deviations import deviations
+from msnn.features.control.kalman.estimate import Estimate, FilterStatus
+from msnn.features.control.kalman.input_rows import input_rows
 from msnn.features.control.problem.state_estimation.augmented import augmented
-from msnn.features.control.problem.state_estimation.deviations import deviations
-from msnn.features.control.problem.state_estimation.estimate import Estimate, FilterStatus
-from msnn.features.control.problem.state_estimation.input_rows import input_rows
 from msnn.features.control.problem.state_estimation.problem import EstimationProblem
 
 Array = NDArray[Any]

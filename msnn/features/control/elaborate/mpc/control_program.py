@@ -13,8 +13,8 @@ from compiler.ir.types import Type
 from compiler.passes.close_loop import LoopError, close_loop
 from compiler.passes.simplify.drop_unused import drop_unused
 from compiler.passes.to_step_form import to_step_form
-from msnn.features.control.elaborate.control.control_spec import STAGE, TERMINAL, ControlSpec
-from msnn.features.control.elaborate.control.dependence import signals_behind
+from msnn.features.control.elaborate.mpc.control_spec import STAGE, TERMINAL, ControlSpec
+from msnn.features.control.elaborate.mpc.dependence import signals_behind
 from msnn.features.control.errors import control as errors
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.errors.states import not_closable

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msnn.features.control.elaborate.control.concave import concave_in
+from msnn.features.control.elaborate.mpc.concave import concave_in
 from msnn.features.control.errors import control as errors
 from msnn.features.control.keys.mpc import InteriorPoint, OptimalControl
 from msnn.features.control.problem.optimal_control.problem import ControlProblem

@@ -45,7 +45,7 @@ def estimation_problem(spec: Spec, section: Estimator, program: Program) -> Esti
     findings.raise_errors()
     assert problem is not None
     if section.mhe is not None:
-        from msnn.features.control.elaborate.estimation.moving_window import check_size
+        from msnn.features.control.elaborate.estimator.moving_window import check_size
 
         check_size(problem, section.mhe, findings)
         findings.raise_errors()
@@ -85,7 +85,7 @@ def _problem(
     window = None
     if isinstance(section, MovingHorizon):
         # a filter is read without the rooms of controllers
-        from msnn.features.control.elaborate.estimation.moving_window import moving_window
+        from msnn.features.control.elaborate.estimator.moving_window import moving_window
 
         window = moving_window(section, step, findings)
     # outputs that only kept states and samples have done so

@@ -1,0 +1,1 @@
+"""Makes the optimal control problem of a spec from its `mpc` section."""
