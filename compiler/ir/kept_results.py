@@ -15,8 +15,7 @@ _COMPARED: tuple[type[Hashable], ...] = (str, bool, int, frozenset)
 
 
 def kept_for_same(most: int) -> Callable[[Callable[[*Given], Made]], Callable[[*Given], Made]]:
-    """Decorates a function with a cache of its `most` latest results, keyed by identity of
-    arguments.
+    """Decorates a function with a cache of its `most` latest results, keyed by object identity.
 
     Programs, stages and plans are immutable, so the object determines the result. Comparing values
     would be slow, and would confuse 0.0 with -0.0. Strings, booleans, integers and frozensets are
@@ -32,10 +31,8 @@ def kept_for_same(most: int) -> Callable[[Callable[[*Given], Made]], Callable[[*
             # removed and added at the end: the dictionary is ordered by the latest use
             entry = cache.pop(key, None)
             if entry is None:
-                entry = (
-                    arguments,
-                    make(*arguments),
-                )  # a reference keeps the arguments alive, so no other object gets their ids
+                # the stored reference keeps the arguments alive: no other object gets their ids
+                entry = arguments, make(*arguments)
             cache[key] = entry
             if len(cache) > most:
                 cache.popitem(last=False)
