@@ -1,4 +1,4 @@
-"""Writes every loss that compares something as sum of squares, and sums those of targets."""
+"""Converts all losses with a target to mean squared errors, and adds sums of squared targets."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from compiler.ir.ops import Relation
 from compiler.ir.program import Loss, Measure, NodeId, Program
 
 SIZE_OF = "size of "
-"""Before the name of a loss: one that sums the squares of its target."""
+"""Prefix of the loss that sums the squared targets of another loss."""
 
 
 def compared_squares(program: Program) -> Program:
-    """The program with the losses that compare something, each as mse, and the sizes of these.
+    """Replaces losses with a target by their mse, and adds a loss with the squares of each target.
 
-    What a loss compares decides where runs start, whatever its measure.
+    The estimation of initial states uses these squares, whatever the measure of the loss.
     """
     builder = GraphBuilder(program.step)
     losses: list[Loss] = []
@@ -25,7 +25,7 @@ def compared_squares(program: Program) -> Program:
         if loss.target is not None and loss.measure is not Measure.MEAN:
             losses.append(replace(loss, measure=Measure.MSE))
             square = _square(builder, loss, loss.target)
-            # of weight 0: it is summed beside the others, and adds no slope
+            # weight 0: it is summed like the others but does not affect the gradient
             sizes.append(
                 Loss(
                     name=f"{SIZE_OF}{loss.name}",
@@ -39,10 +39,10 @@ def compared_squares(program: Program) -> Program:
 
 
 def _square(builder: GraphBuilder, loss: Loss, target: NodeId) -> NodeId:
-    """The square of each element of a target by its factor, 0 where it is missing."""
+    """The weighted square of each element of a target; 0 where the target is missing."""
     axes = builder.type(target).axes
     zero = builder.broadcast(builder.constant(0.0), axes)
-    # false for NaN alone, which marks what was not recorded
+    # false only for NaN, which marks a missing recording
     there = builder.compare(Relation.LESS_EQUAL, target, target)
     known = builder.select(there, target, zero)
     square = builder.multiply(known, known)

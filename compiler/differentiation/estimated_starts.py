@@ -1,4 +1,4 @@
-"""Makes the programs by which initial values are found, and that run from those found."""
+"""Builds two programs: one that estimates initial states, one that starts from the estimates."""
 
 from __future__ import annotations
 
@@ -11,24 +11,27 @@ from compiler.ir.types import Type
 
 
 def start_signal(state: str) -> str:
-    """The series whose row t0 has the value from which a state starts in a run at t0."""
+    """The series whose row t0 contains the initial value of a state for a run that starts at t0."""
     return f"{state}.start"
 
 
 def offset_parameter(state: State) -> str:
-    """The parameter, 0, that moves all starts of a state; its slope in a run is the start's."""
+    """The parameter, 0, that is added to all initial values of a state.
+
+    The derivative of a run with respect to it equals that with respect to the run's initial value.
+    """
     return f"{state.name}.offset"
 
 
 def estimated_states(program: Program) -> tuple[State, ...]:
-    """The states whose starts are found by least squares."""
+    """The states whose initial values are estimated by least squares."""
     return tuple(state for state in program.states if state.fit_over is not None)
 
 
 def evaluations_that_decide(states: Iterable[State]) -> int | None:
-    """The first evaluations of a run that decide where these states start, None for the whole run.
+    """Number of first samples of a run that estimate these states; None for the whole run.
 
-    States are found together: the longest `over` counts.
+    All states are estimated together, so the longest `over` counts.
     """
     longest = 0
     for state in states:
@@ -39,9 +42,9 @@ def evaluations_that_decide(states: Iterable[State]) -> int | None:
 
 
 def with_read_starts(program: Program) -> Program:
-    """The program with initial values that are to be found read from series of their own.
+    """Reads estimated initial values from separate series.
 
-    Before: window form. After: no state is to be fitted; each that was starts from the row t0 of
+    Before: window form. After: no state is marked as estimated; each that was starts from row t0 of
     the target `<state>.start`.
 
         state x: scalar m, next %1, start %0, fitted over 20   # %0: scalar m = 0
@@ -52,10 +55,11 @@ def with_read_starts(program: Program) -> Program:
 
 
 def with_moved_starts(program: Program) -> Program:
-    """As `with_read_starts`; to each start a parameter `<state>.offset` is added, which is 0.
+    """Like `with_read_starts`, but adds to each initial value a parameter `<state>.offset`, which
+    is 0.
 
-    One such number moves the starts of all runs alike, so that the slope of a run in it is the
-    slope in the start of that run.
+    One parameter shifts the initial values of all runs. The derivative of a run with respect to it
+    is therefore the derivative with respect to the initial value of that run.
     """
     states = estimated_states(program)
     parameters = tuple(
@@ -79,7 +83,7 @@ def _with_starts(program: Program, offsets: Mapping[str, str]) -> Program:
         start = builder.log(name, 0, 0, type)
         if state.name in offsets:
             start = builder.add(start, builder.parameter(offsets[state.name], type))
-        # a target, so that deployed code has no port for it
+        # a target, since deployed code has no port for it
         signals.append(Signal(name, Role.TARGET, state.axes, state.unit))
         states.append(replace(state, start=start, fit_over=None))
     return replace(

@@ -1,12 +1,12 @@
-"""Differentiates forwards: adds nodes whose values are the slopes of other nodes.
+"""Forward-mode differentiation: adds nodes with the directional derivatives (tangents) of others.
 
-Along n directions at once, a node y of axes (…) has the tangent ẏ of axes (directions, …): the
-derivative of every element of y in each of them. Every node on the way gets ẏ = Σ over its operands
-x of ∂y/∂x ẋ (Griewank, Walther: Evaluating Derivatives, 2008, ch. 3). Tangents are made of core
-operations, so that every backend computes them as it computes the values.
+For n directions, a node y of axes (…) has the tangent ẏ of axes (directions, …): the derivative of
+every element of y in each direction. A node y has ẏ = Σ ∂y/∂x ẋ over its operands x (Griewank,
+Walther: Evaluating Derivatives, 2008, ch. 3). Tangents consist of core operations, so every backend
+can compute them.
 
-Conventions at kinks and at infinite slopes are those of reverse mode. What a `where` does not take
-adds nothing: the tangents are chosen as the values are.
+Conventions at kinks and at infinite derivatives are those of reverse mode. The tangent of a `where`
+is selected like its value, so that the other branch does not contribute.
 """
 
 from __future__ import annotations
@@ -36,15 +36,14 @@ def tangents(
 ) -> dict[NodeId, NodeId]:
     """The tangents of all nodes of the builder's graph that depend on the keys of `seeds`.
 
-    `seeds` has the tangents of leaves. `buffers` names for each buffer state that depends on
-    something the state that keeps the tangents of its samples; one that is not named is constant.
-    The tangents in the buffers of `infinite` may be infinite. With `count` only the first nodes
-    are looked at, as many as it says.
-    Nodes are added to the builder, their number is linear in that of the graph's.
+    `seeds` has the tangents of leaves. `buffers` maps each buffer state that depends on a seed to
+    the state with the tangents of its samples; other buffers are constant. Tangents in the buffers
+    of `infinite` may be infinite. With `count`, only the first `count` nodes are differentiated.
+    The number of added nodes is linear in the size of the graph.
     """
     found: dict[NodeId, NodeId] = dict(seeds)
     for node in range(len(builder.graph()) if count is None else count):
-        # a truth has no slope; where it switches values have kinks, and these one-sided slopes
+        # a bool has no derivative; where it switches, values have one-sided derivatives
         if node in found or builder.type(node).kind == "bool":
             continue
         with builder.at(builder.node(node).span):
@@ -63,13 +62,13 @@ def tangents(
 
 
 def zero_tangent(builder: GraphBuilder, directions: Axis, node: NodeId) -> NodeId:
-    """The tangent of a node that depends on nothing."""
+    """The tangent, 0, of a node that does not depend on a seed."""
     return builder.broadcast(builder.constant(0.0), (directions, *builder.type(node).axes))
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """Makes the tangent of a node from those of its operands."""
+    """Derives the tangent of a node from the tangents of its operands."""
 
     builder: GraphBuilder
     directions: Axis
@@ -85,7 +84,7 @@ class _Rule:
         moving = [self.known.get(arg) for arg in args]
         if isinstance(op, ops.Window) and op.state in self.buffers:
             length = made.type.shape[-1] - 1
-            # the tangents of past samples were computed when these were new
+            # the tangents of past samples were computed when these were the newest
             samples = b.window(self.buffers[op.state], self._or_zero(args[0]), length)
             if op.state in self.infinite:
                 b.infinite_values.expect(samples)
@@ -105,7 +104,7 @@ class _Rule:
             case ops.Multiply():
                 return self._sum(self._times(0, args[1]), self._times(1, args[0]))
             case ops.Divide():
-                # (ṅ − y·ḋ)/d of y = n/d: one division, and the quotient is there already
+                # (ṅ − y·ḋ)/d for y = n/d: one division, as y is already computed
                 rest = self._negative(self._times(1, self.node))
                 total = self._sum(moving[0], rest)
                 if total is None:
@@ -116,7 +115,7 @@ class _Rule:
                     b.infinite_values.expect(quotient)
                 return quotient
             case ops.Minimum():
-                # the same side as in reverse mode: a tie belongs to the first operand
+                # as in reverse mode, a tie belongs to the first operand
                 return self._chosen(b.compare(ops.Relation.LESS_EQUAL, *args), *args)
             case ops.Maximum():
                 # a tie belongs to the first operand here too
@@ -149,8 +148,7 @@ class _Rule:
                     self._contracted(args[1], args[0], axis),
                 )
             case ops.Window():
-                # whoever seeds tangents names the buffers of all states that move: another one is a
-                # fault of ours
+                # the caller names the buffers of all states with tangents: a missing one is a bug
                 message = "the past of a buffer depends on what its newest sample depends on"
                 raise AssertionError(message)
             case ops.Leaf() | ops.Compare():
@@ -163,7 +161,7 @@ class _Rule:
         return zero_tangent(self.builder, self.directions, node) if tangent is None else tangent
 
     def _repeated(self, value: NodeId) -> NodeId:
-        """A value for every direction."""
+        """The value repeated along the directions."""
         return self.builder.broadcast(value, (self.directions, *self.builder.type(value).axes))
 
     def _sum(self, *terms: NodeId | None) -> NodeId | None:
@@ -177,13 +175,13 @@ class _Rule:
         return None if tangent is None else self.builder.negate(tangent)
 
     def _times(self, position: int, slope: NodeId) -> NodeId | None:
-        """The operand's tangent times a value that is the same for every direction."""
+        """The operand's tangent times a factor that is equal for all directions."""
         tangent = self.known.get(self.builder.node(self.node).args[position])
         if tangent is None:
             return None
         product = slope_product(self.builder, tangent, self._repeated(slope))
         if self.builder.infinite_values.can_be_infinite(slope):
-            # the factors that are 0 where what is differentiated is infinite come after it
+            # a factor 0 may follow later
             self.builder.infinite_values.expect(product)
         return product
 
@@ -193,18 +191,18 @@ class _Rule:
         )
 
     def _clamped(self) -> NodeId:
-        """The tangent of the bound that is taken, else that of the value."""
+        """The tangent of the active limit, otherwise the tangent of the value."""
         b = self.builder
         value, low, high = b.node(self.node).args
         below = b.compare(ops.Relation.LESS, value, low)
-        # where the limits cross, the upper one is the value, whatever x is; constants have no slope
+        # crossed limits give the upper limit for any x; constants have no tangent
         moving = low in self.known or high in self.known
         raised = b.emit(ops.Maximum(), (value, low), b.type(value)) if moving else value
         above = self._repeated(b.compare(ops.Relation.GREATER, raised, high))
         return b.select(above, self._or_zero(high), self._chosen(below, low, value))
 
     def _contracted(self, moving: NodeId, other: NodeId, axis: str) -> NodeId | None:
-        """Σ over the axis of the tangent of one operand times the other, in the node's axes."""
+        """Σ over the axis of (tangent of one operand) · (other operand), in the node's axes."""
         tangent = self.known.get(moving)
         if tangent is None:
             return None
@@ -212,7 +210,7 @@ class _Rule:
         axes = (self.directions, *b.type(self.node).axes)
         infinite = b.infinite_values
         if infinite.can_be_infinite(tangent) or infinite.can_be_infinite(other):
-            # a sum of products looks at no factor
+            # a contraction does not test its factors for 0
             along = b.type(moving).axes[b.type(moving).position(axis)]
             whole = (self.directions, *in_order((*b.type(self.node).axes, along)))
             left, right = b.broadcast(tangent, whole), b.broadcast(other, whole)
@@ -222,16 +220,18 @@ class _Rule:
         return b.broadcast(product, axes)
 
     def _picked(self, moving: NodeId, other: NodeId, axis: str) -> NodeId | None:
-        """The same for a leaf p: ∂(Σ pᵢⱼ xⱼ)/∂pᵢⱼ is xⱼ in row i, without the sum with zeros."""
+        """The same for a leaf p: ∂(Σ pᵢⱼ xⱼ)/∂pᵢⱼ is xⱼ in row i, so a sum with zeros is
+        avoided.
+        """
         b = self.builder
-        # the rows of an identity as seed: the sum over the axis has one term that is not 0
+        # the seed is rows of an identity matrix: the sum over the axis has one nonzero term
         seed = b.node(self.known[moving])
         own = b.type(moving)
         before = _first_direction(seed.op, seed.type, own.size)
         if before is None:
             return None
         result = b.type(self.node).axes
-        # the leaf's elements as directions: primed, as the result may have axes of the same names
+        # the leaf's elements as directions: primed names, since the result may have the same axes
         numbers = tuple(Axis(f"{a.name}'", a.size) for a in own.axes)
         rest = tuple(a for a in b.type(other).axes if a.name != axis)
         summed = numbers[own.position(axis)]
@@ -240,7 +240,7 @@ class _Rule:
         kept = tuple(a for a in own.axes if a.name != axis)
         if kept:
             primed = tuple(a for a in numbers if a is not summed)
-            # an element of row i moves result i alone: δ over the axes that are not summed
+            # an element of row i affects result i only: Kronecker δ over the other axes
             same = b.constant(np.eye(Type(kept).size), (*primed, *kept), unit=None)
             picked = b.multiply(picked, b.broadcast(same, (*numbers, *result)))
 
@@ -248,7 +248,7 @@ class _Rule:
             axes = (Axis(self.directions.name, length), *result)
             return b.broadcast(b.constant(0.0, unit=None), axes) if length else None
 
-        # other leaves have the directions before and after: zeros there
+        # zeros for the directions of other leaves, before and after
         middle = b.reshape(picked, (Axis(self.directions.name, own.size), *result))
         after = self.directions.size - before - own.size
         present = [part for part in (zeros(before), middle, zeros(after)) if part is not None]
@@ -256,10 +256,10 @@ class _Rule:
 
 
 def _first_direction(seed: ops.Op, type: Type, count: int) -> int | None:
-    """The place where the unit directions of a leaf's elements begin; None for any other seed."""
+    """Index of the first unit direction of a leaf's elements; None for any other seed."""
     if not isinstance(seed, ops.Constant):
         return None
-    # only the seeds that `sensitivities` makes are recognised; all others are summed as they stand
+    # only the seeds that `sensitivities` makes are recognised; others use the general sum
     values = np.reshape(seed.values, (type.shape[0], count))
     rows = np.flatnonzero(values.any(axis=1))
     if len(rows) != count or not np.array_equal(values[rows], np.eye(count)):

@@ -1,4 +1,4 @@
-"""Adds gradients of values to a graph that is still being built, as core operations."""
+"""Adds gradients of values to a graph that is under construction."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from compiler.passes.derivatives.guard_untaken import guarded
 def gradient_nodes(
     builder: GraphBuilder, value: NodeId, wanted: Sequence[NodeId]
 ) -> list[NodeId | None]:
-    """Σ ∂value/∂w over all elements of the value, for each wanted node w; None where there is none.
+    """Σ ∂value/∂w over all elements of the value, for each wanted node w; None if independent of w.
 
-    It has the axes of w and the unit of value / w. Only what the value is made of is looked at, its
-    untaken branches are guarded first, and the nodes of it that are in the graph are used again.
+    A gradient has the axes of w and the unit of value / w. Only the nodes that the value depends on
+    are differentiated; untaken branches are guarded first. Nodes already in the graph are reused.
     """
     return _Differentiated(builder, value).gradients(np.ones(()), wanted)
 
@@ -30,7 +30,7 @@ def gradient_nodes(
 def element_gradients(
     builder: GraphBuilder, value: NodeId, wanted: Sequence[NodeId]
 ) -> list[list[NodeId | None]]:
-    """The same for each element of the value alone, in C order: the rows of a Jacobian."""
+    """The same for each element of the value separately, in C order: the rows of a Jacobian."""
     differentiated = _Differentiated(builder, value)
     # one row for each element: weight 1 for it, 0 for all others
     rows = np.eye(builder.type(value).size)
@@ -38,23 +38,23 @@ def element_gradients(
 
 
 class _Differentiated:
-    """A value's graph, guarded, with its gradients; copied to the graph where needed."""
+    """A guarded copy of a value's graph and its gradients, which are copied back where needed."""
 
     def __init__(self, builder: GraphBuilder, value: NodeId) -> None:
         self._builder = builder
         self._value = value
         self._draft, self._guarded = guarded(builder.graph(), [value])
-        # shared by all rows of a Jacobian: what they have in common is copied to the graph once
+        # shared by all rows of a Jacobian: common nodes are copied once
         self._copies: dict[NodeId, NodeId] = {}
 
     def gradients(self, weights: Array, wanted: Sequence[NodeId]) -> list[NodeId | None]:
-        """Σ weight · ∂value/∂w over the elements of the value; one weight counts for all."""
+        """Σ weight · ∂value/∂w over the elements of the value; a scalar weight counts for all."""
         draft, type = self._draft, self._builder.type(self._value)
         if weights.ndim == 0:
             adjoint = draft.broadcast(draft.constant(weights), type.axes)
         else:
             adjoint = draft.constant(weights, type.axes)
-        # of what the value is not made of there is no slope
+        # the value does not depend on other nodes
         present = [node for node in wanted if node in self._guarded]
         inner = [self._guarded[node] for node in present]
         found = gradients(draft, {self._guarded[self._value]: adjoint}, inner)
@@ -69,15 +69,14 @@ class _Differentiated:
         builder = self._builder
         self._copy(slope)
         copied = self._copies[slope]
-        # rules of slopes leave units unknown here and there; that of the result follows from its
-        # ends
+        # derivative rules leave some units unknown; the unit of the result is known
         unit = quotient_unit(builder.type(self._value).unit, builder.type(node).unit)
         type = builder.type(copied)
         if unit is None or type.unit == unit:
             return copied
         return builder.emit(Reshape(), (copied,), type.with_unit(unit))
 
-    # a stack of its own: graphs are deeper than Python recurses
+    # an explicit stack: graphs are deeper than Python's recursion limit
     def _copy(self, wanted: NodeId) -> None:
         waiting = [wanted]
         while waiting:

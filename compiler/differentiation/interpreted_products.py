@@ -1,7 +1,7 @@
-"""Runs the sensitivities of a program in the interpreter: what second-order training sums.
+"""Evaluates the sums of second-order training in the interpreter, as reference for kernels.
 
-The products of residuals and slopes come with bounds of what rounding may change in them, for
-comparison with kernels of the same program.
+The products of residuals and Jacobians have bounds on their rounding error, with which kernels of
+the same program are compared.
 """
 
 from __future__ import annotations
@@ -23,14 +23,16 @@ _DTYPE: np.dtype[Any] = np.dtype(np.float64)
 
 @dataclass(frozen=True, slots=True)
 class InterpretedProducts:
-    """The products [J r]ᵀ[J r] of one loss, a row more than learned numbers, and Σ of its cost."""
+    """The products [J r]ᵀ[J r] of one loss, (n + 1, n + 1) for n learned elements, and Σ of its
+    cost.
+    """
 
     products: Total
     cost: Total
     count: Total
-    """How many elements it scores, by the factors of their rows."""
+    """Number of scored elements, weighted by the factors of their rows."""
     left_out: Total
-    """How many of these have no share in the products."""
+    """Number of scored elements that the products exclude."""
 
 
 def interpreted_products(
@@ -47,7 +49,7 @@ def interpreted_products(
         for one in found.residuals
     }
     members = len(runs.t0)
-    # the first samples of a rollout let states settle and count in no loss
+    # the first `skip` samples of a rollout let the states settle; no loss counts them
     for moment in forward.moments(runs)[runs.skip :]:
         for one in found.residuals:
             total, term = sums[one.loss.name], terms[one.loss.name]
@@ -64,7 +66,7 @@ def interpreted_products(
 def _rows(
     one: LossResiduals, moment: RolloutStep, numbers: int, members: int
 ) -> tuple[Array, Array]:
-    """Rows of slopes and residual, (members, elements, numbers + 1), and what each may be off."""
+    """Rows [J r], (members, elements, numbers + 1), and the error bound of each element."""
     unit = unit_roundoff(_DTYPE)
     values, slopes = (moment.values[node].repeated(members) for node in (one.values, one.slopes))
 
@@ -86,7 +88,7 @@ def _over_elements(one: Bounded) -> Bounded:
 
 
 def _products(rows: tuple[Array, Array]) -> Bounded:
-    """The products of the rows of each member, a sum over its elements."""
+    """The products of the rows of each member, summed over its elements."""
     row, off = rows
     size = np.abs(row)
     with np.errstate(all="ignore"):

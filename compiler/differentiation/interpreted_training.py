@@ -1,7 +1,7 @@
-"""Runs the graphs of training in the interpreter, with bounds of what rounding may change.
+"""Evaluates the training graphs in the interpreter, with rounding bounds, as reference for kernels.
 
-The same graphs that a training kernel is made of, in its precision: the step forward over a
-horizon, then the reverse step from the last sample to the first and the reverse of the start.
+It uses the graphs of the training kernels, in their precision. The step runs forward over a
+horizon; then the reverse step runs from the last sample to the first, and the reverse start.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from compiler.ir.training.values import LossScale, NewestSample, StateAdjoint, T
 
 @dataclass(frozen=True, slots=True)
 class InterpretedLosses:
-    """Σ of every loss, how much it scored, and the gradient of the weighted total."""
+    """Σ of every loss, the number of scored elements, and the gradient of the weighted total."""
 
     sums: dict[str, Total]
     counts: dict[str, Total]
@@ -33,7 +33,7 @@ class InterpretedLosses:
 
 
 class InterpretedTraining:
-    """The graphs of one training step at some weights, in one precision."""
+    """The graphs of one training step with given weights, in one precision."""
 
     def __init__(
         self, step: TrainingStep, weights: Mapping[str, Array], dtype: np.dtype[Any]
@@ -52,13 +52,13 @@ class InterpretedTraining:
         )
 
     def losses(self, runs: Rollouts, loss_weights: Mapping[str, float]) -> InterpretedLosses:
-        """The terms of every loss from these rollouts, and the gradient of Σ weight · loss."""
+        """The sums of every loss over these rollouts, and the gradient of Σ weight · loss."""
         moments = list(self._forward.moments(runs))
         sums = {term.loss.name: Total(self._dtype) for term in self._step.losses}
         counts = {name: Total(self._dtype) for name in sums}
         members = len(runs.t0)
         for number, moment in enumerate(moments):
-            # the first samples of a rollout let states settle and count in no loss
+            # the first `skip` samples of a rollout let the states settle; no loss counts them
             if number < runs.skip:
                 continue
             for term in self._step.losses:
@@ -87,7 +87,7 @@ class InterpretedTraining:
             state.name: AdjointTape.of_zeros(
                 members,
                 tuple(axis.size for axis in state.axes),
-                # only buffers have an adjoint for each sample, on a tape over all steps
+                # buffers have one adjoint per sample, on a tape over all steps
                 runs.steps if state.name in self._step.newest else None,
                 self._dtype,
             )
@@ -102,7 +102,7 @@ class InterpretedTraining:
             for name, tape in adjoints.items():
                 given[StateAdjoint(name)] = tape.after(number)
             for name, (value, error) in scales.items():
-                # scaled by 0, a step that counts in no loss still passes adjoints on
+                # a step that no loss counts has scale 0, but still propagates adjoints
                 scored = number >= runs.skip
                 given[LossScale(name)] = _number(
                     value if scored else 0.0, error if scored else 0.0, members, self._dtype
@@ -127,11 +127,11 @@ def _results(term: LossTerm) -> list[NodeId]:
 def _scale(
     term: LossTerm, total: Total, counts: Mapping[str, Total], weights: Mapping[str, float]
 ) -> tuple[float, float]:
-    """∂(weighted total)/∂(sum of this loss), in float64, and what rounding of the sums changes."""
+    """∂(weighted total)/∂(sum of this loss), in float64, and its error bound."""
     count, weight = float(counts[term.loss.name].value), weights[term.loss.name]
     if count == 0:
         return 0.0, 0.0
-    # how much one row counts is data: a number of elements is exact
+    # row factors are data and round; a number of elements is exact
     part = float(counts[term.loss.name].off()) / count if term.loss.rows is not None else 0.0
     if not term.is_root:
         found = weight / count
@@ -144,12 +144,12 @@ def _scale(
     value, off = float(total.value), float(total.off())
     if value == 0 and off == 0:
         return 0.0, 0.0
-    # the root is steepest at the smallest mean that rounding allows
+    # the derivative of the root is largest at the smallest mean that rounding allows
     most, found = slope((value - off) / count), slope(value / count)
     return found, abs(most - found) + abs(most) * part
 
 
 def _number(value: float, error: float, members: int, dtype: np.dtype[Any]) -> Bounded:
-    """One number for every member."""
+    """A scalar for every member."""
     one = exact(np.full(members, value, dtype))
     return Bounded(one.value, one.error + error, one.terms + error, 1)

@@ -1,4 +1,4 @@
-"""Writes losses that are sums of squares as residuals with their slopes."""
+"""Expresses losses that are sums of squares by residuals and their derivatives."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from compiler.ir.types import Axis
 
 @dataclass(frozen=True, slots=True)
 class LossResiduals:
-    """A loss as Σ r² over its elements: r with its slopes ∂r/∂θ, both 0 where nothing is scored.
+    """A loss as Σ r² over its elements: r and its derivatives ∂r/∂θ, both 0 where nothing is
+    scored.
 
-    Both are 0, too, where a slope is infinite: no step can be made of it (decision 0184). What is
-    above the largest slope is so, θ counted in multiples of its scale.
-    The slopes of the sum are exact, 2 Σ r ∂r/∂θ; for huber r has the weight of its element, and
-    where rows have factors w it is √w times the residual.
+    Both are also 0 where a derivative is infinite, i.e. above `LARGEST_SLOPE` with θ in multiples
+    of its scale (decision 0184). The derivative of the sum is exact, 2 Σ r ∂r/∂θ. For huber, r
+    contains the weight of its element; rows with factor w have √w times the residual.
     """
 
     loss: Loss
     values: NodeId
     """Axes (…)."""
     slopes: NodeId
-    """Axes (LEARNED, …)."""
+    """∂r/∂θ, axes (LEARNED, …)."""
     left_out: NodeId | None
-    """√w where a slope is infinite, else 0, axes (…); None where none can be."""
+    """√w where a derivative is infinite, else 0, axes (…); None if none can be infinite."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unsquared:
-    """A residual is factor · error; the factor counts as constant in its slopes, None for 1."""
+    """A residual factor · error. Its derivatives treat the factor as constant; None means 1."""
 
     error: NodeId
     factor: NodeId | None
     root: NodeId | None
-    """√ of the factors of rows, a part of the factor; None for 1."""
+    """√ of the row factors, which the factor contains; None means 1."""
 
 
 def unsquared_residual(builder: GraphBuilder, loss: Loss) -> Unsquared:
@@ -55,7 +55,7 @@ def unsquared_residual(builder: GraphBuilder, loss: Loss) -> Unsquared:
     if loss.measure is not Measure.HUBER:
         assert loss.measure is Measure.MSE, "other losses are no sums of squares"
         return Unsquared(error, root, root)
-    # |e| ≤ δ: (e/√2)²; beyond, the weight δ/|e| gives the square the slope of the straight line
+    # |e| ≤ δ: (e/√2)²; beyond, the weight δ/|e| gives the square the derivative of the line
     # (iteratively reweighted least squares; Holland, Welsch 1977).
     limit = builder.broadcast(builder.constant(loss.delta), axes)
     size = builder.maximum(builder.apply("abs", error), limit)
@@ -72,22 +72,24 @@ def residual_row(
     scales: Sequence[float],
     leaves_out: Callable[[], bool],
 ) -> LossResiduals:
-    """A residual with its slopes, without those that are infinite; `scales` of LEARNED."""
+    """A residual with its derivatives, 0 where these are infinite; `scales` of all LEARNED
+    elements.
+    """
     directions = builder.type(slopes).axes[0]
     values = _weighted(builder, residual.factor, residual.error)
     slopes = _weighted(builder, residual.factor, slopes, directions)
     if not builder.infinite_values.can_be_infinite(slopes) or not leaves_out():
         return LossResiduals(loss, values, slopes, None)
-    # one slope that is no number leaves the whole residual out, for every learned number
+    # one infinite derivative excludes the residual for all learned elements
     steepness = builder.apply("abs", slopes)
     if any(scale != 1.0 for scale in scales):
-        # by the number itself, slopes of a leak in m^3/s/Pa are huge though it hardly matters
+        # scaled, since the derivative by a leak in m^3/s/Pa is huge but harmless
         factors = builder.constant(np.array(scales), (directions,), unit=None)
         factors = builder.broadcast(factors, builder.type(steepness).axes)
         steepness = builder.multiply(steepness, factors)
     size = builder.sum(steepness, directions.name)
     axes = builder.type(size).axes
-    # no relation holds for NaN
+    # false for NaN
     largest = builder.broadcast(builder.constant(LARGEST_SLOPE), axes)
     finite = builder.compare(Relation.LESS_EQUAL, size, largest)
     zero, one = (builder.broadcast(builder.constant(value), axes) for value in (0.0, 1.0))

@@ -1,15 +1,16 @@
-"""Differentiates backwards: adds nodes whose values are the gradients of other nodes.
+"""Reverse-mode differentiation: adds nodes with the gradients of other nodes.
 
-For a scalar S that depends on the nodes with adjoints ∂S/∂y given, every node x on the way gets
-x̄ = Σ over its uses u of ūᵀ ∂u/∂x (Griewank, Walther: Evaluating Derivatives, 2008, ch. 3). The
-gradient is made of core operations, so that every backend computes it as it computes the value.
+For a scalar S with given adjoints ∂S/∂y, every node x in between has the adjoint x̄ = Σ over its
+uses u of ūᵀ ∂u/∂x (Griewank, Walther: Evaluating Derivatives, 2008, ch. 3). The gradient consists
+of core operations, so that every backend can compute it.
 
-Conventions at kinks, the same in every backend: abs, sign and relu have slope 0 at 0; a tie of min
-or max goes to the first operand; clamp has slope 1 on its bounds; fuzzy sets take the right-hand
-slope. The derivative is the sum over all paths of the product of local slopes, and a product with
-a factor 0 is 0, whichever it is: `sqrt(max(x, 0))` has slope 0 below 0. Where no factor is 0 and
-one is infinite it is ±∞ (`slope_product`). The pass `guard_untaken` comes before: the branch of a
-`where` that is not taken then adds nothing, as in `where(x > 0, sqrt(x), 0)` at 0.
+All backends share the conventions at kinks. abs, sign and relu have derivative 0 at 0. A tie of min
+or max goes to the first operand, and clamp has derivative 1 on its bounds. Fuzzy sets use the
+right-hand derivative. A derivative is the sum over all paths of the product of local derivatives. A
+product with a factor 0 is 0, even if another factor is infinite: `sqrt(max(x, 0))` has derivative 0
+below 0. If no factor is 0 and one is infinite, it is ±∞ (`slope_product`). The pass `guard_untaken`
+runs before, so that the other branch of a `where` contributes 0, as in `where(x > 0, sqrt(x), 0)`
+at 0.
 """
 
 from __future__ import annotations
@@ -31,15 +32,15 @@ Key = TypeVar("Key")
 def gradients(
     builder: GraphBuilder, adjoints: Mapping[NodeId, NodeId], wanted: Sequence[NodeId]
 ) -> list[NodeId | None]:
-    """∂S/∂w for each wanted node w, given ∂S/∂y (same axes as y) for the keys y of `adjoints`.
+    """∂S/∂w for each wanted node w, given ∂S/∂y (axes of y) for the keys y of `adjoints`.
 
-    None where S does not depend on w. The nodes are added to the builder; cost is linear in the
-    number of nodes. Bool nodes have no gradient.
+    None if S does not depend on w. The nodes are added to the builder; their number is linear in
+    the size of the graph. Bool nodes have no gradient.
     """
     last = max(adjoints, default=-1)
     needed = _depending_on(builder, wanted, last)
     found: dict[NodeId, NodeId] = dict(adjoints)
-    # a node's users have larger ids, so its adjoint is complete once they are passed
+    # users have larger ids, so an adjoint is complete when its node is reached
     for node in range(last, -1, -1):
         adjoint = found.get(node)
         if adjoint is None or node not in needed:
@@ -49,29 +50,31 @@ def gradients(
             for position, share in rule.shares(needed):
                 argument = builder.node(node).args[position]
                 before = found.get(argument)
-                # one operand twice, as in x·x, adds up here
+                # an operand that is used twice, as in x·x, accumulates here
                 found[argument] = share if before is None else builder.add(before, share)
     return [found.get(node) for node in wanted]
 
 
 @dataclass(frozen=True)
 class StepGradients:
-    """Nodes of ∂S/∂ what a step reads, by name; a name that S does not depend on is absent."""
+    """Nodes of the gradients of S with respect to the reads of a step, by name; absent if
+    independent.
+    """
 
     states: Mapping[str, NodeId]
     parameters: Mapping[str, NodeId]
     signals: Mapping[str, NodeId]
-    """By signal; empty where they are not wanted."""
+    """By signal; empty if not requested."""
 
 
 def step_gradients(
     builder: GraphBuilder, adjoints: Mapping[NodeId, NodeId], *, signals: bool = True
 ) -> StepGradients:
-    """The gradients with respect to everything that a step reads.
+    """The gradients with respect to all states, parameters and signals that a step reads.
 
     A buffer state is read whole (`ReadState`), or together with its newest sample (`Window`).
-    `signals` needs a graph that reads each signal once, as step form does; in window form one
-    signal is read over several windows.
+    `signals` requires a graph that reads each signal once, as step form does; window form reads a
+    signal over several windows.
     """
     last = max(adjoints, default=-1)
     kinds = ops.ReadState | ops.Window | ops.ReadParameter
@@ -90,8 +93,7 @@ def step_gradients(
             case ops.ReadState(name=name):
                 accumulate(builder, states, name, gradient)
             case ops.Window(state=name):
-                # the newest sample is an operand of the Window; the state is only what stands
-                # before it
+                # the newest sample is an operand of the Window; the state is the rest
                 past = builder.type(gradient).axes[-1].size - 1
                 accumulate(builder, states, name, builder.slice(gradient, WINDOW, 0, past))
             case ops.ReadParameter(name=name):
@@ -104,13 +106,13 @@ def step_gradients(
 
 
 def accumulate(builder: GraphBuilder, sums: dict[Key, NodeId], key: Key, addend: NodeId) -> None:
-    """Adds to one of the sums; the first addend is the sum."""
+    """Adds a term to `sums[key]`; the first term initialises it."""
     before = sums.get(key)
     sums[key] = addend if before is None else builder.add(before, addend)
 
 
 def _depending_on(builder: GraphBuilder, wanted: Iterable[NodeId], last: NodeId) -> set[NodeId]:
-    """The nodes up to `last` that the wanted ones influence, themselves included."""
+    """The nodes up to `last` that depend on a wanted node, including these."""
     needed = set(wanted)
     for node in range(min(needed, default=0), last + 1):
         if builder.type(node).kind == "real" and any(
@@ -122,14 +124,14 @@ def _depending_on(builder: GraphBuilder, wanted: Iterable[NodeId], last: NodeId)
 
 @dataclass(frozen=True)
 class _Rule:
-    """Passes a node's adjoint on to its operands."""
+    """Propagates a node's adjoint to its operands."""
 
     builder: GraphBuilder
     node: NodeId
     adjoint: NodeId
 
     def shares(self, needed: set[NodeId]) -> list[tuple[int, NodeId]]:
-        """Position of each operand that is needed, and its share of the gradient."""
+        """Position of each needed operand, with its term of the gradient."""
         args = self.builder.node(self.node).args
         wanted = [position for position, argument in enumerate(args) if argument in needed]
         return [(position, self._share(position)) for position in wanted]
@@ -152,7 +154,7 @@ class _Rule:
             case ops.Divide():
                 if position == 0:
                     return slope_quotient(b, g, args[1])
-                # −g·y/d of y = n/d: the quotient is there already
+                # −g·y/d for y = n/d: y is already computed
                 return divisor_slope(b, g, args[1], self.node)
             case ops.Minimum():
                 # <= and >=: a tie of min or max goes to the first operand
@@ -169,7 +171,7 @@ class _Rule:
                 derivative = SCALAR_FUNCTIONS[function].derivatives[position]
                 return self._times(derivative(b, args, self.node))
             case ops.Broadcast():
-                # an element that is repeated collects the adjoints of all its copies
+                # a repeated element accumulates the adjoints of all copies
                 return self._summed_to(b.type(args[0]).axes, g)
             case ops.Reshape():
                 return b.reshape(g, b.type(args[0]).axes)
@@ -182,7 +184,7 @@ class _Rule:
                 return b.broadcast(g, b.type(args[0]).axes)
             case ops.Contract():
                 return self._contracted(position)
-            # the past is a state, whose adjoint `step_gradients` takes
+            # the past samples are a state, whose adjoint `step_gradients` returns
             case ops.Window():
                 # the newest sample is the last one of the window
                 length = self._length(self.node, WINDOW)
@@ -193,18 +195,20 @@ class _Rule:
                 assert_never(node.op)
 
     def _times(self, slope: NodeId) -> NodeId:
-        """adjoint · slope, without the product where the adjoint is the 1 of a plain gradient."""
+        """adjoint · derivative; the product is omitted if the adjoint is the 1 of a plain
+        gradient.
+        """
         b = self.builder
         seed = b.node(self.adjoint)
         if isinstance(seed.op, ops.Broadcast):
             seed = b.node(seed.args[0])
-        # 1·slope is the slope to the bit; the product would only make graphs longer
+        # 1·slope equals the slope to the bit; the product would only add nodes
         if seed.op == ops.Constant((1.0,)) and b.type(slope).axes == b.type(self.adjoint).axes:
             return slope
         return slope_product(b, self.adjoint, slope)
 
     def _chosen(self, condition: NodeId, when: bool) -> NodeId:
-        """The adjoint where the condition has this value, elsewhere 0."""
+        """The adjoint where the condition has this value, 0 elsewhere."""
         zero = self._zero()
         then, otherwise = (self.adjoint, zero) if when else (zero, self.adjoint)
         return self.builder.select(condition, then, otherwise)
@@ -216,8 +220,7 @@ class _Rule:
     def _clamp_share(self, position: int) -> NodeId:
         b = self.builder
         x, low, high = b.node(self.node).args
-        # strict on a bound, whose slope is that of x alone; where the limits cross, the upper one
-        # is the value, whatever x is
+        # on a bound the derivative belongs to x; crossed limits give the upper limit for any x
         match position:
             case 0:
                 above = self._chosen(b.compare(ops.Relation.LESS_EQUAL, low, x), when=True)
@@ -244,7 +247,7 @@ class _Rule:
         return b.broadcast(value, axes)
 
     def _padded(self, axis: str, start: int, stop: int) -> NodeId:
-        """The adjoint of a slice at its place along the axis, zeros around it."""
+        """The adjoint of a slice at its position along the axis, with zeros around it."""
         b = self.builder
         source = b.node(self.node).args[0]
         parts = [
@@ -264,27 +267,27 @@ class _Rule:
         return b.broadcast(b.constant(0.0), sized)
 
     def _contracted(self, position: int) -> NodeId:
-        """Σ over the axes of the other operand that this one lacks of adjoint · other."""
+        """Σ of adjoint · other operand, over the axes of the other operand that this one lacks."""
         b = self.builder
         args = b.node(self.node).args
         wanted, other = b.type(args[position]).axes, args[1 - position]
         kept = {axis.name for axis in wanted}
         shared = [a for a in b.type(other).axes if b.type(self.adjoint).axis(a.name) is not None]
         summed = [axis.name for axis in shared if axis.name not in kept]
-        # each element of the wanted operand meets one element of the other: nothing is summed
+        # each element of this operand has one partner in the other: there is no sum
         if not summed:
             left, right = self._in_axes(self.adjoint, wanted), self._in_axes(other, wanted)
             return slope_product(b, left, right)
         infinite = b.infinite_values
         if infinite.can_be_infinite(self.adjoint) or infinite.can_be_infinite(other):
-            # a sum of products looks at no factor
+            # a contraction does not test its factors for 0
             return self._summed_to(wanted, slope_product(b, *self._in_all_axes(other)))
-        # One axis is summed by the contraction itself, the others after it.
+        # the contraction sums one axis, the others are summed afterwards
         product = b.contract_over(self.adjoint, other, summed[-1])
         return self._summed_to(wanted, product)
 
     def _in_all_axes(self, other: NodeId) -> tuple[NodeId, NodeId]:
-        """The adjoint and the other operand, each repeated along the axes that only one has."""
+        """The adjoint and the other operand, each repeated along the axes that it lacks."""
         b = self.builder
         mine, others = b.type(self.adjoint), b.type(other).axes
         more = tuple(axis for axis in others if mine.axis(axis.name) is None)

@@ -1,8 +1,8 @@
-"""Makes the step of second-order training: residuals and their slopes, carried forward.
+"""Builds the step of second-order training: residuals and their derivatives in forward mode.
 
-For every state x that depends on a learned number θ, ∂x/∂θ is a state too: the program simulates
-its own sensitivities, and any backend that runs a program computes exact Jacobians of rollouts
-without going back in time. Memory does not grow with the horizon.
+For every state x that depends on a learned parameter θ, the program gets the state ∂x/∂θ and so
+simulates its own sensitivities. Any backend that runs programs can then compute exact Jacobians of
+rollouts without a backward pass. Memory does not grow with the horizon.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ from compiler.ir.program import Declared, Graph, Loss, NodeId, Program, State
 from compiler.ir.types import Axis, Type
 
 LEARNED = "learned number"
-"""The axis of all numbers of the learned parameters, one parameter after the other."""
+"""The axis of all elements of the learned parameters, one parameter after the other."""
 
 SLOPE = "slope of "
-"""Before the name of a state: the state that keeps its derivatives, axes (LEARNED, …)."""
+"""Prefix of the name of a state with the derivatives of another state, axes (LEARNED, …)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sensitivities:
-    """A program, its loops closed, that simulates its sensitivities."""
+    """A program with closed loops that simulates its sensitivities."""
 
     program: Program
     learned: tuple[str, ...]
     """Parameters in the order of LEARNED."""
     losses: tuple[LossTerm, ...]
     residuals: tuple[LossResiduals, ...]
-    """Of the losses that are sums of squares."""
+    """Residuals of the losses that are sums of squares."""
 
     @property
     def numbers(self) -> int:
@@ -56,13 +56,14 @@ class Sensitivities:
 
 
 def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
-    """The slopes of losses and states in every number of the parameters `learned`.
+    """Adds derivatives of losses and states with respect to every element of the parameters
+    `learned`.
 
-    `program` is in window form, its loops closed, squares without a target written as comparisons
-    (`with_compared_squares`). Losses that are no sums of squares have no residuals.
+    `program` is in window form with closed loops; squares without a target are written as
+    comparisons (`with_compared_squares`). Other losses have no residuals.
     """
     directions = Axis(LEARNED, sum(_size(program, name) for name in learned))
-    # a state that no learned number reaches has slope 0, and no state for it
+    # a state that does not depend on learned parameters needs no derivative state
     moving = _moving_states(program, frozenset(learned))
     start = GraphBuilder(program.start)
     found = tangents(start, directions, _seeds(start, program, learned, directions), {})
@@ -70,13 +71,13 @@ def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
     begun = frozenset(
         name for name, node in starts.items() if start.infinite_values.can_be_infinite(node)
     )
-    # A slope of a state that can be infinite makes slopes of the states that read it so: the step
-    # is written again with all of them named, until no new one is reached.
+    # An infinite derivative of a state makes derivatives of states that read it infinite:
+    # the step is rebuilt until the set of such states does not grow.
     infinite: frozenset[str] = frozenset()
 
     @cache
     def leaves_out() -> bool:
-        """Whether slopes can be infinite where the losses are finite: reverse mode knows."""
+        """True if derivatives can be infinite where the losses are finite, by reverse mode."""
         return training_step(program).has_infinite_slopes
 
     while True:
@@ -106,7 +107,7 @@ def sensitivities(program: Program, learned: Sequence[str]) -> Sensitivities:
 
 
 class _Step:
-    """The step with its tangents, the slopes of the states named `infinite` being so perhaps."""
+    """The step with its tangents; derivatives of the states in `infinite` may be infinite."""
 
     def __init__(
         self,
@@ -117,7 +118,7 @@ class _Step:
         infinite: Collection[str],
         leaves_out: Callable[[], bool],
     ) -> None:
-        # the slope of a buffer is a buffer too: its Window shifts the slopes of the samples
+        # the derivative of a buffer is a buffer too: its Window shifts the derivatives of samples
         buffers = {state.name: f"{SLOPE}{state.name}" for state in moving if state.is_buffer}
         step = GraphBuilder(program.step)
         self.losses = loss_terms(step, program)
@@ -140,14 +141,14 @@ class _Step:
 
         self.residuals = tuple(row(*each) for each in unsquared.items())
         self.slopes = {s.name: _or_zero(step, directions, s.next, found) for s in moving}
-        """Of the next value of each moving state."""
+        """Derivatives of the next value of each state that depends on the parameters."""
         can_be = step.infinite_values.can_be_infinite
         self.infinite = frozenset(name for name, node in self.slopes.items() if can_be(node))
         self.graph = step.graph()
 
 
 def scales_of(program: Program, learned: Sequence[str]) -> list[float]:
-    """The scale of every number of the parameters `learned`, in the order of LEARNED."""
+    """The scale of every element of the parameters `learned`, in the order of LEARNED."""
     return [program.parameter(name).scale for name in learned for _ in range(_size(program, name))]
 
 
@@ -165,7 +166,7 @@ def _or_zero(
 def _seeds(
     builder: GraphBuilder, program: Program, learned: Sequence[str], directions: Axis
 ) -> dict[NodeId, NodeId]:
-    """The tangents of the reads of learned parameters: 1 for each number in its own direction."""
+    """The tangents of the reads of learned parameters: unit directions for each element."""
     first: dict[str, int] = {}
     total = 0
     for name in learned:
@@ -176,7 +177,7 @@ def _seeds(
         if isinstance(node.op, ReadParameter) and node.op.name in first:
             size = node.type.size
             units = np.zeros((directions.size, size))
-            # rows of the identity: ∂θ/∂θ of this parameter, zeros in the directions of the others
+            # rows of the identity: ∂θ/∂θ for this parameter, zeros for the others
             units[first[node.op.name] + np.arange(size), np.arange(size)] = 1.0
             seeds[index] = builder.constant(units, (directions, *node.type.axes), unit=None)
     return seeds
@@ -199,7 +200,7 @@ def _moving_states(program: Program, learned: frozenset[str]) -> tuple[State, ..
         now = moving | {state.name for state in program.states if state.next in reached}
         if now == moving:
             return tuple(state for state in program.states if state.name in moving)
-        # states reach each other in circles: repeat until no state joins
+        # states can depend on each other in cycles: repeat until no state is added
         moving = now
 
 

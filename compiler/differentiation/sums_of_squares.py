@@ -1,4 +1,4 @@
-"""Writes losses as sums of squares for Gauss-Newton methods, and finds those that are none."""
+"""Recognises losses that are sums of squares, for Gauss-Newton methods, and rewrites them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from compiler.ir.program import Graph, Loss, Measure, Program
 
 
 def is_sum_of_squares(graph: Graph, loss: Loss) -> bool:
-    """Whether a loss of this step is one: mse, the square of one value (`l2`), or huber.
+    """True for mse, the square of one value (`l2`), and huber.
 
-    Huber is one by reweighting: e²/2 near zero, beyond it the square with the same slope.
+    Huber is a sum of squares by reweighting: e²/2 near zero, and a square with the same derivative
+    beyond δ.
     """
     match loss.measure:
         case Measure.MSE | Measure.HUBER:
@@ -26,9 +27,9 @@ def is_sum_of_squares(graph: Graph, loss: Loss) -> bool:
 
 
 def with_compared_squares(program: Program) -> Program:
-    """Writes every loss that is a square of one value as its mse against 0.
+    """Writes every loss that is the square of one value as its mse to the target 0.
 
-    Before: any form. After: the same numbers; no loss is a square without a target.
+    Before: any form. After: the same values; no loss is a square without a target.
 
         l2(w)
         mse(w, 0)

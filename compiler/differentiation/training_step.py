@@ -1,8 +1,8 @@
-"""Makes the graphs of gradient-based training: the losses of one step, and its reverse.
+"""Builds the graphs of gradient-based training: the losses of one step, and its reverse step.
 
-A rollout runs the step forward over the horizon and keeps the states; then it runs the reverse step
-from the last sample to the first. The reverse step reads what the forward one stored, the adjoints
-of the next states, and one scale a loss; its results are added to the gradients.
+A rollout runs the step forward over the horizon and stores the states. Then it runs the reverse
+step from the last sample to the first. The reverse step reads the stored values, the adjoints of
+the next states, and one scale per loss; its results are added to the gradients.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from compiler.passes.derivatives.guard_untaken import guard_untaken
 
 @dataclass(frozen=True, slots=True)
 class LossTerm:
-    """The term that one step adds to a loss: Σ of its cost over the elements that are scored."""
+    """The contribution of one step to a loss: Σ of the cost over the scored elements."""
 
     loss: Loss
     total: NodeId
     count: NodeId | None
-    """How many elements are scored, by the factors of their rows; None where all are by 1."""
+    """Number of scored elements, weighted by the factors of their rows; None if all count as 1."""
     elements: int
 
     @property
@@ -36,7 +36,7 @@ class LossTerm:
 
 @dataclass(frozen=True, slots=True)
 class Reverse:
-    """A graph and the nodes of the gradients in it, by name."""
+    """A graph and the nodes of its gradients, by name."""
 
     graph: Graph
     gradients: StepGradients
@@ -44,27 +44,27 @@ class Reverse:
 
 @dataclass(frozen=True, slots=True)
 class TrainingStep:
-    """Everything that training kernels run for one program whose loops are closed."""
+    """The graphs that training kernels run, for a program with closed loops."""
 
     program: Program
-    """`step` also has the nodes of the loss terms."""
+    """Its `step` also contains the nodes of the loss terms."""
     losses: tuple[LossTerm, ...]
     newest: dict[str, NodeId]
-    """The newest sample of each buffer, a node of the step; the other states have `next`."""
+    """The node of the step with the newest sample of each buffer; other states have `next`."""
     reverse_step: Reverse
     reverse_start: Reverse
     has_infinite_slopes: bool
-    """Whether a gradient can be infinite where the losses are finite."""
+    """True if a gradient can be infinite where the losses are finite."""
 
 
 def training_step(program: Program) -> TrainingStep:
-    """The training graphs of a program in window form, its loops closed."""
-    # before differentiation: the branch that is not taken must add 0, not 0·∞ (decision 0012)
+    """The training graphs of a program in window form with closed loops."""
+    # before differentiation: the other branch must contribute 0, not 0·∞ (decision 0012)
     program = guard_untaken(program)
     builder = GraphBuilder(program.step)
     losses = loss_terms(builder, program)
-    # a buffer is shifted by one sample each step, so only its newest sample has an adjoint of its
-    # own; the others hand theirs on through the rows of the tape
+    # a buffer shifts by one sample per step: only its newest sample needs an adjoint here, the
+    # others are on the tape
     newest = newest_samples(program)
     forward = replace(program, step=builder.graph())
     reverse_step, infinite, in_step = _reverse_step(forward, losses, newest)
@@ -80,7 +80,7 @@ def training_step(program: Program) -> TrainingStep:
 
 
 def losses_alone(program: Program) -> TrainingStep:
-    """The same without what runs backwards: losses to the bit, for those who ask for no slope."""
+    """The training step without reverse graphs, with bit-identical losses."""
     program = guard_untaken(program)
     builder = GraphBuilder(program.step)
     losses = loss_terms(builder, program)
@@ -88,7 +88,7 @@ def losses_alone(program: Program) -> TrainingStep:
 
 
 def forward_only(program: Program, losses: tuple[LossTerm, ...]) -> TrainingStep:
-    """The step of a program, which has the nodes of the loss terms, and nothing backwards."""
+    """The training step without reverse graphs, from a step that contains the loss terms."""
     nothing = StepGradients({}, {}, {})
     return TrainingStep(
         program=program,
@@ -101,17 +101,17 @@ def forward_only(program: Program, losses: tuple[LossTerm, ...]) -> TrainingStep
 
 
 def loss_terms(builder: GraphBuilder, program: Program) -> tuple[LossTerm, ...]:
-    """The term of one step in every loss; `builder` has the nodes of the program's step."""
+    """The contribution of one step to every loss; `builder` has the nodes of the program's step."""
     return tuple(loss_term(builder, loss) for loss in program.losses)
 
 
 def newest_samples(program: Program) -> dict[str, NodeId]:
-    """The newest sample of every buffer state, a node of the step."""
+    """The node of the step with the newest sample, for every buffer state."""
     return {state.name: _newest(program, state) for state in program.states if state.is_buffer}
 
 
 def _newest(program: Program, state: State) -> NodeId:
-    """The operand of the window whose tail the buffer's next value is."""
+    """The operand of the window from which the buffer's next value is sliced."""
     following = program.step[state.next]
     window = program.step[following.args[0]] if following.args else following
     assert isinstance(following.op, Slice), "a buffer is shifted by one sample"
@@ -120,7 +120,7 @@ def _newest(program: Program, state: State) -> NodeId:
 
 
 def loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
-    """The sum of a loss's cost over the elements whose target is a number."""
+    """The sum of a loss's cost over the elements with a target, and their number."""
     error = scored_error(builder, loss)
     cost, elements = element_cost(builder, loss, error), builder.type(error).size
     counts = None
@@ -131,32 +131,32 @@ def loss_term(builder: GraphBuilder, loss: Loss) -> LossTerm:
         axes = builder.type(error).axes
         one, zero = (builder.broadcast(builder.constant(value), axes) for value in (1.0, 0.0))
         counts = builder.select(present, one, zero)
-    # counted in the step itself: which targets are missing is known when the data is
+    # counted in the step, since missing targets are known only with the data
     count = None if counts is None else _sum_of_all(builder, counts)
     return LossTerm(loss, _sum_of_all(builder, cost), count, elements)
 
 
 def scored_error(builder: GraphBuilder, loss: Loss) -> NodeId:
-    """Prediction − target, or the prediction alone; 0 where it is not scored."""
+    """Prediction − target, or the prediction if there is no target; 0 where it is not scored."""
     error = loss.prediction
-    # the target of a mean only marks what is missing
+    # the target of a mean only marks missing samples
     if loss.target is not None and loss.measure is not Measure.MEAN:
         error = builder.subtract(loss.prediction, loss.target)
     present = _present(builder, loss)
     if present is None:
         return error
     zero = builder.broadcast(builder.constant(0.0), builder.type(error).axes)
-    # selected, not multiplied by 0: the error of a missing target is NaN, and 0·NaN is NaN
+    # a selection: the error of a missing target is NaN, and 0·NaN is NaN
     return builder.select(present, error, zero)
 
 
 def element_factors(builder: GraphBuilder, loss: Loss, rows: NodeId) -> NodeId:
     """The weight of each element: the factor of its row, 0 where its target is missing.
 
-    A factor below 0 counts as 0; of the data of a training or a metric none is (E0850).
+    A negative factor counts as 0; data with negative factors are refused (E0850).
     """
     axes = builder.type(loss.prediction).axes
-    # the root of a factor is taken in second order; below 0 it would be NaN
+    # second-order training takes the square root, which is NaN below 0
     each = builder.broadcast(builder.maximum(rows, builder.constant(0.0)), axes)
     if loss.target is None:
         return each
@@ -165,7 +165,7 @@ def element_factors(builder: GraphBuilder, loss: Loss, rows: NodeId) -> NodeId:
 
 
 def _present(builder: GraphBuilder, loss: Loss) -> NodeId | None:
-    """The mask of the elements that are scored; None where all are, whatever the data."""
+    """The mask of the scored elements; None if all are scored for any data."""
     if loss.rows is None:
         return None if loss.target is None else _there(builder, loss.target)
     factors = element_factors(builder, loss, loss.rows)
@@ -174,12 +174,12 @@ def _present(builder: GraphBuilder, loss: Loss) -> NodeId | None:
 
 
 def _there(builder: GraphBuilder, target: NodeId) -> NodeId:
-    # No relation holds for NaN, so that this one tells numbers from missing targets.
+    # false only for NaN, which marks a missing target
     return builder.compare(Relation.LESS_EQUAL, target, target)
 
 
 def element_cost(builder: GraphBuilder, loss: Loss, error: NodeId) -> NodeId:
-    """The cost of each element; every measure is 0 where the error is."""
+    """The cost of each element; 0 if the error is 0."""
     match loss.measure:
         case Measure.MSE | Measure.RMSE:
             return builder.multiply(error, error)
@@ -189,7 +189,7 @@ def element_cost(builder: GraphBuilder, loss: Loss, error: NodeId) -> NodeId:
             size = builder.apply("abs", error)
             half = builder.constant(0.5)
             square = builder.multiply(half, builder.multiply(error, error))
-            # both pieces are δ²/2 with slope δ where they meet
+            # at |e| = δ both pieces are δ²/2 with derivative δ
             delta, middle = builder.constant(loss.delta), builder.constant(0.5 * loss.delta)
             near = builder.compare(Relation.LESS_EQUAL, size, delta)
             line = builder.multiply(delta, builder.subtract(size, middle))
@@ -207,21 +207,23 @@ def _sum_of_all(builder: GraphBuilder, value: NodeId) -> NodeId:
 def _reverse_step(
     program: Program, losses: tuple[LossTerm, ...], newest: dict[str, NodeId]
 ) -> tuple[Reverse, frozenset[str], bool]:
-    """The reverse of the step, the states whose adjoints can be infinite, whether gradients can be.
+    """The reverse step, the states whose adjoints can be infinite, and if gradients can be
+    infinite.
 
-    An adjoint is carried from step to step: what one makes infinite the next one must expect.
+    Adjoints pass from step to step, so the set of states with infinite adjoints is iterated until
+    it is constant.
     """
     infinite: frozenset[str] = frozenset()
     while True:
         builder = GraphBuilder(program.step)
         adjoints: dict[NodeId, NodeId] = {}
         for term in losses:
-            if term.loss.penalty is not None:  # its slope has no part in steps
+            if term.loss.penalty is not None:  # proximal steps handle it, without its gradient
                 continue
             scale = builder.emit(ReadTraining(LossScale(term.loss.name)), (), Type(unit=None))
             accumulate(builder, adjoints, term.total, scale)
         for state in program.states:
-            # seeds: the adjoint of what the step gave the state, known from the step after it
+            # seeds: the adjoint of the state after the step, known from the following step
             result = newest.get(state.name, state.next)
             accumulate(builder, adjoints, result, _seed(builder, state, result, infinite))
         gradients = step_gradients(builder, adjoints, signals=False)
@@ -231,7 +233,7 @@ def _reverse_step(
             if builder.infinite_values.can_be_infinite(gradient)
         )
         if found == infinite:
-            # settled: the seeds and the results agree on which states can have infinite adjoints
+            # converged: seeds and results agree on the states with infinite adjoints
             names = {node: name for name, node in newest.items()}
             made = _read_back(builder.graph(), gradients, names)
             return made, infinite, _any_infinite(builder, gradients)
@@ -239,7 +241,7 @@ def _reverse_step(
 
 
 def _seed(builder: GraphBuilder, state: State, result: NodeId, infinite: Collection[str]) -> NodeId:
-    """The adjoint of what a step or the start gives a state."""
+    """The adjoint of the value that a step or the start gives to a state."""
     type = builder.type(result).with_unit(None)
     seed = builder.emit(ReadTraining(StateAdjoint(state.name)), (), type)
     if state.name in infinite:
@@ -248,11 +250,10 @@ def _seed(builder: GraphBuilder, state: State, result: NodeId, infinite: Collect
 
 
 def _read_back(graph: Graph, gradients: StepGradients, newest: dict[NodeId, str]) -> Reverse:
-    """The newest samples read where the forward step stored them instead of computed again."""
+    """Replaces the newest samples by reads of the values that the forward step stored."""
     nodes: list[Node] = []
     for index, node in graph:
-        # computing it again would need what the sample was made of; the forward step has it on its
-        # tape
+        # recomputing it would need all its operands; the forward step stored it on the tape
         if index in newest:
             node = Node(ReadTraining(NewestSample(newest[index])), (), node.type, node.span)
         nodes.append(node)

@@ -1,4 +1,4 @@
-"""Compiles a spec: lowers every entry, reports every mistake of the stage, verifies the program."""
+"""Compiles a spec: lowers every entry, reports all mistakes, verifies the program."""
 
 from __future__ import annotations
 
@@ -30,21 +30,22 @@ from spec_schema.sections.spec import Spec
 P = TypeVar("P", bound=SectionProblem)
 
 UNIT_WARNINGS = ("W0504", "W0505", "W0509", "W0510", "W0737")
-"""What `strict_units` refuses."""
+"""Warnings that become errors with `strict_units`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compiled:
-    """A program and what is worth saying about the spec that it came from."""
+    """The program of a spec, its warnings, and the compiled sections of features."""
 
     program: Program
     spec: Spec
-    """With the entries of sub-models under their full names."""
+    """The linked spec: entries of sub-models have their full names."""
     warnings: tuple[Diagnostic, ...]
     problems: Mapping[str, SectionProblem] = field(default_factory=dict[str, SectionProblem])
-    """The compiled sections of features, such as `mpc`, by their keys; `of` gives one by class."""
+    """The compiled sections of features, such as `mpc`, by their keys; `of` selects one by
+    class."""
     types: Mapping[str, Type] = field(default_factory=dict[str, Type])
-    """Of one sample of every equation and output, as it was written: passes share and drop some."""
+    """Type of one sample of each equation and output, before passes merge or remove values."""
 
     def of(self, kind: type[P]) -> P | None:
         """The problem of this class; None if no section of the spec has one."""
@@ -61,19 +62,19 @@ def compile_spec(
     spec_hash: str = "",
     draw: int = 0,
 ) -> Compiled:
-    """The program of a spec, in window form.
+    """Compiles a spec to a program in window form.
 
-    `used` is what was read for its sub-models and `weights` the arrays of those with `weights:`, by
-    their full names; without them a sub-model has its initial values. `numbers` has the texts of
-    files of initial values, by path; those that are not there are read.
-    Raises SpecError with every mistake found; with `strict_units` units that do not fit are errors.
-    Another `draw` has other initial values where they are drawn.
+    `used` has the parsed files of sub-models and `weights` the arrays of those with `weights:`, by
+    full name. A sub-model without them has its initial values. `numbers` maps paths of files of
+    initial values to their contents; other files are read from disk. `draw` selects other random
+    initial values.
+
+    Raises SpecError with every mistake found; with `strict_units` also for units that do not fit.
     """
     problems = Findings()
     try:
         linked = replace(link(spec, used or {}, weights or {}, problems), numbers=numbers or {})
-        # before anything is lowered: each name that a broken link leaves out would be reported as
-        # unknown
+        # before lowering: names that a broken link lacks would be reported as unknown
         problems.raise_errors()
         compile_it = partial(compile_linked, strict_units=strict_units, draw=draw)
         compiled = compile_it(linked, spec_hash=spec_hash)
@@ -85,10 +86,9 @@ def compile_spec(
 def compile_linked(
     linked: Linked, *, strict_units: bool = False, spec_hash: str = "", draw: int = 0
 ) -> Compiled:
-    """The program of a spec in which everything has its full name; otherwise as `compile_spec`."""
+    """Compiles a spec in which every name is a full name; otherwise like `compile_spec`."""
     spec = linked.spec
-    # lowering recurses from an output into what it reads: a chain of equations is as deep as it is
-    # long
+    # lowering recurses from a value into its operands: a chain of n equations is n calls deep
     with room_for(len(spec.equations) + len(spec.outputs)):
         lowered = lower_spec(linked, draw)
     elaborated, context = lowered.elaborated, lowered.elaborated.context
@@ -101,7 +101,7 @@ def compile_linked(
     diagnostics = context.findings.in_order
     if any(d.severity == "error" for d in diagnostics):
         raise SpecError(diagnostics)
-    # What failed without a diagnostic would silently be missing.
+    # a value that failed without a diagnostic would silently be missing
     wanted = {*spec.outputs, *exported_equations(spec)}
     assert {output.name for output in lowered.outputs} == wanted, "an output was lost"
     assert {state.name for state in lowered.states} >= spec.states.keys(), "a state was lost"
@@ -126,11 +126,11 @@ def compile_linked(
     )
     logged = program.signals
     program = run_passes(program)
-    # no value of the program reads what a metric alone compares with
+    # passes remove signals that no value reads, but metrics need their targets
     kept = {signal.name for signal in program.signals} | measured_targets(spec)
     program = replace(program, signals=tuple(each for each in logged if each.name in kept))
     found = (*never_finite(program), *infinite_slopes(program))
-    # asked of what was lowered, not of the program: passes have shared and dropped nodes of it
+    # types of the lowered entries: passes have merged and removed nodes of the program
     types = elaborated.entries.types()
     return Compiled(program=program, spec=spec, warnings=(*diagnostics, *found), types=types)
 
@@ -138,12 +138,12 @@ def compile_linked(
 def _with_problems(
     linked: Linked, compiled: Compiled, compile_it: Callable[[Linked], Compiled]
 ) -> Compiled:
-    """The same with the problems of the sections that features bring."""
+    """Adds the compiled sections of features."""
 
     def compile_other(other: Linked) -> OtherProgram:
         whole = compile_it(other)
         more = tuple(found for found in whole.warnings if found not in compiled.warnings)
-        # the file has one hash, whichever of its programs is asked
+        # all programs of a file have the hash of the file
         return OtherProgram(replace(whole.program, spec_hash=compiled.program.spec_hash), more)
 
     problems: dict[str, SectionProblem] = {}
@@ -161,25 +161,24 @@ def in_own_files(
     used: Mapping[str, ReadResult],
     numbers: Mapping[str, str] | None = None,
 ) -> tuple[Diagnostic, ...]:
-    """The diagnostics with those of a broken sub-model as its own file alone brings them.
+    """Replaces diagnostics of a broken sub-model by those of compiling its file alone.
 
-    There names are as its author wrote them; beside each stands where the file is used.
+    These use the names of that file; a note shows where the sub-model is used.
     """
     broken: dict[str, tuple[Diagnostic, ...]] = {}
     for name, file in used.items():
         path = file.source.path
-        # a file may be used under two names: it is compiled and told once
+        # a file used under two names is compiled and reported once
         if path in broken:
             continue
         try:
-            # compiled alone, a broken sub-model says what its author would read: names without the
-            # prefix
+            # compiled alone, its diagnostics use names without the prefix of the sub-model
             compile_spec(file.spec, used=file.used, numbers=numbers)
         except SpecError as error:
             place, label = spec.use[name].file.span, f"used here as `{name}`"
             broken[path] = tuple(d.seen_from(place, label) for d in error.diagnostics)
     read = [file for file in used.values() if file.source.path in broken]
     files = {source.path for file in read for source in file.sources}
-    # what a broken file's own names say above is not said again under full names
+    # diagnostics of a broken file are not repeated under full names
     others = (d for d in diagnostics if d.span is None or d.span.file not in files)
     return (*(d for found in broken.values() for d in found), *others)

@@ -1,4 +1,4 @@
-"""Makes room on the stack for long specs: a chain of equations is lowered inside out."""
+"""Raises Python's recursion limit for long chains of equations, which lower recursively."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 _PER_ENTRY = 400
-"""Python frames between an entry and one that it names in an expression as deep as may be."""
+"""Maximum number of Python frames between an entry and an entry that its expression names."""
 
 _BASE = 10_000
-"""Frames for all that is around it."""
+"""Frames for the surrounding code."""
 
 
 @contextmanager
 def room_for(entries: int) -> Generator[None]:
-    """Lets Python recurse through so many entries of a spec, each of which may need the next one.
+    """Raises the recursion limit for a chain of `entries` entries, each of which reads the next
+    one.
 
-    The frames are on the heap, a few hundred bytes each; the size of a spec is capped.
+    Python frames are on the heap, a few hundred bytes each, and the size of a spec is limited.
     """
     before = sys.getrecursionlimit()
     sys.setrecursionlimit(max(before, _BASE + _PER_ENTRY * entries))

@@ -1,4 +1,4 @@
-"""Checks initial values that the first evaluations of each run decide: enough rows, a loss (R7)."""
+"""Checks initial states that are estimated from the data: enough samples, and a loss (R7)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from spec_schema.sections import signals
 
 
 def fit_over(context: Context, entry: signals.State) -> int | None:
-    """The evaluations that decide a state's initial value, as `State.fit_over` has them."""
+    """Number of samples that estimate a state's initial value; see `State.fit_over`."""
     if entry.init is None or entry.init.fit is None:
         return None
     over = entry.init.fit.over
@@ -27,22 +27,22 @@ def fit_over(context: Context, entry: signals.State) -> int | None:
 
 
 def check_fitted_starts(context: Context, states: Sequence[State], losses: Sequence[Loss]) -> None:
-    """Reports too few evaluations for the numbers that they decide, and that nothing compares."""
+    """Reports estimated initial values with fewer samples than unknowns, or without a loss."""
     estimated = [state for state in states if state.fit_over is not None]
     numbers = sum(Type(state.axes).size for state in estimated)
     most = evaluations_that_decide(estimated)
-    # one report for all of them, where the first one stands
+    # one report for all of them, at the first one
     for state in estimated[:1]:
         entry = context.spec.states[state.name]
         assert entry.init is not None
         assert entry.init.fit is not None
         names = [one.name for one in estimated]
-        # fewer equations than unknowns: many starts would be the best
+        # fewer equations than unknowns: the estimate would not be unique
         over = entry.init.fit.over
         if most is not None and most < numbers and over != "record":
             place = over.span
             context.findings.report(errors.too_few_for_starts(names, most, numbers, place))
-        # a loss that is itself wrong is reported, and may compare all the same
+        # a loss with a mistake of its own is reported already and may compare with data
         known = _wanted(context) <= {loss.entry for loss in losses}
         if known and all(loss.measure is Measure.MEAN for loss in losses):
             place = entry.init.fit.place.key

@@ -1,4 +1,4 @@
-"""Keeps the text of formulas, so that generated code can show them where they are computed."""
+"""Stores the source text of formulas, which generated code shows as comments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Finds the equations and outputs that gradients are taken with respect to, before lowering."""
+"""Finds, before lowering, the equations and outputs that gradients are taken with respect to."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from spec_schema.sections.spec import Spec
 
 
 def gradient_variables(spec: Spec) -> frozenset[str]:
-    """The names of equations and outputs that stand after the comma of a `grad(y, x)`.
+    """Names of equations and outputs that are the variable x of some `grad(y, x)`.
 
-    A function may take x from its call, which may stand in a function too: `f(e)` with the formula
-    `grad(a**2, a)` has the variable e. Every formula is read, those of unused functions too.
+    A function may pass x as an argument: `f(e)` with the formula `grad(a**2, a)` has the variable
+    e. All formulas are searched, including those of unused functions.
     """
     values = spec.equations.keys() | spec.outputs.keys()
     model = (spec.states, spec.equations, spec.outputs, spec.layers, spec.losses)
     waiting = [(call, _NOTHING) for call in calls_in(model)]
     for function in spec.functions.values():
-        # by itself an argument stands for no entry, and none is named ""
+        # the arguments of a function without a call are unknown; no entry is named ""
         unknown = {argument.value: "" for argument in function.args}
         waiting += [(call, unknown) for call in calls_in(function)]
     found: set[str] = set()
@@ -33,10 +33,10 @@ def gradient_variables(spec: Spec) -> frozenset[str]:
             if name == "grad" and name not in spec.layers and len(call.arguments) == 2:
                 found.add(_variable(call.arguments[1], arguments))
             continue
-        wanted = [argument.value for argument in function.args]
-        given = {key: _variable(value, arguments) for key, value in _given(call, wanted)}
-        key = name, tuple(given.get(argument, "") for argument in wanted)
-        # a function that calls itself, which is reported later, would be entered for ever
+        parameters = [argument.value for argument in function.args]
+        given = {key: _variable(value, arguments) for key, value in _given(call, parameters)}
+        key = name, tuple(given.get(argument, "") for argument in parameters)
+        # recursion, which is reported later, would not terminate
         if key not in entered:
             entered.add(key)
             waiting += [(inner, given) for inner in calls_in(function)]
@@ -44,7 +44,9 @@ def gradient_variables(spec: Spec) -> frozenset[str]:
 
 
 def implicit_equations(linked: Linked) -> frozenset[str]:
-    """The equations in which integrators are implicit: `linear_implicit: {of: NAME}`."""
+    """The equations that an implicit integrator treats implicitly: `linear_implicit: {of:
+    NAME}`.
+    """
     found: set[str] = set()
     for owner, integrator in linked.integrators.items():
         method = integrator.linear_implicit if integrator is not None else None
@@ -62,7 +64,7 @@ def _given(call: Call, wanted: list[str]) -> Iterator[tuple[str, Expression]]:
 
 
 def _variable(expression: Expression, arguments: Mapping[str, str]) -> str:
-    """The name that a bare name stands for, "" for any other expression."""
+    """The name behind a bare name, looked up in the arguments; "" for any other expression."""
     if not isinstance(expression, Name):
         return ""
     return arguments.get(expression.name, expression.name)

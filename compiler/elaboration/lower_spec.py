@@ -1,4 +1,4 @@
-"""Lowers every entry of a spec into nodes, again until the buffers settle that it needs."""
+"""Lowers every entry of a spec, repeatedly until the lengths of its buffers converge."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from spec_schema.sections.spec import Spec
 
 @dataclass(frozen=True, kw_only=True)
 class LoweredSpec:
-    """Everything of a spec as nodes of the graphs."""
+    """All entries of a spec as nodes of the graphs."""
 
     elaborated: Elaboration
     outputs: list[Output]
@@ -45,21 +45,21 @@ class LoweredSpec:
 
 
 _MOST_LOWERINGS = 100
-"""Lengths and axes of buffers settle in two or three, later by at most one equation a lowering."""
+"""Maximum number of repetitions. Two or three suffice for most specs; in the worst case every
+repetition settles one equation."""
 
 
 def lower_spec(linked: Linked, draw: int) -> LoweredSpec:
-    """The spec lowered until the buffers that it needs are those that it has.
+    """Lowers the spec until the buffers that it needs equal those that it was lowered with.
 
-    So is the unit of centres that are read before a call of their layer tells it. How far back
-    something is read, and which axes an equation that reads its own past has, is known only of
-    lowered expressions: a function, a layer or a sub-model may delay its argument. Nothing else
-    iterates. What the text alone shows, as whose gradients are taken, is read from it.
+    Buffer lengths, and axes of equations that read their own past, are known only after lowering: a
+    function, layer or sub-model may delay its argument. The same holds for the unit of fuzzy
+    centres that are read before a call of their layer. All other facts come from the text.
     """
     variables = gradient_variables(linked.spec) | implicit_equations(linked)
     known = FoundBefore()
     for _ in range(_MOST_LOWERINGS):
-        # all graphs anew: nodes that stand for a buffer of the wrong length are in the old ones
+        # start with new graphs: the old ones have nodes for buffers of the wrong length
         lowered = _lowered_once(Elaboration(linked, variables, known, draw))
         found = lowered.elaborated.found()
         if found == known:
@@ -76,7 +76,7 @@ def lower_spec(linked: Linked, draw: int) -> LoweredSpec:
     report_between(context)
     for line, entry in linked.spec.sections():
         context.used.update(section_of(line).names_used(entry))
-    if not context.findings.failed:  # what is left unused by a mistake is no news
+    if not context.findings.failed:  # after a mistake, entries may be unused because of it
         report_unused(context)
     return lowered
 
@@ -86,7 +86,7 @@ def _lowered_once(elaborated: Elaboration) -> LoweredSpec:
     outputs = _outputs(elaborated)
     ranges = signal_ranges(context)
     states = _states(elaborated, ranges)
-    # after outputs and states: the arrays that a loss reads of a layer exist once it was called
+    # after outputs and states: a loss may read arrays that a layer creates when it is called
     losses = _losses(context, outputs)
     lower_unused(elaborated)
     return LoweredSpec(
@@ -104,7 +104,7 @@ def _outputs(elaborated: Elaboration) -> list[Output]:
     found: list[Output] = []
     for name, entry in {**context.spec.outputs, **exported_equations(context.spec)}.items():
         predicts = None
-        context.used.add(name)  # an equation too, by the export that names it
+        context.used.add(name)  # also equations, which the export names
         try:
             node = elaborated.entries.value(name, entry, STEP, entry.place.key)
             if isinstance(entry, signals.Output) and entry.predicts is not None:
@@ -127,7 +127,7 @@ def _outputs(elaborated: Elaboration) -> list[Output]:
 
 
 def exported_equations(spec: Spec) -> dict[str, signals.Equation]:
-    """The equations that an export names among its outputs, in the order of the spec."""
+    """The equations that an export lists as outputs, in the order of the spec."""
     names = spec.export.named_outputs if spec.export is not None else frozenset[str]()
     return {name: entry for name, entry in spec.equations.items() if name in names}
 
@@ -142,7 +142,7 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
             following = declared.next(name, entry)
         except LoweringFailed:
             following, type = None, None
-        # even where `next` failed: `init` has mistakes of its own to tell
+        # even if `next` failed: `init` may have mistakes of its own
         try:
             first = declared.start(name, entry, start)
         except LoweringFailed:
@@ -150,7 +150,7 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
         if following is None or type is None:
             continue
         needs: tuple[str, ...] = ()
-        # a discrete state whose `next` needs what an export prunes becomes a port of it (R13)
+        # if an export prunes a sub-model that `next` needs, the state becomes a port (R13)
         if entry.next is not None and entry.der is None and not owner_of(name):
             needs = needed_submodels(context.spec, entry.next)
         found.append(
@@ -170,7 +170,7 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
             )
         )
         estimated = entry.init is not None and entry.init.fit is not None
-        # a reset may come at any step of a run; the log around its start is not there any more
+        # a reset can happen at any step, when the log around the start is gone
         if entry.range_policy == "reset" and (estimated or reads_log(start.graph(), first)):
             place = entry.init.place.value if entry.init is not None else entry.place.key
             report = state_errors.reset_to_the_log(name, place, fitted=estimated)
@@ -179,7 +179,7 @@ def _states(elaborated: Elaboration, ranges: Mapping[str, tuple[float, float]]) 
 
 
 def _report_log_reads(context: Context, outputs: list[Output], table: list[State]) -> None:
-    """A deployed step has no log: outputs and their states must do without (losses need not)."""
+    """Reports outputs and their states that read the log: a deployed step has none. Losses may."""
     graph = context.builder(STEP).graph()
     following = {state.name: state.next for state in table}
     _, deployed = needed_over_time(graph, following, [output.node for output in outputs])
@@ -187,9 +187,9 @@ def _report_log_reads(context: Context, outputs: list[Output], table: list[State
     results += [(s.name, s.next, s.span) for s in table if s.name in deployed]
     of_log = [index for index, node in graph if isinstance(node.op, ReadLog)]
     kept = needed(graph, [node for _, node, _ in results])
-    # which node needs which log is a search an output; one search for all answers most specs
+    # one search for all outputs suffices for most specs; the one per output is slow
     if not any(kept[index] for index in of_log):
-        return  # nearly always: who reads the log is looked for only where somebody does
+        return
     reported: set[int] = set()
     for name, node, span in results:
         kept = needed(graph, (node,))

@@ -1,4 +1,4 @@
-"""Defines what a section of the spec that a feature brings does while the spec is compiled."""
+"""Defines how a section of a feature, such as `mpc`, takes part in compiling a spec."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collects what is logged: inputs, targets, and the logs of states that something reads."""
+"""Collects the recorded signals: inputs, targets, and logs of states that are read."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spec_schema.sections.spec import Spec
 def logged_signals(
     context: Context, ranges: Mapping[str, tuple[float, float]]
 ) -> tuple[Signal, ...]:
-    """The inputs and targets of a lowered spec, and the logs of states that are read."""
+    """The inputs and targets of a lowered spec, and the states whose logs are read."""
     declared = [
         *((Role.INPUT, name, entry) for name, entry in context.spec.inputs.items()),
         *((Role.TARGET, name, entry) for name, entry in _targets(context)),
@@ -37,23 +37,25 @@ def logged_signals(
 
 
 def measured_targets(spec: Spec) -> set[str]:
-    """The names in `target:` of entries of `validate`: logs of inputs, targets or states."""
-    found: set[str] = set()
+    """The signals that `validate` entries name under `target:`: inputs, targets or logs of
+    states.
+    """
+    names: set[str] = set()
     for check in spec.checks:
         operand = check.target.operand if isinstance(check.target, Window) else check.target
         match operand:
             case Name(name=name):
-                found.add(name)
+                names.add(name)
             case Member(base=base, name=name):
                 # an entry of a sub-model, or `x.meas`, the log of a state
-                found |= {f"{base}.{name}", base}
+                names |= {f"{base}.{name}", base}
             case _:
                 pass
-    return found
+    return names
 
 
 def _targets(context: Context) -> list[tuple[str, SignalEntry]]:
-    """The targets: those of sub-models only where something reads them (R11)."""
+    """The targets; those of sub-models only if something reads them (R11)."""
     return [
         (name, entry)
         for name, entry in context.spec.targets.items()

@@ -1,4 +1,4 @@
-"""Warns of `L: 300 uH` where formulas take 300 and no unit shows that henries may be meant."""
+"""Warns if `L: 300 uH` is used as 300 in a formula whose units cannot be checked."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _REASON = "it meets a value without unit, and formulas convert nothing"
 
 
 def report_unchecked_scales(context: Context, states: Iterable[State]) -> None:
-    """Follows numbers that brought a unit of scale other than 1 to values of unknown unit.
+    """Reports scaled quantities (`300 uH`) that a formula combines with values of unknown unit.
 
-    `{init: 300, unit: uH}` says that 300 is meant, and where all units are known the unit check
-    finds what does not fit. A state of unknown unit takes what it is given.
+    There the unit check cannot find a wrong scale. `{init: 300, unit: uH}` states the 300
+    explicitly, so it is not reported. A state of unknown unit accepts any unit.
     """
     written = _written(context)
-    # most specs write none
+    # most specs have none
     if not written:
         return
     reported: set[str] = set()
@@ -51,7 +51,9 @@ def report_unchecked_scales(context: Context, states: Iterable[State]) -> None:
 
 
 def _written(context: Context) -> dict[str, Quantity]:
-    """The numbers of parameters and constants whose unit stands behind them, and scales them."""
+    """Parameters and constants that are written as a number with a scaled unit, such as `300
+    uH`.
+    """
     found: dict[str, Quantity] = {}
     for name, entry in {**context.spec.parameters, **context.spec.constants}.items():
         value = entry.value if isinstance(entry, Constant) else entry.init.choice
@@ -61,7 +63,7 @@ def _written(context: Context) -> dict[str, Quantity]:
             continue
         if _stands_behind(entry.unit, value.span):
             amount = number(context, value, f"`{name}`")
-            # `3600 s/h` is 1 and converts: it is there for its number
+            # `3600 s/h` equals 1: it is a conversion factor
             unit = entry.unit.value
             is_ratio = len(unit.factors) > 1 and unit.same_dimension(ONE)
             if not (is_ratio and isclose(unit.in_si(amount), 1.0)):
@@ -70,7 +72,7 @@ def _written(context: Context) -> dict[str, Quantity]:
 
 
 def _stands_behind(unit: Located[Unit], value: Span) -> bool:
-    """Whether the unit was written with the value: `300 uH`, not `unit: uH`."""
+    """True if the unit was written after the number (`300 uH`), not as `unit: uH`."""
     key, first, last = (
         (span.line, span.column) for span in (unit.key or unit.span, value, unit.span)
     )
@@ -78,9 +80,9 @@ def _stands_behind(unit: Located[Unit], value: Span) -> bool:
 
 
 def _carried(graph: Graph, written: Mapping[str, Quantity]) -> list[frozenset[str]]:
-    """For each node the names whose numbers its value was made of, while its scale is not 1.
+    """For each node, the quantities that its value depends on while its unit is scaled.
 
-    A sum with another value of known unit, as `max(level, 0.1 cm)`, says that the scale is meant.
+    A sum with another value of known unit, such as `max(level, 0.1 cm)`, confirms the scale.
     """
     found: list[frozenset[str]] = []
     for _, node in graph:
@@ -102,7 +104,10 @@ def _carried(graph: Graph, written: Mapping[str, Quantity]) -> list[frozenset[st
 
 
 def _meets_unknown(context: Context, graph: Graph, node: Node) -> bool:
-    """Whether an operand has no unit; the learned weights of a layer take any scale."""
+    """True if another operand has no unit.
+
+    Learned weights of a layer fit any scale and do not count.
+    """
     for arg in node.args if len(node.args) > 1 else ():
         operand = graph[graph.unrepeated(arg)]
         is_weight = isinstance(operand.op, ops.ReadParameter) and (

@@ -1,4 +1,4 @@
-"""Lowers entries that nothing uses, for their own mistakes, and warns of them."""
+"""Lowers unused entries, to find their mistakes, and warns about them."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _EXPECTED_IN_USE = frozenset(
 
 
 def lower_unused(elaborated: Elaboration) -> None:
-    """Lowers what nothing needs, so that its mistakes are found too.
+    """Lowers unused entries, so that their mistakes are reported.
 
-    Of a sub-model only equations: its own file says what is wrong with the rest.
+    For sub-models only equations are lowered; their own files report the rest.
     """
     context = elaborated.context
     for name, entry in context.spec.equations.items():
@@ -42,20 +42,20 @@ def lower_unused(elaborated: Elaboration) -> None:
     for name, function in context.spec.functions.items():
         if name not in context.used and not owner_of(name):
             found = _found_by_calling(elaborated, name, len(function.args))
-            # what shapes and units its arguments have is not known
+            # the shapes and units of its arguments are unknown
             context.findings.report(*(d for d in found if d.code in _OF_NAMES))
     if context.unread:
         _report_unread(elaborated)
 
 
 def _report_unread(elaborated: Elaboration) -> None:
-    """Reports errors of names in arguments that the formula of their function leaves out."""
+    """Reports name errors in arguments that the formula of the called function does not use."""
     apart = elaborated.afresh(FoundBefore())
     for argument in elaborated.context.unread:
         there = argument.environment
         with suppress(LoweringFailed):
             lower(apart.context, argument.expression, there.in_graph_of(there.part))
-    # what else is wrong may be so for lack of the buffers that the program has
+    # other errors may be caused by the missing buffers of the program
     found = (d for d in _errors_of(apart) if d.code in _OF_NAMES)
     elaborated.context.findings.report(*found)
 
@@ -70,7 +70,7 @@ def _report_parameters(elaborated: Elaboration) -> None:
     }
     if not unused:
         return
-    # the first use declares a parameter: looked at apart, these are not in the program
+    # the first use declares a parameter: a separate elaboration keeps them out of the program
     apart = elaborated.afresh(FoundBefore())
     for name, entry in unused.items():
         with suppress(LoweringFailed):
@@ -78,19 +78,19 @@ def _report_parameters(elaborated: Elaboration) -> None:
     context.findings.report(*_errors_of(apart))
 
 
-# findings at this place are about the call that is made up here, not about the spec
+# findings at this place concern the artificial call, not the spec
 _NOWHERE = Span(file="", line=0, column=0, end_line=0, end_column=0)
-# names, numbers of arguments, misplaced calls: wrong whatever a function is called with
+# names, argument counts, misplaced calls: wrong for any arguments
 _OF_NAMES = frozenset(
     {"E0301", "E0303", "E0304", "E0305", "E0306", "E0307", "E0319", "E0349", "E0350"}
 )
-# axes: a call with other arguments may be right, since options can have the dims of those; only a
-# dimension that nothing declares (E0405) is wrong in any case
+# axes: a call with other arguments may be right, since options can have their dims; only an
+# undeclared dimension (E0405) is wrong in any case
 _OF_AXES = frozenset({"E0401", "E0402", "E0403", "E0404", "E0406", "E0407", "E0408"})
 
 
 def _report_layer(elaborated: Elaboration, name: str, entry: Layer) -> None:
-    """Reports the errors that a layer has whatever it is called with."""
+    """Reports the errors of a layer that do not depend on its arguments."""
     found = _found_by_calling(elaborated, name, 1)
     if any(d.span == _NOWHERE for d in found):  # such as a table in two dimensions
         found = _found_by_calling(elaborated, name, 2)
@@ -100,11 +100,10 @@ def _report_layer(elaborated: Elaboration, name: str, entry: Layer) -> None:
 
 
 def _found_by_calling(elaborated: Elaboration, name: str, count: int) -> list[Diagnostic]:
-    """The errors in a call with zeros, which fit every unit.
+    """The errors of a call with zeros, which fit every unit.
 
-    The call may fail half-way, and what it declares (nodes, arrays, memories) must not stay behind:
-    it is lowered among graphs of its own. Where it reads the past, it is lowered once more with the
-    buffers that it needs, to see whether there is something to fill them with.
+    The call is lowered in separate graphs, so that its nodes, arrays and memories do not remain. If
+    it reads the past, it is lowered once more with its buffers, to check how they are initialised.
     """
     zeros = tuple(Number(0.0, _NOWHERE) for _ in range(count))
     call = Call(Name(name, _NOWHERE), zeros, (), _NOWHERE)
@@ -112,7 +111,7 @@ def _found_by_calling(elaborated: Elaboration, name: str, count: int) -> list[Di
     known = attempt.found()
     if known.buffers:
         attempt = _lowered_alone(elaborated, call, known)
-        # for its reports alone: a past that nothing fills
+        # only for its reports: buffers without initial values
         attempt.histories.states()
     return _errors_of(attempt)
 
@@ -129,9 +128,9 @@ def _lowered_alone(elaborated: Elaboration, call: Call, known: FoundBefore) -> E
 
 
 def report_unused(context: Context) -> None:
-    """Warns of what a spec declares and nothing refers to."""
+    """Warns about entries that nothing refers to."""
     for name, declared in context.scope.items():
-        # what a sub-model does not need here, what stays behind may
+        # entries of sub-models may be unused here
         expected = declared.kind in _EXPECTED_IN_USE and not owner_of(name)
         if expected and name not in context.used:
             place = declared.entry.place.key

@@ -1,8 +1,8 @@
-"""Sums what the operations of a step add to the Hessian of λᵀf.
+"""Sums the contributions of the operations of a step to the Hessian of λᵀf.
 
-The operation y = φ(a, b, …) with adjoint ȳ = ∂(λᵀf)/∂y adds, for directions i and j,
-Σ ȳ (φ_aa ȧᵢ ȧⱼ + φ_ab (ȧᵢ ḃⱼ + ḃᵢ ȧⱼ) + φ_bb ḃᵢ ḃⱼ), summed over its elements; linear ones add
-nothing. A product with a factor 0 is 0, whichever it is (`slope_product`).
+An operation y = φ(a, b, …) has the adjoint ȳ = ∂(λᵀf)/∂y. For directions i and j its contribution
+is Σ ȳ (φ_aa ȧᵢ ȧⱼ + φ_ab (ȧᵢ ḃⱼ + ḃᵢ ȧⱼ) + φ_bb ḃᵢ ḃⱼ) over its elements. Linear operations
+contribute nothing. A product with a factor 0 is 0, even if another is infinite (`slope_product`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from compiler.ir.scalars.slope_products import slope_product, slope_quotient
 from compiler.ir.types import Axis, in_order
 
 Tangents = Mapping[NodeId, NodeId]
-"""Of the nodes that depend on the directions of one group, (directions, *axes)."""
+"""Tangents of the nodes that depend on the directions of one group, axes (directions, *axes)."""
 
 
 def curvatures(
@@ -27,9 +27,10 @@ def curvatures(
     adjoints: Mapping[NodeId, NodeId],
     groups: Sequence[tuple[Directions, Tangents]],
 ) -> dict[tuple[int, int], NodeId]:
-    """The blocks (directions of g, of h) of the Hessian, by the numbers g ≤ h of the groups.
+    """The blocks (directions of g, of h) of the Hessian, by group indices g ≤ h; absent blocks are
+    0.
 
-    `adjoints` are those of the nodes that bend. What is not there is 0.
+    `adjoints` are those of the nonlinear nodes.
     """
     found: dict[tuple[int, int], NodeId] = {}
     terms = [term for node, adjoint in adjoints.items() for term in _terms(builder, node, adjoint)]
@@ -48,9 +49,8 @@ def curvatures(
 
 
 def bending_nodes(builder: GraphBuilder, count: int, groups: Sequence[Tangents]) -> list[NodeId]:
-    """The nodes among the first `count` that can have second slopes."""
-    # a node between inputs and results: what no direction moves has no slope, let alone a second
-    # one
+    """The nodes among the first `count` that can have nonzero second derivatives."""
+    # nodes that depend on no direction have no derivatives
     moving = [any(node in tangents for tangents in groups) for node in range(count)]
     return [
         node
@@ -61,9 +61,10 @@ def bending_nodes(builder: GraphBuilder, count: int, groups: Sequence[Tangents])
 
 @dataclass(frozen=True, slots=True)
 class _Term:
-    """Σ weight · (left tangent · right tangent), and the same with both exchanged if they differ.
+    """Σ weight · (left tangent · right tangent), plus the term with both exchanged if they differ.
 
-    Of a `Contract` over `axis` the weight has the axes of the sum; otherwise all have the same.
+    For a `Contract` over `axis` the weight has the axes of the result; otherwise all axes are
+    equal.
     """
 
     node: NodeId
@@ -77,15 +78,13 @@ def _terms(b: GraphBuilder, node: NodeId, adjoint: NodeId) -> Iterator[_Term]:
     match made.op:
         case ops.Multiply() | ops.Contract():
             left, right = made.args
-            # x² has the second slope 2
-            # with both operands the same there is one term, and it counts once for each of the two
-            # orders
+            # x² has the second derivative 2: with equal operands there is one term, counted twice
             weight = b.add(adjoint, adjoint) if left == right else adjoint
             yield _Term(node, weight, left, right)
         case ops.Divide():
             # n = y·d is linear: 0 = ÿ·d + 2·ẏ·ḋ
             divisor = made.args[1]
-            # ÿ = −2·ẏ·ḋ/d; both orders of the two tangents make the 2
+            # ÿ = −2·ẏ·ḋ/d; the factor 2 comes from both orders of the tangents
             weight = b.negate(slope_quotient(b, adjoint, divisor))
             infinite = b.infinite_values
             if infinite.is_made_of_infinite(weight) or not infinite.divides(divisor):
@@ -99,18 +98,18 @@ def _terms(b: GraphBuilder, node: NodeId, adjoint: NodeId) -> Iterator[_Term]:
 
 
 class _Block:
-    """A block of the Hessian while it is summed."""
+    """Accumulates a block of the Hessian."""
 
     def __init__(self, builder: GraphBuilder, first: Directions, second: Directions) -> None:
         self._b = builder
         self._rows = first.axis
         self._is_diagonal = first is second
-        # the same directions once as rows and once as columns: a quote keeps the two axes apart
+        # rows and columns can have the same directions: a quote distinguishes the two axes
         self._columns = Axis(f"{second.axis.name}'", second.axis.size)
         self._squares: NodeId | None = None
-        """Terms of one operand: symmetric as they are, but for rounding."""
+        """Terms of one operand, symmetric up to rounding."""
         self._products: NodeId | None = None
-        """Terms of two operands; in a block on the diagonal without their mirror image."""
+        """Terms of two operands; in a diagonal block without their transpose."""
 
     def add(self, term: _Term, rows: Tangents, columns: Tangents) -> None:
         if term.left == term.right:
@@ -119,8 +118,8 @@ class _Block:
             return
         product = self._summed(term, rows.get(term.left), columns.get(term.right))
         self._products = self._sum(self._products, product)
-        # in a block off the diagonal the two orders are different entries; on it the mirror adds
-        # the other
+        # in an off-diagonal block both orders are different entries; a diagonal block adds the
+        # transpose in `total`
         if not self._is_diagonal:
             product = self._summed(term, rows.get(term.right), columns.get(term.left))
             self._products = self._sum(self._products, product)
@@ -130,11 +129,10 @@ class _Block:
         if not self._is_diagonal:
             return self._sum(self._squares, self._products)
         squares = self._squares
-        # one number is its own mirror image: twice the product, without halving and doubling
-        # squares
+        # a 1×1 block is its own transpose: twice the product, squares are not halved
         if self._rows.size == 1:
             return self._sum(squares, self._sum(self._products, self._products))
-        # half of it and its mirror image: equal in both triangles to the bit
+        # half of it plus its transpose: both triangles are bit-identical
         half = None if squares is None else b.multiply(b.constant(0.5), squares)
         total = self._sum(half, self._products)
         return None if total is None else b.add(total, self._mirrored(total))
@@ -150,14 +148,13 @@ class _Block:
         return self._b.add(before, more)
 
     def _summed(self, term: _Term, left: NodeId | None, right: NodeId | None) -> NodeId | None:
-        """Σ over all axes but those of the directions."""
+        """Σ over all axes except the directions."""
         if left is None or right is None:
             return None
         b = self._b
-        # (directions, …) under the name with a quote: both tangents may be of one group
+        # renamed with a quote, since both tangents may belong to one group
         right = b.reshape(right, (self._columns, *b.type(right).axes[1:]))
-        # one tangent after the other: the product of both with the weight would have the axes of
-        # all
+        # one tangent after the other: a product of all three would have all axes
         weighted = _contracted(b, term.weight, left, (self._rows, *b.type(right).axes[1:]))
         return _contracted(b, weighted, right, (self._rows, self._columns))
 
@@ -165,22 +162,22 @@ class _Block:
 def _product(b: GraphBuilder, first: NodeId, second: NodeId) -> NodeId:
     product = slope_product(b, first, second)
     if b.infinite_values.is_made_of_infinite(product):
-        # a factor 0 may still come after it
+        # a factor 0 may still follow
         b.infinite_values.expect(product)
     return product
 
 
 def _contracted(b: GraphBuilder, left: NodeId, right: NodeId, kept: tuple[Axis, ...]) -> NodeId:
-    """Σ over every axis that is not kept of the product, in the order of `kept`."""
+    """Σ of the product over all axes except `kept`, in the order of `kept`."""
     names = {axis.name for axis in kept}
     mine, others = b.type(left).axes, b.type(right).axes
     shared = [a.name for a in mine if a.name not in names and a in others]
     infinite = b.infinite_values.is_made_of_infinite
-    # over a shared axis the sum of products is one contraction, which backends have a loop for
+    # a sum of products over a shared axis is a contraction, which backends compute in a loop
     if shared and not (infinite(left) or infinite(right)):
         product = b.contract_over(left, right, shared[-1])
     else:
-        # a sum of products looks at no factor
+        # a contraction does not test its factors for 0
         whole = in_order((*mine, *(axis for axis in others if axis not in mine)))
         product = _product(b, b.broadcast(left, whole), b.broadcast(right, whole))
     for axis in reversed(b.type(product).axes):

@@ -1,8 +1,7 @@
-"""Groups variables into directions along which slopes are computed together.
+"""Groups variables into directions whose derivatives are computed together.
 
-Variables that the same operations depend on, as far as these bend or are sums of products, share
-the axis of one array of tangents; others have arrays of their own, so that no tangent is computed
-where it is known to be 0 for a whole group.
+Variables that affect the same nonlinear operations and contractions share one array of tangents.
+Other variables have separate arrays, so that no tangents are computed that are 0 for a whole group.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from compiler.jacobian.matrices import Member
 
 @dataclass(frozen=True, slots=True)
 class DirectionRun:
-    """Directions start … stop−1 of a group, which are variables column, column + 1, …."""
+    """Directions start … stop−1 of a group; they are matrix columns column, column + 1, …."""
 
     start: int
     stop: int
@@ -30,7 +29,7 @@ class DirectionRun:
 
 @dataclass(frozen=True, slots=True)
 class Directions:
-    """Variables whose numbers are the directions along one axis, member after member."""
+    """Variables whose elements are the directions along one axis, member after member."""
 
     axis: Axis
     members: tuple[Member, ...]
@@ -38,11 +37,11 @@ class Directions:
     def seeds(
         self, builder: GraphBuilder, leaves: Mapping[str, Sequence[NodeId]]
     ) -> dict[NodeId, NodeId]:
-        """The tangents of the leaves of each member: a 1 in the direction of every number."""
+        """The tangents of the leaves of each member: a unit direction per element."""
         found: dict[NodeId, NodeId] = {}
         first = 0
         for member in self.members:
-            # columns of the identity: each member has the directions that stand for its own numbers
+            # columns of the identity: the directions of the member's own elements
             values = np.eye(self.axis.size)[:, first : first + member.size]
             for leaf in leaves[member.name]:
                 axes = (self.axis, *builder.type(leaf).axes)
@@ -52,12 +51,12 @@ class Directions:
 
     @property
     def runs(self) -> list[DirectionRun]:
-        """The directions as columns of a matrix, as few runs as there can be."""
+        """The directions as matrix columns, in the smallest number of contiguous runs."""
         runs: list[DirectionRun] = []
         for member in self.members:
             start = runs[-1].stop if runs else 0
             stop = start + member.size
-            # a run goes on where the next column follows in the matrix too
+            # extend the run if the next column is adjacent in the matrix
             if runs and runs[-1].column + start - runs[-1].start == member.first:
                 runs[-1] = DirectionRun(runs[-1].start, stop, runs[-1].column)
             else:
@@ -68,10 +67,11 @@ class Directions:
 def grouped_directions(
     graph: Graph, members: Sequence[Member], leaves: Mapping[str, Sequence[NodeId]]
 ) -> list[Directions]:
-    """The groups of the variables that the graph reads; `leaves` has the nodes that read each."""
+    """The groups of the variables that the graph reads; `leaves` maps a variable to its reading
+    nodes.
+    """
     read = [member for member in members if leaves.get(member.name)]
-    # sets of variables as the bits of an integer: a graph has thousands of nodes, and uniting two
-    # sets is one operation
+    # sets of variables as bits of an integer, for fast unions over thousands of nodes
     bits = {leaf: 1 << i for i, member in enumerate(read) for leaf in leaves[member.name]}
     depends: list[int] = []
     decisive: list[int] = []
@@ -81,29 +81,28 @@ def grouped_directions(
         for bit in of:
             mask |= bit
         depends.append(mask)
-        # with one operand that moves a contraction is linear, but tangents of one group go through
-        # it as one product
+        # a contraction with one dependent operand is linear, but shares one product per group
         if mask and (bends(node, [bool(bit) for bit in of]) or isinstance(node.op, ops.Contract)):
             decisive.append(mask)
     groups: dict[tuple[int, ...], list[Member]] = {}
     for i, member in enumerate(read):
-        # variables that the same operations bend have the same signature: their tangents are 0 or
-        # not together
+        # variables that affect the same operations have the same signature: their tangents are
+        # nonzero together
         signature = tuple(place for place, mask in enumerate(decisive) if mask >> i & 1)
         groups.setdefault(signature, []).append(member)
     return [
-        # no axis of a spec has a name with a quote
+        # axes of a spec have no quote in their names
         Directions(Axis(f"{i}'", sum(member.size for member in group)), tuple(group))
         for i, group in enumerate(groups.values())
     ]
 
 
 def bends(node: Node, moving: Sequence[bool]) -> bool:
-    """Whether an operation whose moving operands are these can have a second slope."""
+    """True if the operation can have a second derivative; `moving` flags the dependent operands."""
     match node.op:
         case ops.Multiply() | ops.Contract():
             return all(moving)
-        # n/d is linear in n: it bends where d moves
+        # n/d is linear in n: it is nonlinear if d depends on the variables
         case ops.Divide():
             return moving[1]
         case ops.Apply():

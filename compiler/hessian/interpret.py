@@ -1,4 +1,4 @@
-"""Runs the derivatives of a step with numpy: the judge of every backend's matrices."""
+"""Evaluates the derivatives of a step with numpy: the reference for matrices of all backends."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ class DerivativeValues:
 
 
 class DerivativeInterpreter:
-    """The derivatives of a program with weights, as `Interpreter` runs the program itself."""
+    """Evaluates the derivatives of a program with weights, as `Interpreter` evaluates the
+    program.
+    """
 
     def __init__(
         self,
@@ -33,11 +35,11 @@ class DerivativeInterpreter:
         dtype: DTypeLike = np.float64,
     ) -> None:
         self._derivatives = derivatives
-        # a node that is two results is computed once, under its number
+        # a node that is the value of two results is computed once, named by its id
         outputs = tuple(Output(str(node), node) for node in dict.fromkeys(derivatives.roots))
         slopes = replace(
             program,
-            # nothing is stepped: multipliers are read as states whose values are given
+            # no state is stepped; multipliers are passed as states
             states=(),
             step=derivatives.graph,
             outputs=outputs,
@@ -50,7 +52,7 @@ class DerivativeInterpreter:
     def values(
         self, log: Mapping[str, Array], t: ArrayLike, states: Mapping[str, Array]
     ) -> DerivativeValues:
-        """The derivatives of the steps at rows t from these states, multipliers among them."""
+        """The derivatives of the steps at rows t; `states` includes the multipliers."""
         values = self._interpreter.step(log, t, states, losses=False).outputs
         members = len(np.atleast_1d(np.asarray(t)))
         found = self._derivatives

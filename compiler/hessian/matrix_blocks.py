@@ -1,4 +1,4 @@
-"""Puts arrays of slopes where they belong in a matrix, and finds which entries are known."""
+"""Assembles matrices from arrays of derivatives, and finds entries that are known constants."""
 
 from __future__ import annotations
 
@@ -29,17 +29,18 @@ class Placed:
 def slopes_of_result(
     builder: GraphBuilder, tangent: NodeId, result: Member, runs: Sequence[DirectionRun], width: int
 ) -> list[Placed]:
-    """The rows of a result in a matrix of that width, from its tangents (directions, *axes)."""
+    """The rows of a result in a matrix with `width` columns, from its tangents (directions,
+    *axes).
+    """
     directions = builder.type(tangent).axes[0].name
     lengths = [axis.size for axis in result.axes]
-    # C order of the result's axes: one row of the matrix an element
+    # C order of the result's axes: one matrix row per element
     steps = tuple(width * int(np.prod(lengths[i + 1 :])) for i in range(len(lengths)))
     return [
         Placed(
             builder.slice(tangent, directions, run.start, run.stop),
             result.first * width + run.column,
-            # one column further for each direction of the run, a row further for each element of
-            # the result
+            # the next direction is one column further, the next element of the result one row
             (1, *steps),
         )
         for run in runs
@@ -53,7 +54,9 @@ def curvature_of_groups(
     columns: Sequence[DirectionRun],
     width: int,
 ) -> list[Placed]:
-    """Places a block (directions, other directions) of a Hessian; mirrored if not square."""
+    """Places a block (directions, other directions) of a Hessian, and its transpose if
+    off-diagonal.
+    """
     first, second = (axis.name for axis in builder.type(block).axes)
     found: list[Placed] = []
     for row in rows:
@@ -61,7 +64,7 @@ def curvature_of_groups(
         for column in columns:
             node = builder.slice(part, second, column.start, column.stop)
             found.append(Placed(node, row.column * width + column.column, (width, 1)))
-            # a block off the diagonal is there once; its mirror image has the strides exchanged
+            # an off-diagonal block is computed once; its transpose has exchanged strides
             if rows is not columns:
                 found.append(Placed(node, column.column * width + row.column, (1, width)))
     return found
@@ -72,7 +75,7 @@ def matrix_of_blocks(
 ) -> Matrix:
     """The matrix with these entries; all others are 0."""
     parts = [part for block in placed for part in _parts(builder, block)]
-    # until a block says otherwise an entry is 0, and so depends on nothing
+    # entries without a block are 0 and constant
     known: list[float | None] = [0.0] * (rows.size * columns.size)
     fixed = [True] * len(known)
     blocks: list[MatrixBlock] = []
@@ -89,13 +92,13 @@ def matrix_of_blocks(
         )
         places = block.places(node.type.shape).ravel().tolist()
         number = known_number(builder, part.node)
-        # what is the same whatever is given needs no computed entry: exports write it as a constant
+        # a constant entry is not computed: exports write it as a literal
         if isinstance(node.op, ops.Constant) or number is not None:
             values = node.op.values if isinstance(node.op, ops.Constant) else [number] * len(places)
             for place, value in zip(places, values, strict=True):
                 known[place] = value
             continue
-        # the pattern says which elements can differ from 0 at all; the others are known too
+        # elements outside the sparsity pattern are known to be 0
         for place, differs in zip(places, pattern[part.node].ravel().tolist(), strict=True):
             known[place] = None if differs else 0.0
             fixed[place] = not moving[part.node]
@@ -111,7 +114,7 @@ def matrix_of_blocks(
 
 
 def _parts(builder: GraphBuilder, placed: Placed) -> list[Placed]:
-    """The parts of a concatenation each at its place, so that known ones need no array."""
+    """Splits a concatenation into its parts, so that constant parts need no array."""
     node = builder.node(placed.node)
     if not isinstance(node.op, ops.Concat):
         return [placed]

@@ -1,4 +1,4 @@
-"""Replaces products with constant matrices whose rows pick one element each by slices."""
+"""Replaces products with constant selection matrices by slices."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from compiler.ir.program import Graph, Node, NodeId
 from compiler.ir.types import Axis
 
 _MOST_RUNS = 8
-"""Slices that are worth more than the loop of the product."""
+"""Maximum number of slices; beyond it, the loop of the product is cheaper."""
 
 
 def with_picked_rows(graph: Graph, *, exact: int = 0) -> tuple[Graph, dict[NodeId, NodeId]]:
-    """The graph without such products beyond its first `exact` nodes, and where each node is.
+    """Replaces such products after the first `exact` nodes; returns the graph and the new node ids.
 
-    Σ over k of C[d, k] · x[k, …] with at most one number other than 0 in each row d of C is
-    x[k(d), …] times that number: what a matrix has as slopes at unit directions is the matrix.
+    Σ over k of C[d, k] · x[k, …], with at most one nonzero element in each row d of C, is that
+    element times x[k(d), …]. Such products arise from derivatives in unit directions.
     """
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
@@ -42,7 +42,7 @@ def _picked(b: GraphBuilder, node: Node, axis: str, args: Sequence[NodeId]) -> N
         if not isinstance(op, ops.Constant) or len(axes) != 2:
             continue
         (rows,) = (a for a in axes if a.name != axis)
-        # an operand that has the axis of the rows itself is aligned with it, not multiplied by it
+        # an operand with the axis of the rows is aligned elementwise, not multiplied as a vector
         if b.type(other).axis(rows.name) is not None:
             continue
         values = np.reshape(op.values, b.type(matrix).shape)
@@ -55,13 +55,14 @@ def _picked(b: GraphBuilder, node: Node, axis: str, args: Sequence[NodeId]) -> N
 
 
 def _runs(values: NDArray[np.float64]) -> list[tuple[int, int]] | None:
-    """Rows start … stop−1 that pick elements one after the other, or nothing; None if too many."""
+    """Rows start … stop−1 that select consecutive elements or are 0; None if there are too many
+    runs.
+    """
     nonzero = values != 0
-    # two numbers in a row are a sum, which no slice is
+    # two nonzero elements in a row are a sum, not a slice
     if (nonzero.sum(axis=1) > 1).any():
         return None
-    # how far ahead of its row the picked column is: rows that pick one after the other share it,
-    # rows of zeros have None
+    # offset of the selected column from its row: constant in a run; None for rows of zeros
     ahead = np.where(nonzero.any(axis=1), nonzero.argmax(axis=1) - np.arange(len(values)), None)
     runs: list[tuple[int, int]] = []
     for _, group in groupby(range(len(values)), key=lambda row: ahead[row]):

@@ -1,6 +1,6 @@
-"""Gives the second slopes of a scalar function: reverse mode on the formulas of its slopes.
+"""Second derivatives of scalar functions, by reverse mode on the formulas of their derivatives.
 
-`ScalarFunction.curvatures` has those of the one for which that would be wrong.
+`ScalarFunction.curvatures` has explicit formulas where that would be wrong.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 
 
 def second_slopes(builder: GraphBuilder, node: NodeId) -> dict[tuple[NodeId, NodeId], NodeId]:
-    """∂²φ/∂a∂b of an `Apply` by its operands a, b, each pair once, in the axes of the node.
+    """∂²φ/∂a∂b of an `Apply`, by its operands a, b (each pair once), in the axes of the node.
 
-    Operands are nodes: where both are the same one, as in atan2(x, x), it is that of φ(x, x). They
-    are `Named` while the formula is differentiated, and stay so: nobody else names derivatives.
+    If both operands are the same node, as in atan2(x, x), it is the second derivative of φ(x, x).
+    The formula is differentiated with `Named` operands, which remain in the graph.
     """
     made = builder.node(node)
     assert isinstance(made.op, ops.Apply)
@@ -43,15 +43,15 @@ def _by_operands(
 
 def _slopes_of_slopes(b: GraphBuilder, made: Node) -> dict[tuple[NodeId, NodeId], NodeId]:
     operands = list(dict.fromkeys(made.args))
-    # an operand may be made of another one: what is held is made of nothing
-    # (no name of a spec has a quote)
+    # one operand may depend on the other: naming makes them independent variables
+    # (names of a spec have no quote)
     held = {operand: b.named(operand, f"operand'{i}") for i, operand in enumerate(operands)}
     value = b.emit(made.op, tuple(held[arg] for arg in made.args), made.type)
     one = b.broadcast(b.constant(1.0), made.type.axes)
     firsts = gradients(b, {value: one}, list(held.values()))
     found: dict[tuple[NodeId, NodeId], NodeId] = {}
     for i, first in enumerate(firsts):
-        # the second slopes are symmetric: each pair once, from the diagonal on
+        # second derivatives are symmetric: each pair once, starting at the diagonal
         others = operands[i:]
         wanted = [held[other] for other in others]
         seconds = [None] * len(wanted) if first is None else gradients(b, {first: one}, wanted)

@@ -1,14 +1,14 @@
-"""Derives value, Jacobian and Hessian of one step in one graph, arrays kept as arrays.
+"""Derives the value, Jacobian and Hessian of one step in one graph of array operations.
 
-For results r = f(z) of one step (next states and outputs) in variables z (states, inputs, on
-request parameters) and a multiplier λ for each result, the graph has r, J = ∂r/∂z and the Hessian
-H = ∇²(λᵀf) in z. Forward mode gives the tangents ẏ of every value y along the variables, reverse
-mode the adjoints ȳ = ∂(λᵀf)/∂y; H is the sum over the operations φ that bend of ȳ times the second
-slopes of φ between the tangents of its operands (Griewank, Walther: Evaluating Derivatives, 2008,
-ch. 3 and 5; `curvature`). A product with a matrix stays one.
+Results r = f(z) of one step (next states and outputs) depend on variables z (states, inputs, on
+request parameters). λ is a multiplier per result. The graph has r, J = ∂r/∂z and the Hessian H =
+∇²(λᵀf) in z. Forward mode gives the tangents ẏ of every value y, reverse mode the adjoints ȳ =
+∂(λᵀf)/∂y. H sums, over the nonlinear operations φ, ȳ times the second derivatives of φ in the
+tangents of its operands (Griewank, Walther: Evaluating Derivatives, 2008, ch. 3 and 5;
+`curvature`). Products with matrices stay array operations.
 
-What value, J and H have in common is there once. Kinks and infinite slopes mean what they mean in
-`reverse_mode`; a kink has no curvature.
+Value, J and H share common nodes. Kinks and infinite derivatives follow `reverse_mode`; a kink has
+no curvature.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ from compiler.passes.derivatives.guard_untaken import guard_untaken
 from compiler.passes.simplify.fold_constants import folded
 
 LARGEST_FOLDED = 1 << 20
-"""Elements of the largest array of known slopes: that of a buffer of a thousand samples."""
+"""Maximum number of elements of a constant array of derivatives: a buffer of a thousand samples."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepDerivatives:
-    """Matrices, and the graph that computes their entries and the results themselves."""
+    """Matrices, and the graph that computes their entries and the results."""
 
     graph: Graph
-    """It reads what the step reads, and the `multiplier` of each result as a state."""
+    """It reads the same values as the step, and the `multiplier` of each result as a state."""
     results: Vector
     """r: next states (`next_value`), then outputs."""
     variables: Vector
@@ -56,7 +56,7 @@ class StepDerivatives:
     """The node of each result."""
     jacobian: Matrix
     hessian: Matrix | None
-    """Both triangles, equal to the bit; None where it is not wanted."""
+    """Both triangles, bit-identical; None if not requested."""
 
     @property
     def matrices(self) -> tuple[Matrix, ...]:
@@ -69,12 +69,12 @@ class StepDerivatives:
 
 
 def next_value(state: str) -> str:
-    """The name that a state's next value has among the results."""
+    """The name of a state's next value among the results."""
     return f"next({state})"
 
 
 def multiplier(result: str) -> str:
-    """The state that is the multiplier of a result, in the result's axes."""
+    """The name of the state that holds the multiplier of a result; it has the result's axes."""
     return f"multiplier of {result}"
 
 
@@ -89,17 +89,17 @@ def step_derivatives(
     flat: Collection[str] = (),
     hessian: bool = True,
 ) -> StepDerivatives:
-    """The derivatives of a program in step form in these variables and of these results.
+    """The derivatives of a program in step form, of these results with respect to these variables.
 
-    None stands for all of them; for all inputs that a result reads. Their order is the program's.
-    Next values and outputs that are `flat`, and what they are made of, count as if they were linear
-    in the Hessian: of a sum of squares of such outputs it is that of Gauss and Newton.
+    None selects all of them; for inputs, all that a result reads. Their order is that of the
+    program. The Hessian treats next values and outputs named in `flat`, and their operands, as
+    linear. For sums of squares of such outputs it is the Gauss-Newton approximation.
     """
-    # losses and ranges would keep nodes that no result needs
+    # losses and ranges would keep nodes that no result depends on
     program = guard_untaken(replace(program, losses=(), expected=()))
     named = {next_value(s.name): s.next for s in program.states if _has(next_states, s.name)}
     named |= {o.name: o.node for o in program.outputs if _has(outputs, o.name)}
-    # of what is flat only the slopes count: its operations are left out of the sum over what bends
+    # flat results have first derivatives only: their operations add nothing to the Hessian
     straight = [s.next for s in program.states if next_value(s.name) in flat]
     straight += [o.node for o in program.outputs if o.name in flat]
     builder, copies = _without_windows(program.step, [*named.values(), *straight])
@@ -117,7 +117,7 @@ def step_derivatives(
     types = {name: builder.type(node) for name, node in roots.items()}
     results = vector_of("r", [(name, type.axes, type.unit) for name, type in types.items()])
 
-    # tangents are computed for the nodes of the model alone, not for those of tangents before
+    # only nodes of the model are differentiated, not the tangents of previous groups
     groups = [
         (group, tangents(builder, group.axis, group.seeds(builder, leaves), {}, count=count))
         for group in grouped_directions(builder.graph(), variables.members, leaves)
@@ -152,7 +152,7 @@ def step_derivatives(
         results=results,
         variables=variables,
         values={name: moved[node] for name, node in roots.items()},
-        # rows are results, columns variables, whatever the order in which nodes were made
+        # rows are results, columns variables, in the order of the program
         jacobian=matrix("J", results, slopes),
         hessian=matrix("H", variables, bends) if hessian else None,
     )
@@ -165,7 +165,9 @@ def _has(names: Collection[str] | None, name: str) -> bool:
 def _without_windows(
     graph: Graph, wanted: Iterable[NodeId]
 ) -> tuple[GraphBuilder, dict[NodeId, NodeId]]:
-    """Copies the wanted nodes, each window as the samples of its buffer and then the newest one."""
+    """Copies the wanted nodes; a window becomes a concatenation of its buffer and the newest
+    sample.
+    """
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
     live = needed(graph, wanted)
@@ -174,7 +176,7 @@ def _without_windows(
             continue
         args = tuple(copies[arg] for arg in node.args)
         if isinstance(node.op, ops.Window):
-            # oldest sample first: the buffer, then what is new (R1)
+            # oldest sample first: the buffer, then the newest sample (R1)
             *axes, last = node.type.axes
             past = node.type.with_axes((*axes, Axis(WINDOW, last.size - 1)))
             with builder.at(node.span):
@@ -202,10 +204,10 @@ def _readers(graph: Graph) -> dict[str, list[NodeId]]:
 def _inputs(
     program: Program, builder: GraphBuilder, leaves: Mapping[str, Sequence[NodeId]]
 ) -> Iterator[Quantity]:
-    """The inputs that the results read, in step form each by one node."""
+    """The inputs that the results read; in step form one node reads each."""
     for signal in program.signals:
         for leaf in leaves.get(signal.name, ()):
-            # a target may have the name of a state
+            # a target can have the name of a state
             if isinstance(builder.node(leaf).op, ops.ReadSignal):
                 yield signal.name, builder.type(leaf).axes, signal.unit
 
@@ -213,11 +215,11 @@ def _inputs(
 def _adjoints(
     builder: GraphBuilder, roots: Mapping[str, NodeId], wanted: Sequence[NodeId]
 ) -> dict[NodeId, NodeId]:
-    """∂(λᵀf)/∂y of the wanted nodes y on which a result depends."""
+    """∂(λᵀf)/∂y of the wanted nodes y that affect a result."""
     seeds: dict[NodeId, NodeId] = {}
     for name, root in roots.items():
         weight = builder.state(multiplier(name), Type(builder.type(root).axes))
-        # two results can be one node: an output that shows a next state
+        # two results can be one node: an output that is a next state
         seeds[root] = builder.add(seeds[root], weight) if root in seeds else weight
     found = gradients(builder, seeds, wanted)
     return {
@@ -228,7 +230,9 @@ def _adjoints(
 def _finished(
     graph: Graph, count: int, wanted: Sequence[NodeId]
 ) -> tuple[GraphBuilder, dict[NodeId, NodeId]]:
-    """The wanted nodes without what is known to be 0; the first `count` are copied as they are."""
+    """The wanted nodes without terms that are known to be 0; the first `count` are copied
+    unchanged.
+    """
     live = needed(graph, wanted)
     draft = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
@@ -236,12 +240,12 @@ def _finished(
     for index, node in graph:
         if live[index]:
             args = [copies[arg] for arg in node.args]
-            # names that are no model's mark operands (`second_slopes`), and have done their work
+            # `second_slopes` marked its operands with names, which are no longer needed
             is_mark = index >= count and isinstance(node.op, ops.Named)
             copies[index] = args[0] if is_mark else copy_node(draft, node, tuple(args))
             if index < count:
                 exact = max(exact, copies[index] + 1)
-    # the model itself keeps its bits; only what is derived may be regrouped by folding
+    # results keep their bits: folding may regroup derivatives only
     known, moved = folded(draft.graph(), exact=exact, largest=LARGEST_FOLDED)
     picked, places = with_picked_rows(known, exact=exact)
     at = {node: places[moved[copies[node]]] for node in wanted}

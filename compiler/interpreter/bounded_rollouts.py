@@ -1,4 +1,4 @@
-"""Runs a program over rollouts and keeps every step with the bounds of its rounding."""
+"""Runs a program over rollouts and stores each step with bounds on its rounding error."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from compiler.ir.program import Graph, NodeId, Program
 
 @dataclass(frozen=True, slots=True)
 class Rollouts:
-    """Rollouts side by side: `steps` steps from each of the rows `t0`, scored from step `skip`."""
+    """A batch of rollouts: `steps` steps from each of the rows `t0`; losses count from step
+    `skip`.
+    """
 
     log: Mapping[str, Array]
     t0: NDArray[np.int64]
@@ -27,14 +29,14 @@ class Rollouts:
 
 @dataclass(frozen=True, slots=True)
 class RolloutStep:
-    """The states before one step of all rollouts, and the values of its nodes."""
+    """The states before one step of all rollouts, and the values of the nodes of the step."""
 
     states: dict[str, Bounded]
     values: list[Bounded]
 
 
 class Forward:
-    """The start and the step of a program, with the nodes that somebody wants of each step."""
+    """Evaluates the start and the step of a program, with the requested nodes of each step."""
 
     def __init__(
         self,
@@ -52,14 +54,14 @@ class Forward:
         self._step = made(program.step, [*(state.next for state in program.states), *wanted])
 
     def moments(self, runs: Rollouts) -> list[RolloutStep]:
-        """Every step of the rollouts."""
+        """Returns every step of the rollouts."""
         members = len(runs.t0)
         values = self._start.run(runs.log, runs.t0, {})
         states = {s.name: values[s.start].repeated(members) for s in self._program.states}
-        found: list[RolloutStep] = []
+        steps: list[RolloutStep] = []
         for number in range(runs.steps):
             values = self._step.run(runs.log, runs.t0 + number, states)
-            # all steps are kept: the reverse pass wants the states before each of them
-            found.append(RolloutStep(states, values))
+            # stores all steps: the reverse pass needs the states before each of them
+            steps.append(RolloutStep(states, values))
             states = {s.name: values[s.next].repeated(members) for s in self._program.states}
-        return found
+        return steps

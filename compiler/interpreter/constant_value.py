@@ -12,7 +12,9 @@ from compiler.ir.program import Graph, NodeId
 
 
 def constant_value(graph: Graph, node: NodeId) -> Array:
-    """The float64 value of the node, in the shape of its axes; nothing in it may read anything."""
+    """The float64 value of a node, in the shape of its axes; it must not depend on signals or
+    states.
+    """
     values: list[Any] = [None] * len(graph)
     with np.errstate(all="ignore"):
         for index, live in enumerate(needed(graph, [node])):
@@ -20,5 +22,5 @@ def constant_value(graph: Graph, node: NodeId) -> Array:
                 types = tuple(graph[arg].type for arg in graph[index].args)
                 evaluate = evaluator(graph[index], types, {}, np.dtype(np.float64))
                 values[index] = evaluate(values, NOWHERE)
-    # of a batch of one, as everything is that reads nothing
+    # the batch has size 1, since the value reads nothing
     return values[node][0]

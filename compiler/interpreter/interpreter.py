@@ -1,4 +1,4 @@
-"""Runs a Program with numpy, many members of a batch at once: the judge of every backend."""
+"""Runs a Program with numpy on a batch: the reference interpreter of all backends."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ class StepValues:
     outputs: dict[str, Array]
     next_states: States
     losses: dict[str, tuple[Array, Array | None]]
-    """Prediction and target of each loss; empty where losses were not wanted."""
+    """Prediction and target of each loss; empty if losses were not requested."""
     nodes: Sequence[Array | None]
-    """Value of every node that was computed; the batch is 1 where it does not matter."""
+    """Value of each computed node; the batch size is 1 if the value does not depend on the
+    member."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +49,9 @@ class Rollout:
 class Interpreter:
     """A program with weights, ready to run over a log.
 
-    The log is one array (rows, *shape) a signal; `t` are row numbers in it, one per member of the
-    batch. `weights` are physical arrays by name, a missing one is the parameter's initial value.
-    With dtype float32 every operation rounds to float32 and functions are the project's own
+    The log has one array (rows, *shape) per signal. `t` are row numbers, one per member of the
+    batch. `weights` are physical arrays by name; a missing one is the initial value of the
+    parameter. With float32 every operation rounds to float32, and scalar functions are the msnn
     kernels. Raises ValueError for weights of a wrong shape, IndexError for rows outside the log.
     """
 
@@ -70,11 +71,11 @@ class Interpreter:
         following = {state.name: state.next for state in states}
         outputs = [output.node for output in program.outputs]
         beside = states_beside_the_log(program.step, following, outputs)
-        # what only losses need may read targets, which a simulation need not have
+        # states that only losses depend on may read targets, which a simulation may lack
         self._simulated = {n: node for n, node in following.items() if n not in beside}
         self._outputs = outputs
 
-    # each is made when it is first run: who simulates needs no losses
+    # each plan is built at its first use: a simulation needs no losses
 
     @cached_property
     def _start(self) -> _Plan:
@@ -91,10 +92,10 @@ class Interpreter:
         return self._prepared(self.program.step, [*self._outputs, *following, *losses])
 
     def start(self, log: Mapping[str, Array], t0: ArrayLike) -> States:
-        """The states before the first step of runs that begin at rows t0."""
+        """The states before the first step, for runs that begin at rows t0."""
         t = _rows(t0)
         values = self._start.run(LeafValues(log, t, {}))
-        # a member of the batch must be writable without changing another
+        # copied, since the caller may write to one member of the batch
         return {
             state.name: repeated_batch(values[state.start], len(t)).copy()
             for state in self.program.states
@@ -108,12 +109,12 @@ class Interpreter:
         *,
         losses: bool = True,
     ) -> StepValues:
-        """One step at rows t; without `losses` the log needs no targets.
+        """Runs one step at rows t; without `losses` the log needs no targets.
 
-        States that only losses need and that read the log are then left out.
+        States that read the log and that only losses depend on are then omitted.
         """
         rows = _rows(t)
-        # apart, so that a simulation never evaluates what reads targets
+        # two plans, so that a simulation never evaluates nodes that read targets
         plan = self._score if losses else self._simulate
         every = {state.name: state.next for state in self.program.states}
         following = every if losses else self._simulated
@@ -140,7 +141,9 @@ class Interpreter:
         steps: int,
         states: Mapping[str, Array] | None = None,
     ) -> Rollout:
-        """`steps` steps from rows t0, from given states or those of `start`; scores no losses."""
+        """Runs `steps` steps from rows t0, from `states` or those of `start`; evaluates no
+        losses.
+        """
         t = _rows(t0)
         current: Mapping[str, Array] = self.start(log, t) if states is None else states
         types = {
@@ -155,11 +158,11 @@ class Interpreter:
                 outputs[name][:, k] = value
             # all states at once, after the step (R4)
             current = values.next_states
-        # after 0 steps the states are those given, in the dtype that a step would return
+        # after 0 steps: the initial states, in the dtype of a step
         return Rollout(outputs, dict(self._cast(current)))
 
     def _prepared(self, graph: Graph, wanted: Iterable[NodeId]) -> _Plan:
-        # constants are evaluated while a plan is made; what overflows there is inf, no warning
+        # building a plan evaluates constants; overflow gives inf without a warning
         with np.errstate(all="ignore"):
             return _Plan(graph, wanted, self.weights, self.dtype)
 
@@ -170,15 +173,15 @@ class Interpreter:
 def physical_weights(
     program: Program, weights: Mapping[str, ArrayLike]
 ) -> dict[str, NDArray[np.float64]]:
-    """The array of every parameter, its initial value where none is given."""
+    """The array of each parameter; its initial value if `weights` lacks it."""
     result: dict[str, NDArray[np.float64]] = {}
     for parameter in program.parameters:
         shape = tuple(axis.size for axis in parameter.axes)
-        given = weights.get(parameter.name)
-        if given is None:
+        array = weights.get(parameter.name)
+        if array is None:
             value = np.array(parameter.initial, np.float64).reshape(shape)
         else:
-            value = np.array(given, np.float64)
+            value = np.array(array, np.float64)
             if value.shape != shape:
                 message = f"weights of `{parameter.name}` have shape {value.shape}, not {shape}"
                 raise ValueError(message)
@@ -187,7 +190,7 @@ def physical_weights(
 
 
 class _Plan:
-    """The evaluators of the nodes that some results need; what is constant is computed once."""
+    """The evaluators of the nodes that some results depend on; constant nodes are computed once."""
 
     def __init__(
         self,
@@ -200,8 +203,7 @@ class _Plan:
         self._known: list[Any] = [None] * len(graph)
         self._steps: list[tuple[NodeId, Evaluator]] = []
         self._extents: dict[str, Extent] = {}
-        # of each signal the samples around t that any node reads, checked once a run for all of
-        # them
+        # range of samples of each signal that nodes read, checked once per run
         for index, node in graph:
             if not live[index]:
                 continue
@@ -211,8 +213,7 @@ class _Plan:
                 extent = Extent(node.op.first, node.op.last)
                 previous = self._extents.get(node.op.signal, extent)
                 self._extents[node.op.signal] = previous.union(extent)
-            # what reads samples or states differs from step to step; all else is evaluated here,
-            # once
+            # nodes that read samples or states change in each step; all others are evaluated once
             outside = isinstance(node.op, ReadSamples | ReadState | Window)
             if outside or any(self._known[arg] is None for arg in node.args):
                 self._steps.append((index, evaluate))
@@ -228,7 +229,7 @@ class _Plan:
         return values
 
     def _check_rows(self, around: LeafValues) -> None:
-        # numpy would take a negative row from the end of the log
+        # numpy would read a negative row from the end of the log
         if not self._extents:
             return
         first, last = int(around.t.min()), int(around.t.max())

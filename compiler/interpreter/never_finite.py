@@ -1,4 +1,4 @@
-"""Finds parts of formulas that are infinite or NaN whatever the data: `sqrt(-1)`, `x / 0`."""
+"""Finds terms that are infinite or NaN for any data: `sqrt(-1)`, `x / 0`."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _ARITHMETIC = (ops.Add, ops.Subtract, ops.Multiply, ops.Divide, ops.Apply)
 
 
 def never_finite(program: Program) -> list[Diagnostic]:
-    """Warnings of numbers that no data can make finite; the program has been through the passes."""
+    """Warns about terms that are never finite; the program has been through the passes."""
     graph = program.step
     found: dict[Diagnostic, None] = {}
     for _, node in graph:
         operands = [graph[arg].op for arg in node.args]
-        # what is made of constants alone is folded, unless the result is infinite or NaN
+        # constant terms have been folded, unless the result is infinite or NaN
         constant = bool(operands) and all(isinstance(op, ops.Constant) for op in operands)
         by_zero = isinstance(node.op, ops.Divide) and _is_zero(graph, node.args[1])
         if node.span is not None and isinstance(node.op, _ARITHMETIC) and (constant or by_zero):

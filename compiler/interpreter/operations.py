@@ -1,13 +1,13 @@
-"""Turns one node into a function that computes its value with numpy: the meaning of every op.
+"""Turns a node into a function that computes its value with numpy: the semantics of each op.
 
-Values carry the batch as their first axis; one that is the same for the whole batch may have a
-batch of 1. Every sum and every choice is written out in the order that all backends follow, so that
-C can reproduce it bit for bit:
+Values have the batch as their first axis; a value that is equal for the whole batch may have a
+batch of 1. All backends evaluate sums and selections in this order, so that C reproduces them bit
+for bit:
 
-- a sum starts with element 0 and adds the others one after the other (`np.add.accumulate`, which
-  is sequential by definition, never `np.sum`, which is pairwise);
-- `Minimum(a, b)` is a where a <= b or a is NaN, else b; `Maximum` the same with >=; so a tie, also
-  one of −0 and +0, gives the first operand, and NaN propagates;
+- a sum starts with element 0 and adds the others one after the other (`np.add.accumulate`, which is
+sequential by definition; `np.sum` is pairwise);
+- `Minimum(a, b)` is a where a <= b or a is NaN, else b; `Maximum` uses >=. A tie, also of −0 and
++0, gives the first operand, and NaN propagates;
 - `Clamp(x, low, high)` is Minimum(Maximum(x, low), high).
 """
 
@@ -30,7 +30,7 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class LeafValues:
-    """The values that a graph reads: the log, the rows of the batch in it, and the states."""
+    """The values that a graph reads: the log, the row numbers of the batch, and the states."""
 
     log: Mapping[str, Array]
     t: NDArray[np.int64]
@@ -38,7 +38,7 @@ class LeafValues:
 
 
 NOWHERE = LeafValues({}, np.zeros(1, np.int64), {})
-"""Around what depends on constants only."""
+"""Leaf values of nodes that depend on constants only."""
 
 Evaluator = Callable[[list[Array], LeafValues], Array]
 
@@ -56,7 +56,7 @@ def evaluator(
     weights: Mapping[str, Array],
     dtype: np.dtype[Any],
 ) -> Evaluator:
-    """The function that computes the node from the values of all nodes before it.
+    """A function that computes the node from the values of all nodes before it.
 
     `operands` are the types of the node's arguments. Real values have exactly `dtype`.
     """
@@ -112,7 +112,7 @@ def evaluator(
             return lambda values, around: values[args[0]].reshape((-1, *shape))
         case ops.Slice(axis, start, stop):
             ahead = operands[0].position(axis) + 1
-            # the batch is one axis more, in front
+            # the batch is the first axis
             index = (*(slice(None),) * ahead, slice(start, stop))
             return lambda values, around: values[args[0]][index]
         case ops.Concat(axis):
@@ -145,7 +145,7 @@ def _read(name: str, first: int, last: int, type: Type, dtype: np.dtype[Any]) ->
     offsets = np.arange(first, last + 1)
 
     def window(values: list[Array], around: LeafValues) -> Array:
-        # rows of the batch by samples of the window; the window is the last axis of every type
+        # (batch, window, …): the window then moves to the last axis
         samples = around.log[name][around.t[:, np.newaxis] + offsets]
         return np.moveaxis(samples, 1, -1).astype(dtype, copy=False)
 
@@ -155,12 +155,12 @@ def _read(name: str, first: int, last: int, type: Type, dtype: np.dtype[Any]) ->
 def _apply(function: str, args: tuple[int, ...], dtype: np.dtype[Any]) -> Evaluator:
     row = SCALAR_FUNCTIONS[function]
     if row.kernel is None or dtype == np.float64:
-        # numpy may take another code path, with other last bits, for memory that has gaps
+        # for non-contiguous memory numpy may use another code path, with other last bits
         def by_numpy(values: list[Array], around: LeafValues) -> Array:
             return row.numpy(*(np.ascontiguousarray(values[arg]) for arg in args))
 
         return by_numpy
-    # float32 is rounded as the C does, by the same kernels; float64 is the judge of what is meant
+    # float32 uses the kernels of the C code and rounds like it; float64 is the reference
     from compiler.kernels.evaluate import evaluate  # float64 users do not pay for its tables
 
     kernel = row.kernel
@@ -176,18 +176,18 @@ def _maximum(left: Array, right: Array) -> Array:
 
 
 def _placement(operand: Type, result: Type, summed: str | None = None) -> Callable[[Array], Array]:
-    """Moves an operand's axes to the places of the result's, a length of 1 where it lacks one.
+    """Moves the axes of an operand to their places in the result; missing axes get length 1.
 
-    With `summed` that axis comes first, before the batch.
+    With `summed`, that axis comes first, before the batch.
     """
     names = operand.axis_names
-    wanted = [axis.name for axis in result.axes]
-    order = (0, *(names.index(name) + 1 for name in wanted if name in names))
+    result_names = [axis.name for axis in result.axes]
+    order = (0, *(names.index(name) + 1 for name in result_names if name in names))
     if summed is not None:
         order = (names.index(summed) + 1, *order)
-    # in front of the result's axes: the batch, and before it the axis to be summed
-    leading = (slice(None),) * (len(order) - sum(name in names for name in wanted))
-    index = (*leading, *(slice(None) if name in names else np.newaxis for name in wanted))
+    # before the axes of the result: the batch, and before it the summed axis
+    leading = (slice(None),) * (len(order) - sum(name in names for name in result_names))
+    index = (*leading, *(slice(None) if name in names else np.newaxis for name in result_names))
     return lambda value: value.transpose(order)[index]
 
 
@@ -201,7 +201,7 @@ def _concatenated(parts: list[Array], position: int) -> Array:
 
 
 def repeated_batch(value: Array, batch: int) -> Array:
-    """The value for each element of the batch, where it is the same for all."""
+    """The value, repeated along the batch if it has a batch of 1."""
     if value.shape[0] == batch:
         return value
     return np.broadcast_to(value, (batch, *value.shape[1:]))

@@ -1,9 +1,9 @@
-"""Evaluates a graph as the interpreter does and bounds what rounding may change in each value.
+"""Evaluates a graph like the interpreter and bounds the rounding error of each value.
 
-The bounds hold for every program that computes the same nodes in the same precision, whatever the
-order of its sums and whichever products it fuses into them (decision 0180): a node that is a sum
-of n terms is within `error` + (n−1)·u·Σ|terms| of its exact value, u the unit roundoff and `error`
-what the terms are off (Higham: Accuracy and Stability of Numerical Algorithms, 2002, ch. 3).
+The bounds hold for every program that computes the same nodes in the same precision, for any order
+of summation and any fused products (decision 0180). A node that is a sum of n terms is within
+`error` + (n−1)·u·Σ|terms| of its exact value. u is the unit roundoff, `error` the error of the
+terms (Higham: Accuracy and Stability of Numerical Algorithms, 2002, ch. 3).
 """
 
 from __future__ import annotations
@@ -34,35 +34,36 @@ from compiler.ir.scalars.table import SCALAR_FUNCTIONS
 from compiler.ir.training.values import TrainingValue
 
 FUNCTION_ERROR = {"float32": 4e-6, "float64": 1e-14}
-"""Relative error of a scalar function in any backend: what tests/native/test_lane_kernels holds the
-kernels to, which compilers may fuse and regroup."""
+"""Maximum relative error of a scalar function in any backend. tests/native/test_lane_kernels
+checks it for the kernels, which compilers may fuse and regroup."""
 
 _SMALLEST_RESULT = 10.0
-"""Times the smallest normal number: below it a function's result has no relative accuracy."""
+"""Factor of the smallest normal number; smaller results of a function have no relative accuracy."""
 
 
 _SHORT = 0.5
-"""Radians in which a sine changes by at most twice what it does at the ends and halves."""
+"""Interval in rad within which the change of a sine is at most twice that at its ends and
+halves."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Given:
-    """The values that one evaluation reads from outside."""
+    """The external values of one evaluation."""
 
     around: LeafValues
     states: Mapping[str, Bounded]
     training: Mapping[TrainingValue, Bounded]
 
 
-# operations that are no sums: each has a rounding of its own, if any
+# operations that are not sums: each has at most one rounding
 _Extreme = ops.Minimum | ops.Maximum | ops.Clamp
 _Alone = _Extreme | ops.Multiply | ops.Divide | ops.Compare | ops.Select | ops.Apply
 
 
 class BoundedGraph:
-    """The wanted nodes of a graph, ready to be evaluated in one precision.
+    """Evaluates the wanted nodes of a graph in one precision, with rounding bounds.
 
-    `weights` are physical arrays by name; states and values of training are given with each
+    `weights` are physical arrays by name. States and training values are arguments of each
     evaluation.
     """
 
@@ -86,9 +87,9 @@ class BoundedGraph:
         training: Mapping[TrainingValue, Bounded] | None = None,
         taken: Mapping[NodeId, Taken] | None = None,
     ) -> list[Bounded]:
-        """Every wanted node, and those that it needs, at rows t; the others are missing.
+        """Evaluates the wanted nodes, and their operands, at rows t; other entries are None.
 
-        Where `taken` says so, a decision is as it says and no matter of rounding.
+        `taken` prescribes elements of decisions, which then have no error.
         """
         found: list[Any] = [None] * len(self._graph)
         given = _Given(LeafValues(log, t, {}), states, training or {})
@@ -102,10 +103,10 @@ class BoundedGraph:
 
     @property
     def decisions(self) -> dict[NodeId, tuple[Any, ...]]:
-        """The wanted nodes that jump, in their order, and what each can be.
+        """The wanted nodes that are discontinuous, in order, with their possible values.
 
-        Comparisons, and the sign of a number; the `error` of their elements is 0 where every
-        program decides alike.
+        These are comparisons and signs. The `error` of an element is 0 if every program decides
+        equally.
         """
         found: dict[NodeId, tuple[Any, ...]] = {}
         for index, node, _ in self._steps:
@@ -119,12 +120,12 @@ class BoundedGraph:
         return found
 
     def _evaluator(self, node: Node) -> Evaluator | None:
-        """The node's meaning for any operands in their order; None for what `run` is given."""
+        """The evaluator of the node for a list of its operands; None for values passed to `run`."""
         op = node.op
         if isinstance(op, ops.ReadState | ops.ReadTraining):
             return None
         types = tuple(self._graph[arg].type for arg in node.args)
-        # operands are given as a list of their own, not by their places in the graph
+        # operands are passed as a separate list, not by their index in the graph
         in_order = replace(node, args=tuple(range(len(node.args))))
         return evaluator(in_order, types, self._weights, self._dtype)
 
@@ -149,13 +150,12 @@ class BoundedGraph:
                 left, right = args
                 value = meaning([left.value, right.value], NOWHERE)
                 error, terms = left.error + right.error, left.terms + right.terms
-                # counters and row numbers: below 2^p sums of whole numbers round nothing
+                # counters and row numbers: sums of integers below 2^p are exact
                 if self._counts(left, terms) and self._counts(right, terms):
                     return exact(value)
                 return self._sum(value, error, terms, left.count + right.count)
             case ops.Sum(axis):
-                # the sum of values, of their errors and of the sizes of their terms, each by the
-                # same rule
+                # values, errors and terms are summed by the same rule
                 value, error, terms = (meaning([part], NOWHERE) for part in args[0].parts)
                 return self._sum(value, error, terms, args[0].count * self._length(node, axis))
             case ops.Contract(axis):
@@ -164,8 +164,8 @@ class BoundedGraph:
                 return self._alone(op, meaning, args)
 
     def _alone(self, op: _Alone, meaning: Evaluator, args: Sequence[Bounded]) -> Bounded:
-        """A value that is no sum: what its operands are off, and its own rounding."""
-        # how far each operand may be off, with the rounding of the sum that it is
+        """A value that is not a sum: the error of its operands, plus its own rounding."""
+        # error of each operand, including the rounding of its sum
         spreads = [one.spread(self.unit) for one in args]
         values = [one.value for one in args]
         match op:
@@ -181,12 +181,12 @@ class BoundedGraph:
                 return self._extreme(self._extreme(x, low, least=False), high, least=True)
             case ops.Compare():
                 left, right = (value.astype(float) for value in values)
-                # a value compared with itself asks whether it is a number
+                # comparing a value with itself tests for NaN
                 allowed = np.where(args[0] is args[1], 0.0, spreads[0] + spreads[1])
-                # exact operands compare alike in every program, also where they are equal
+                # exact operands compare identically in every program, also if they are equal
                 decided = (allowed == 0) | (np.abs(left - right) > allowed)
                 value = meaning(values, NOWHERE)
-                # a truth is 0 or 1: off by 1 where the comparison may go the other way
+                # a bool is 0 or 1: the error is 1 where the comparison may be decided differently
                 return Bounded(value, 1.0 - decided, value.astype(float), 1)
             case ops.Select():
                 return selected(args, spreads)
@@ -198,7 +198,7 @@ class BoundedGraph:
     # ---- rules
 
     def _counts(self, one: Bounded, terms: Array) -> bool:
-        """Whether a value is a whole number without rounding; sums of such are exact too."""
+        """True if all elements are exact integers, whose sums are exact too."""
         whole = (one.value == np.rint(one.value)) & (one.error == 0.0) & (terms < 0.5 / self.unit)
         return one.count == 1 and bool(whole.all())
 
@@ -207,28 +207,28 @@ class BoundedGraph:
         return float(np.finfo(self._dtype).smallest_subnormal)
 
     def _sum(self, value: Array, error: Array, terms: Array, count: int) -> Bounded:
-        """A sum; where its terms in another order may overflow, nothing is known."""
+        """A sum; without bound if its terms, in another order, may overflow."""
         value = value.astype(self._dtype, copy=False)
-        # written with a `not`, so that NaN counts as unknown too
+        # the negated comparison makes NaN unknown as well
         unknown = ~(terms + error < 0.5 * float(np.finfo(self._dtype).max))
         return Bounded(value, np.where(unknown, np.inf, error), terms, count)
 
     def _term(self, value: Array, error: Array) -> Bounded:
-        """A value that is no sum."""
+        """A value that is not a sum."""
         return self._sum(value, error, np.abs(value).astype(float) + error, 1)
 
     def _product(self, values: Sequence[Array], spreads: Sequence[Array]) -> Bounded:
         a, b = (np.abs(value).astype(float) for value in values)
         s, r = spreads
         size = (a + s) * (b + r)
-        # a result below the normal numbers rounds by an absolute amount, one of 0 does not round
+        # a subnormal result has an absolute rounding error; 0 has none
         rounded = self.unit * size + self._smallest * (size > 0)
         return self._term(values[0] * values[1], a * r + s * (b + r) + rounded)
 
     def _quotient(self, values: Sequence[Array], spreads: Sequence[Array]) -> Bounded:
         value = values[0] / values[1]
         s, r = spreads
-        # the least size of the true divisor; where it can be 0, nothing bounds the quotient
+        # minimum magnitude of the exact divisor; if it can be 0, the quotient is unbounded
         below = np.abs(values[1]) - r
         # |n/d − N/D| ≤ (|n − N| + |n/d|·|d − D|) / |D|
         off = (s + np.abs(value) * r) / below
@@ -254,10 +254,10 @@ class BoundedGraph:
 
     def _extreme(self, left: Bounded, right: Bounded, *, least: bool) -> Bounded:
         a, b = left.value, right.value
-        # as in the interpreter: a tie or NaN gives the first operand
+        # like the interpreter: a tie or NaN gives the first operand
         first = (a <= b if least else a >= b) | np.isnan(a)
         s, r = left.spread(self.unit), right.spread(self.unit)
-        # only where both may be the extreme one, the error of either counts
+        # the larger error counts where either operand may be selected
         apart = np.abs(a.astype(float) - b) > s + r
         error = np.where(apart, np.where(first, s, r), np.maximum(s, r))
         return chosen(np.where(first, a, b), error)
@@ -267,13 +267,13 @@ class BoundedGraph:
     ) -> Bounded:
         row = SCALAR_FUNCTIONS[function]
         off = _reach(row.numpy, values, spreads)
-        # a few places within a period say nothing of what lies between them
+        # a few samples per period do not bound a periodic function
         if function in ("sin", "cos"):
             off = np.where(spreads[0] > _SHORT, 2.0, off)
         elif function == "tan":
             turns = [np.floor((values[0] + s) / np.pi + 0.5) for s in (-spreads[0], spreads[0])]
             off = np.where(turns[0] == turns[1], off, np.inf)
-        # exact: they round nothing that their argument did not
+        # exact: these functions add no rounding
         if function in ("abs", "sign"):
             return self._term(value, off)
         size = np.abs(value) + off
@@ -287,24 +287,24 @@ class BoundedGraph:
 def _reach(
     function: Callable[..., Array], values: Sequence[Array], spreads: Sequence[Array]
 ) -> Array:
-    """The most that a function's value moves while its arguments move within their bounds.
+    """Maximum change of a function's value while its arguments vary within their bounds.
 
-    Twice the largest change at the ends, halves and corners: exact to first order, and a monotone
-    function moves no farther than at its ends.
+    It is twice the largest change at ends, halves and corners. That is exact to first order; a
+    monotone function is extreme at the ends.
     """
     shape = np.broadcast_shapes(*(value.shape for value in values))
     if not any(spread.any() for spread in spreads):
         return np.zeros(shape)
     centre = [value.astype(float) for value in values]
     here = function(*centre)
-    most = np.zeros(shape)
+    largest = np.zeros(shape)
     for signs in product((-1.0, -0.5, 0.0, 0.5, 1.0), repeat=len(values)):
-        # without `if s` an unbounded argument gives 0·∞ = NaN at its centre
+        # `if s` avoids 0·∞ = NaN at the centre of an unbounded argument
         moved = [c + s * r if s else c for c, s, r in zip(centre, signs, spreads, strict=True)]
         change = np.abs(function(*moved) - here)
-        # an end outside the domain bounds nothing
-        most = np.maximum(most, np.where(np.isnan(change), np.inf, change))
+        # an end outside the domain gives no bound
+        largest = np.maximum(largest, np.where(np.isnan(change), np.inf, change))
     still = np.ones(shape, bool)
     for spread in spreads:
         still = still & (spread == 0)
-    return np.where(still, 0.0, 2.0 * most)
+    return np.where(still, 0.0, 2.0 * largest)

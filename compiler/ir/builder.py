@@ -1,4 +1,4 @@
-"""Builds a graph of typed nodes out of operations; operands are aligned by name."""
+"""Builds a graph of typed nodes, one method per operation; operands are aligned by axis name."""
 
 from __future__ import annotations
 
@@ -31,22 +31,27 @@ _ZERO_OF_ZEROS = (ops.Add, ops.Subtract, ops.Negate, ops.Broadcast, ops.Concat)
 
 
 class GraphBuilder(NodeStore):
-    """Grows a `Graph`. Methods take and return node ids and raise AxisConflict."""
+    """Grows a `Graph`. The methods take and return node ids.
+
+    They derive the axes and the unit of the result. Operands whose axes do not fit raise
+    AxisConflict; units that do not fit are collected in `conflicts`.
+    """
 
     def __init__(self, graph: Graph | None = None) -> None:
         super().__init__(graph)
         self.conflicts: list[UnitConflict] = []
-        """Units that did not fit since the caller last looked; the caller knows the place."""
+        """Unit errors since the caller last emptied the list. The caller knows their place in
+        the spec."""
         self.infinite_values = InfiniteValues(self)
         self._zeros: set[NodeId] = set()
-        """Nodes that are 0 whatever is read: they fit every unit in a sum."""
+        """Nodes that are 0 for every input. In a sum they fit any unit."""
         for node_id, node in graph or ():
             self._note_zero(node_id, node.op, node.args)
 
     def emit(
         self, op: ops.Op, args: tuple[NodeId, ...], type: Type, span: Span | None = None
     ) -> NodeId:
-        """The node with this operation, operands and type, made if there is none yet."""
+        """Returns the node with this operation, operands and type; adds it if there is none."""
         node = super().emit(op, args, type, span)
         self._note_zero(node, op, args)
         return node
@@ -60,19 +65,24 @@ class GraphBuilder(NodeStore):
         unit: Unit | None = ONE,
         name: str = "",
     ) -> NodeId:
+        """A constant; `value` has its elements in C order of the axes."""
         values = tuple(float(v) for v in np.asarray(value, dtype=float).ravel())
         return self.emit(ops.Constant(values, name), (), Type(axes, unit))
 
     def parameter(self, name: str, type: Type) -> NodeId:
+        """Reads a parameter, in its physical unit."""
         return self.emit(ops.ReadParameter(name), (), type)
 
     def signal(self, name: str, first: int, last: int, type: Type) -> NodeId:
+        """Reads samples t+first … t+last of an input as the step sees it."""
         return self.emit(ops.ReadSignal(name, first, last), (), type)
 
     def log(self, name: str, first: int, last: int, type: Type) -> NodeId:
+        """Reads samples t+first … t+last of a recorded signal."""
         return self.emit(ops.ReadLog(name, first, last), (), type)
 
     def state(self, name: str, type: Type) -> NodeId:
+        """Reads the current value of a state."""
         return self.emit(ops.ReadState(name), (), type)
 
     # ---- elementwise
@@ -109,10 +119,10 @@ class GraphBuilder(NodeStore):
         return self.emit(ops.Negate(), (value,), self.type(value))
 
     def power(self, base: NodeId, exponent: int) -> NodeId:
-        """baseⁿ as a fixed chain of squarings and products, 1/… for a negative exponent."""
+        """baseⁿ as a fixed sequence of squarings and products; 1/base⁻ⁿ for a negative exponent."""
         if exponent < 0:
             return self.divide(self.constant(1.0), self.power(base, -exponent))
-        # the order of the products is part of what a power means: every backend repeats these nodes
+        # the order of the products fixes the rounding of a power: every backend repeats these nodes
         result: NodeId | None = None
         square = base
         while exponent:
@@ -121,15 +131,14 @@ class GraphBuilder(NodeStore):
             exponent >>= 1
             if exponent:
                 square = self.multiply(square, square)
-        # x⁰ is 1 for every x, also 0 and NaN, as numpy has it
+        # x⁰ is 1 for every x, also for 0 and NaN, as in numpy
         if result is None:
             axes = self.type(base).axes
             return self.broadcast(self.constant(1.0), axes)
         return result
 
     def compare(self, relation: ops.Relation, left: NodeId, right: NodeId) -> NodeId:
-        # only the conflict matters: a truth has no unit, but what is compared must have the same
-        # one
+        # only the conflict matters: the result has no unit, but both operands need the same one
         self._ruled_sum(relation.value, left, right)
         left, right, axes = self.aligned(left, right)
         return self.emit(ops.Compare(relation), (left, right), Type(axes, ONE, "bool"))
@@ -138,7 +147,7 @@ class GraphBuilder(NodeStore):
         unit = self._ruled_sum("where", then, otherwise)
         then, otherwise, _ = self.aligned(then, otherwise)
         condition, then, axes = self.aligned(condition, then)
-        # where the condition's window renamed an axis, this one has it too
+        # if the window of the condition renamed an axis, `otherwise` needs the same name
         _, otherwise, _ = self.aligned(then, otherwise)
         return self.emit(ops.Select(), (condition, then, otherwise), Type(axes, unit))
 
@@ -147,25 +156,26 @@ class GraphBuilder(NodeStore):
         self._ruled_sum("clip", value, high)
         value, low, _ = self.aligned(value, low)
         value, high, axes = self.aligned(value, high)
-        _, low, _ = self.aligned(value, low)  # it has an axis that the window of high renamed
+        _, low, _ = self.aligned(value, low)  # the window of `high` may have renamed an axis
         return self.emit(ops.Clamp(), (value, low, high), Type(axes, unit))
 
     def where_negative(self, value: NodeId, then: NodeId, otherwise: NodeId) -> NodeId:
-        """`then` where the value is below 0, else, as for NaN, the other."""
+        """`then` where the value is below 0, otherwise (also for NaN) `otherwise`."""
         is_negative = self.compare(ops.Relation.LESS, value, self.constant(0.0))
         return self.select(is_negative, then, otherwise)
 
     def zero_with(self, factor: NodeId, product: NodeId) -> NodeId:
-        """0 where the factor is 0, else the product; a factor that is NaN is not 0."""
+        """0 where the factor is 0, otherwise the product. A NaN factor does not count as 0."""
         if self.infinite_values.is_never_zero(factor):
             return product
         size = self.apply("abs", factor)
-        # The relations know no equality: |factor| <= 0 holds for ±0 and is false for NaN.
+        # there is no relation `==`: |factor| <= 0 holds for ±0 and is false for NaN
         is_zero = self.compare(ops.Relation.LESS_EQUAL, size, self.constant(0.0))
         zero = self.broadcast(self.constant(0.0), self.type(product).axes)
         return self.select(is_zero, zero, product)
 
     def apply(self, function: str, *args: NodeId) -> NodeId:
+        """Applies a scalar function of the table, element by element."""
         row = SCALAR_FUNCTIONS[function]
         units = tuple(self.type(arg).unit for arg in args)
         unit, conflict = function_unit(function, row.units, units)
@@ -177,27 +187,31 @@ class GraphBuilder(NodeStore):
         return self.emit(ops.Apply(function), args, self.type(args[0]).with_unit(unit))
 
     def dropout(self, value: NodeId, rate: float, layer: str) -> NodeId:
+        """Marks a value whose elements training drops at random with probability `rate`."""
         return self.emit(ops.Dropout(rate, layer), (value,), self.type(value))
 
     def named(self, value: NodeId, name: str) -> NodeId:
+        """Marks a value as the equation or output `name`, so that gradients can be taken at it."""
         return self.emit(ops.Named(name), (value,), self.type(value))
 
     # ---- structure
 
     def broadcast(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
+        """Repeats the value along the axes that it lacks, in the order of `axes`."""
         type = self.type(value)
         if type.axes == axes:
             return value
         return self.emit(ops.Broadcast(), (value,), type.with_axes(axes))
 
     def reshape(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
+        """Gives the same elements, in the same order, other axes of the same total size."""
         type = self.type(value)
         if type.axes == axes:
             return value
         return self.emit(ops.Reshape(), (value,), type.with_axes(axes))
 
     def rename(self, value: NodeId, old: str, new: str) -> NodeId:
-        """The value with one axis under another name; one that becomes the window moves last."""
+        """Renames one axis; an axis that becomes the window also moves to the end."""
         axes = self.type(value).axes
         if new == WINDOW:
             last = tuple(a for a in axes if a.name == old)
@@ -206,6 +220,7 @@ class GraphBuilder(NodeStore):
         return self.reshape(value, tuple(Axis(new, a.size) if a.name == old else a for a in axes))
 
     def slice(self, value: NodeId, axis: str, start: int, stop: int) -> NodeId:
+        """Elements start … stop−1 along one axis."""
         type = self.type(value)
         if (start, stop) == (0, type.axes[type.position(axis)].size):
             return value
@@ -213,15 +228,15 @@ class GraphBuilder(NodeStore):
         return self.emit(ops.Slice(axis, start, stop), (value,), type.with_axes(axes))
 
     def element(self, value: NodeId, axis: str, index: int) -> NodeId:
-        """One element along an axis, which disappears."""
+        """One element along an axis; the axis is removed."""
         part = self.slice(value, axis, index, index + 1)
         rest = tuple(a for a in self.type(part).axes if a.name != axis)
         return self.reshape(part, rest)
 
     def concat(self, values: Sequence[NodeId], axis: str, called: str = "concat") -> NodeId:
-        """The values side by side; `called` is how the spec writes it."""
+        """Concatenates values along an axis; `called` is the name of the function in the spec."""
         types = [self.type(value) for value in values]
-        # a part of unknown unit takes that of its neighbours, as terms of a sum do
+        # a part of unknown unit takes the unit of its neighbours, like a term of a sum
         unit = types[0].unit
         for type in types[1:]:
             unit, conflict = sum_unit(called, unit, type.unit)
@@ -232,12 +247,15 @@ class GraphBuilder(NodeStore):
         return self.emit(ops.Concat(axis), tuple(values), Type(axes, unit))
 
     def sum(self, value: NodeId, axis: str) -> NodeId:
+        """Sums over one axis, which is removed."""
         type = self.type(value)
         rest = tuple(a for a in type.axes if a.name != axis)
         return self.emit(ops.Sum(axis), (value,), type.with_axes(rest))
 
     def contract(self, left: NodeId, right: NodeId) -> NodeId:
-        """`left @ right` by rule R3."""
+        """`left @ right`: sums the products over the axis that rule R3 chooses (see
+        `contracted`).
+        """
         mine, partner, axes = contracted(self.type(left).axes, self.type(right).axes)
         if partner != mine.name:
             right = self.rename(right, partner, mine.name)
@@ -245,17 +263,16 @@ class GraphBuilder(NodeStore):
         return self.emit(ops.Contract(mine.name), (left, right), Type(axes, unit))
 
     def contract_over(self, left: NodeId, right: NodeId, axis: str) -> NodeId:
-        """Σ over one axis that both have of their product, other axes aligned by name."""
+        """Sums the product over `axis`, which both values have; other axes are aligned by name."""
         mine, other = self.type(left), self.type(right)
-        # unlike `@` this looks for no partner: whoever calls it knows the axis, and a window stays
-        # last
+        # unlike `@` this searches no partner axis: the caller names it; a window stays last
         rest = [a for a in mine.axes if a.name != axis]
         rest += [a for a in other.axes if a.name != axis and mine.axis(a.name) is None]
         unit = product_unit(mine.unit, other.unit)
         return self.emit(ops.Contract(axis), (left, right), Type(in_order(tuple(rest)), unit))
 
     def window(self, state: str, newest: NodeId, length: int) -> NodeId:
-        """The `length` samples of a buffer state and the newest one."""
+        """The `length` stored samples of a buffer state, followed by the newest sample."""
         type = self.type(newest)
         return self.emit(
             ops.Window(state), (newest,), type.with_axes((*type.axes, Axis(WINDOW, length + 1)))
@@ -264,7 +281,9 @@ class GraphBuilder(NodeStore):
     # ---- inside
 
     def aligned(self, left: NodeId, right: NodeId) -> tuple[NodeId, NodeId, tuple[Axis, ...]]:
-        """Both operands brought to the axes of their elementwise result."""
+        """Returns both operands, broadcast to the axes of their elementwise result, and these
+        axes.
+        """
         left_type, right_type = self.type(left), self.type(right)
         if left_type.axes == right_type.axes:
             return left, right, left_type.axes
@@ -274,7 +293,7 @@ class GraphBuilder(NodeStore):
         return self.broadcast(left, axes), self.broadcast(right, axes), axes
 
     def _as_named(self, value: NodeId, axes: tuple[Axis, ...]) -> NodeId:
-        """The value with the axis that `align` made the window renamed to it."""
+        """The value, with the axis renamed to the window if `align` chose it as the window."""
         names = {axis.name for axis in axes}
         for axis in self.type(value).axes:
             if axis.name not in names:
@@ -291,7 +310,7 @@ class GraphBuilder(NodeStore):
     def _unit_of_terms(
         self, rule: Callable[[Unit | None, Unit | None], Ruled], left: NodeId, right: NodeId
     ) -> Unit | None:
-        """Unit of a sum or a difference; a literal 0 leaves that of the other term."""
+        """Unit of a sum or a difference. A literal 0 takes the unit of the other term."""
         for zero, other in ((left, right), (right, left)):
             if self._is_zero(zero):
                 return self.type(other).unit
@@ -314,7 +333,7 @@ class GraphBuilder(NodeStore):
         return value in self._zeros
 
     def _term_unit(self, value: NodeId) -> Unit | None:
-        """Unit in a sum: a literal 0 fits every unit."""
+        """Unit of a term of a sum; None (fits any unit) for a literal 0."""
         return None if self._is_zero(value) else self.type(value).unit
 
     def _sum_like(self, op: ops.Op, operation: str, left: NodeId, right: NodeId) -> NodeId:

@@ -1,4 +1,4 @@
-"""Finds an order in which nodes can be evaluated when some need values that stand after them."""
+"""Orders nodes for evaluation when some need values of later nodes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from compiler.ir.program import Graph, NodeId
 
 
 class CycleError(Exception):
-    """Nodes that need each other in the same step, each before the one that uses it."""
+    """Nodes that depend on each other within one step; each is listed before its user."""
 
     def __init__(self, nodes: tuple[NodeId, ...]) -> None:
         super().__init__(f"nodes {nodes} need each other")
@@ -16,15 +16,15 @@ class CycleError(Exception):
 
 
 def evaluation_order(graph: Graph, feeds: Mapping[NodeId, NodeId]) -> list[NodeId]:
-    """All nodes, operands before users; `feeds[reader]` is one more node that a reader needs.
+    """Returns all nodes, operands before users; `feeds[reader]` is one more operand of a reader.
 
-    The order is the graph's own as far as the feeds allow. Depth first without recursion, linear
-    in nodes. Raises CycleError.
+    It keeps the order of the graph where the feeds allow it. Depth-first search without recursion;
+    the time is linear in the number of nodes. Raises CycleError.
     """
     order: list[NodeId] = []
     waiting, placed = set[NodeId](), [False] * len(graph)
     for root in range(len(graph)):
-        # a node is met twice on the stack: to push what it needs, then to place it
+        # each node is on the stack twice: first to push its operands, then to be placed
         stack = [(root, False)]
         while stack:
             node, ready = stack.pop()
@@ -45,6 +45,6 @@ def evaluation_order(graph: Graph, feeds: Mapping[NodeId, NodeId]) -> list[NodeI
 
 
 def _cycle(stack: list[tuple[NodeId, bool]], node: NodeId) -> tuple[NodeId, ...]:
-    """The chain of waiting nodes from the user of `node` down to `node` itself, turned round."""
+    """The nodes of a cycle, from the operand `node` to its user: the reversed path on the stack."""
     path = [waiting for waiting, ready in stack if ready]
     return tuple(reversed(path[path.index(node) :]))

@@ -1,4 +1,4 @@
-"""Records in a program what training fits by least squares before it begins."""
+"""Describes the layers whose weights training initialises by least squares."""
 
 from __future__ import annotations
 
@@ -14,30 +14,34 @@ FilterKind: TypeAlias = Literal["iir", "state_space"]
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A layer that starts at the linear system of its argument nearest to a target's rows."""
+    """A filter layer that is initialised as the linear system fitted from its argument to a target.
+
+    The fit is least squares over the training rows.
+    """
 
     kind: FilterKind
     layer: str
     argument: Graph
-    """Its last node is what the layer is called with, of inputs and parameters alone."""
+    """Computes the argument of the layer; its last node is the value. It reads inputs and
+    parameters only."""
     target: Prediction
-    """What the argument leads to."""
+    """The signal, and its time offset, that the output of the filter is fitted to."""
     num: int
     """Order of the numerator."""
     den: int
     """Order of the denominator."""
     feedthrough: bool
-    """Whether the argument reaches the result in the same step."""
+    """True if the argument affects the result in the same step."""
     radius: float
-    """Largest magnitude of the poles."""
+    """Maximum magnitude of the poles."""
 
     @property
     def array_names(self) -> tuple[str, ...]:
-        """The arrays of the layer that it sets."""
+        """The parameter arrays of the layer that the fit sets."""
         return filter_arrays(self.kind, self.feedthrough)
 
     def sizes(self, target: tuple[Axis, ...]) -> Mapping[str, int]:
-        """The elements of each array, for a target with these axes."""
+        """The number of elements of each array, for a target with these axes."""
         outputs = Type(target).size
         match self.kind:
             case "iir":
@@ -50,7 +54,7 @@ class Fit:
 
 
 def filter_arrays(kind: FilterKind, feedthrough: bool) -> tuple[str, ...]:
-    """The arrays of a filter layer."""
+    """The names of the parameter arrays of a filter layer."""
     match kind:
         case "iir":
             return ("num", "reflection")

@@ -11,7 +11,7 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.late_dataclass import dataclass
 
 NodeId = int
-"""Position of a node in its graph; operands always stand before the node that uses them."""
+"""Index of a node in its graph; operands have smaller indices than the nodes that use them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,10 +21,10 @@ class Node:
     op: Op
     args: tuple[NodeId, ...]
     type: Type
-    # equal operations are one node, wherever the spec writes them: it has the place of the first
+    # equal operations are one node, also if the spec repeats them: it has the place of the first
     span: Span | None = field(default=None, compare=False)
     label: str | None = field(default=None, compare=False)
-    """Name of the equation, output or layer that this value is, for comments and reports."""
+    """Name of the equation, output or layer with this value, for comments and reports."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class Graph:
         return iter(enumerate(self.nodes))
 
     def unrepeated(self, node: NodeId) -> NodeId:
-        """The node that this one repeats along more axes; itself where it is no `Broadcast`."""
+        """The operand behind a chain of `Broadcast` nodes, or `node` if it is none."""
         while isinstance(self.nodes[node].op, Broadcast):
             (node,) = self.nodes[node].args
         return node

@@ -11,7 +11,7 @@ from compiler.ir.types import WINDOW
 
 
 def copy_node(builder: GraphBuilder, node: Node, args: tuple[NodeId, ...]) -> NodeId:
-    """The node with new operands, its type, place and name kept; an equal one is used again."""
+    """Adds a node with new operands and the same type, place and label; reuses an equal node."""
     copied = builder.emit(node.op, args, node.type, node.span)
     if node.label is not None:
         builder.name(copied, node.label)
@@ -19,7 +19,10 @@ def copy_node(builder: GraphBuilder, node: Node, args: tuple[NodeId, ...]) -> No
 
 
 def with_step(program: Program, step: Graph, copies: Mapping[NodeId, NodeId]) -> Program:
-    """The program with another step graph; `copies` tells where each named node is in it now."""
+    """Replaces the step graph; `copies` maps old node ids to ids in the new graph.
+
+    It needs an entry for each node that a state, output, loss or expected range names.
+    """
     return replace(
         program,
         step=step,
@@ -31,7 +34,7 @@ def with_step(program: Program, step: Graph, copies: Mapping[NodeId, NodeId]) ->
 
 
 def with_start(program: Program, start: Graph, copies: Mapping[NodeId, NodeId]) -> Program:
-    """The program with another start graph; `copies` tells where each state's node is in it now."""
+    """Replaces the start graph; `copies` maps each state's start node to its new id."""
     states = tuple(replace(state, start=copies[state.start]) for state in program.states)
     return replace(program, start=start, states=states)
 
@@ -39,9 +42,10 @@ def with_start(program: Program, start: Graph, copies: Mapping[NodeId, NodeId]) 
 def samples(
     builder: GraphBuilder, value: NodeId, oldest: int, read: tuple[int, int], like: Node
 ) -> NodeId:
-    """Samples t+first … t+last of a value whose window begins at t+oldest, as `like` has them.
+    """Slices samples t+first … t+last, `read`, out of a value whose window begins at t+oldest.
 
-    `like` is the node that read them before: without a window axis in its type the one sample.
+    The result has the axes of `like`, the node that read these samples before. If `like` has no
+    window axis, the result is a single sample.
     """
     first, last = read
     part = builder.slice(value, WINDOW, first - oldest, last - oldest + 1)

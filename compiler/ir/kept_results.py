@@ -1,4 +1,4 @@
-"""Keeps what pure functions made of the last values that they were given."""
+"""Caches the latest results of pure functions, by the identity of their arguments."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ _COMPARED: tuple[type[Hashable], ...] = (str, bool, int, frozenset)
 
 
 def kept_for_same(most: int) -> Callable[[Callable[[*Given], Made]], Callable[[*Given], Made]]:
-    """Lets a function answer from its `most` last results where it is given the same objects.
+    """Decorates a function with a cache of its `most` latest results, keyed by object identity.
 
-    A program, its stages and their plans never change, so the object decides the result: no value
-    is compared, for a program is large, and 0.0 and -0.0 in it are equal and not the same. Words
-    and numbers are compared. What raises is not kept.
+    Programs, stages and plans are immutable, so the object determines the result. Comparing values
+    would be slow, and would confuse 0.0 with -0.0. Strings, booleans, integers and frozensets are
+    compared by value. Exceptions are not cached.
     """
 
     def keeps(make: Callable[[*Given], Made]) -> Callable[[*Given], Made]:
-        kept: OrderedDict[Hashable, tuple[tuple[object, ...], Made]] = OrderedDict()
+        cache: OrderedDict[Hashable, tuple[tuple[object, ...], Made]] = OrderedDict()
 
         @wraps(make)
-        def made(*given: *Given) -> Made:
-            key = tuple(map(_key, given))
-            # taken out and put back last: the order of the dictionary is that of the latest use
-            found = kept.pop(key, None)
-            if found is None:
-                found = given, make(*given)  # what is given stays, and so does its identity
-            kept[key] = found
-            if len(kept) > most:
-                kept.popitem(last=False)
-            return found[1]
+        def made(*arguments: *Given) -> Made:
+            key = tuple(map(_key, arguments))
+            # removed and added at the end: the dictionary is ordered by the latest use
+            entry = cache.pop(key, None)
+            if entry is None:
+                # the stored reference keeps the arguments alive: no other object gets their ids
+                entry = arguments, make(*arguments)
+            cache[key] = entry
+            if len(cache) > most:
+                cache.popitem(last=False)
+            return entry[1]
 
         return made
 

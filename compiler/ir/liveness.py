@@ -1,4 +1,4 @@
-"""Finds what values are made of: nodes, states, parameters, samples of signals."""
+"""Finds the nodes, states, parameters and samples of signals that values depend on."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from spec_schema.late_dataclass import dataclass
 
 
 def needed(graph: Graph, wanted: Iterable[NodeId]) -> list[bool]:
-    """For every node whether one of the wanted values depends on it, or is it."""
+    """For every node, True if one of the wanted values depends on it or is that node."""
     marked = [False] * len(graph)
     for node in wanted:
         marked[node] = True
@@ -23,7 +23,7 @@ def needed(graph: Graph, wanted: Iterable[NodeId]) -> list[bool]:
 
 
 def reads_simulation(graph: Graph, value: NodeId) -> bool:
-    """Whether a value depends on what the step sees or keeps, not on the log alone."""
+    """True if the value depends on a simulated input, state or buffer, not only on the log."""
     return any(
         live and isinstance(node.op, ops.ReadSignal | ops.ReadState | ops.Window)
         for live, node in zip(needed(graph, [value]), graph.nodes, strict=True)
@@ -31,7 +31,7 @@ def reads_simulation(graph: Graph, value: NodeId) -> bool:
 
 
 def reads_log(graph: Graph, value: NodeId) -> bool:
-    """Whether a value depends on what was measured."""
+    """True if the value depends on recorded data."""
     return any(
         live and isinstance(node.op, ops.ReadLog)
         for live, node in zip(needed(graph, [value]), graph.nodes, strict=True)
@@ -41,9 +41,10 @@ def reads_log(graph: Graph, value: NodeId) -> bool:
 def needed_over_time(
     step: Graph, following: Mapping[str, NodeId], wanted: Iterable[NodeId]
 ) -> tuple[list[bool], set[str]]:
-    """The same through the states: the nodes that the values need in any step, and these states.
+    """Like `needed`, but across steps: follows each state to the node of its next value.
 
-    `following` has the node of each state's next value.
+    Returns one flag per node of the step, and the names of the states that the wanted values depend
+    on. `following` maps a state to the node of its next value.
     """
     marked, names = [False] * len(step), set[str]()
     waiting = list(wanted)
@@ -57,7 +58,7 @@ def needed_over_time(
         if isinstance(node.op, ops.ReadState | ops.Window):
             name = node.op.name if isinstance(node.op, ops.ReadState) else node.op.state
             names.add(name)
-            # through a state the search goes on in the same graph, one step earlier
+            # the state's value comes from the same graph, one step earlier
             if name in following:
                 waiting.append(following[name])
     return marked, names
@@ -66,7 +67,10 @@ def needed_over_time(
 def states_beside_the_log(
     step: Graph, following: Mapping[str, NodeId], outputs: Iterable[NodeId]
 ) -> set[str]:
-    """The states that read the log and that no output needs; `following` has their next values."""
+    """The states that depend on the log and on which no output depends.
+
+    They exist in training only. `following` maps a state to the node of its next value.
+    """
     found: set[str] = set()
     while True:
         reading = [False] * len(step)
@@ -78,9 +82,9 @@ def states_beside_the_log(
                     reading[index] = name in found or any(reading[arg] for arg in node.args)
                 case _:
                     reading[index] = any(reading[arg] for arg in node.args)
-        # a fixed point: a state that reads one of these reads the log one step later
+        # fixed-point iteration: a state that reads one of these states depends on the log as well
         more = {name for name, node in following.items() if reading[node]} - found
-        # what an output needs has to run in the simulation
+        # states that an output depends on must run in the simulation
         if not more:
             return found - needed_over_time(step, following, outputs)[1] if found else found
         found |= more
@@ -88,7 +92,7 @@ def states_beside_the_log(
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """The samples t+first … t+last of a signal that something reads."""
+    """The range of samples t+first … t+last that a graph reads of a signal."""
 
     first: int
     last: int
@@ -97,7 +101,7 @@ class Extent:
         return Extent(min(self.first, other.first), max(self.last, other.last))
 
     def text(self, now: str = "t") -> str:
-        """As people read it: `t`, `t-4 … t+1`."""
+        """The range as text, such as `t` or `t-4 … t+1`."""
         first, last = (
             now + (f"{offset:+d}" if offset else "") for offset in (self.first, self.last)
         )
@@ -105,15 +109,15 @@ class Extent:
 
 
 def extents(graph: Graph, *, log: bool) -> dict[str, Extent]:
-    """The samples that the graph reads of each signal, from the log or as the step sees them."""
+    """The samples that the graph reads of each signal: from the log, or as inputs of the step."""
     wanted = ops.ReadLog if log else ops.ReadSignal
-    found: dict[str, Extent] = {}
+    ranges: dict[str, Extent] = {}
     for _, node in graph:
         if isinstance(node.op, wanted):
             extent = Extent(node.op.first, node.op.last)
-            previous = found.get(node.op.signal)
-            found[node.op.signal] = previous.union(extent) if previous else extent
-    return found
+            previous = ranges.get(node.op.signal)
+            ranges[node.op.signal] = previous.union(extent) if previous else extent
+    return ranges
 
 
 def parameters_read(graph: Graph) -> frozenset[str]:

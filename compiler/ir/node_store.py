@@ -1,4 +1,4 @@
-"""Stores the nodes of a graph that is being built, equal ones once."""
+"""Stores the nodes of a growing graph; equal nodes are stored once."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from spec_schema.units.unit import Unit
 
 
 class NodeStore:
-    """Grows a `Graph`, node by node."""
+    """Grows a `Graph` node by node, without duplicates."""
 
     def __init__(self, graph: Graph | None = None) -> None:
         self._nodes: list[Node] = list(graph.nodes) if graph else []
         self._known: dict[_Key, NodeId] = {}
         for index, node in enumerate(self._nodes):
-            # where a given graph has equal nodes, users made from here on take the first
+            # if the initial graph has equal nodes, new users take the first
             self._known.setdefault(_key(node.op, node.args, node.type), index)
         self._span: Span | None = None
 
@@ -37,7 +37,7 @@ class NodeStore:
 
     @contextmanager
     def at(self, span: Span | None) -> Generator[None]:
-        """Nodes made inside carry this place of the spec."""
+        """Nodes that are added inside the `with` block get this place in the spec."""
         previous, self._span = self._span, span or self._span
         try:
             yield
@@ -45,39 +45,38 @@ class NodeStore:
             self._span = previous
 
     def name(self, node: NodeId, label: str) -> None:
-        """Remember what the spec calls this value; the first name stays."""
+        """Sets the label of a node: the name of this value in the spec. An existing label stays."""
         if self._nodes[node].label is None:
             self._nodes[node] = replace(self._nodes[node], label=label)
 
     def set_unit(self, node: NodeId, unit: Unit | None) -> None:
-        """Give a value whose unit was not known the one that the spec declares for it."""
-        found = self._nodes[node]
-        # the key of the node stays the old one: the same formula written again finds it, unit and
-        # all
-        if found.type.unit is None:
-            self._nodes[node] = replace(found, type=found.type.with_unit(unit))
+        """Sets the unit of a value whose unit is unknown to the one that the spec declares."""
+        current = self._nodes[node]
+        # the key of the node does not change, so the same formula, repeated, finds this node
+        if current.type.unit is None:
+            self._nodes[node] = replace(current, type=current.type.with_unit(unit))
 
     def rename_unit(self, node: NodeId, unit: Unit) -> None:
-        """Call the unit of a value as the spec does: `W` in place of the `V*A` of its formula."""
-        found = self._nodes[node]
-        self._nodes[node] = replace(found, type=found.type.with_unit(unit))
+        """Writes the unit of a value as the spec does: `W` instead of the derived `V*A`."""
+        current = self._nodes[node]
+        self._nodes[node] = replace(current, type=current.type.with_unit(unit))
 
     def emit(
         self, op: Op, args: tuple[NodeId, ...], type: Type, span: Span | None = None
     ) -> NodeId:
-        """The node with this operation, operands and type, made if there is none yet."""
+        """Returns the node with this operation, operands and type; adds it if there is none."""
         new = len(self._nodes)
-        # one look alone: to hash a key takes as long as to make a node
-        found = self._known.setdefault(_key(op, args, type), new)
-        if found == new:
+        # a single lookup: hashing the key is as slow as making the node
+        index = self._known.setdefault(_key(op, args, type), new)
+        if index == new:
             self._nodes.append(Node(op, args, type, span or self._span))
-        return found
+        return index
 
 
 _Key = tuple[Op, tuple[NodeId, ...], Type, bytes]
 
 
 def _key(op: Op, args: tuple[NodeId, ...], type: Type) -> _Key:
-    """The key by which nodes are the same; 0.0 == -0.0, but the constants are different numbers."""
+    """The key of equal nodes. Constants are compared by their bits, since 0.0 == -0.0."""
     bits = np.array(op.values).tobytes() if isinstance(op, Constant) else b""
     return op, args, type, bits

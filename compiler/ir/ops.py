@@ -1,9 +1,9 @@
-"""Defines the core operations, the closed set that every backend lowers, with numpy meanings.
+"""Defines the core operations: the closed set that every backend must lower.
 
-Their base classes say what groups of them have in common, so that a `match` can treat a group as
-one case (`case ops.Structure():`): `Leaf` (of it `Read`, and of that `ReadSamples`), `Elementwise`
-(of it `Identity`), `Structure` and `Reduction`. `Window` stands alone. Only the operations
-themselves are in the union `Op`, so that pyright names in a `match` which of them it forgets.
+Base classes group them, so that a `match` can handle a group in one case (`case ops.Structure():`).
+The groups are `Leaf` (with `Read` and `ReadSamples`), `Elementwise` (with `Identity`), `Structure`
+and `Reduction`; `Window` belongs to none. The union `Op` lists only the operations themselves, so
+that pyright names the operations that a `match` forgets.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Relation(Enum):
     GREATER_EQUAL = ">="
 
     def holds(self, left: float, right: float) -> bool:
-        """Whether two numbers are related so; False where one is NaN."""
+        """True if `left relation right`; False if an operand is NaN."""
         return _TESTS[self.value](left, right)
 
 
@@ -36,10 +36,10 @@ _TESTS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    """A value that is made of no other."""
+    """A value without operands."""
 
     arity: ClassVar[int | None] = 0
-    """How many operands there are."""
+    """Number of operands; None if it varies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,8 @@ class Constant(Leaf):
 
     values: tuple[float, ...]
     name: str = ""
-    """What the spec calls them, for generated code; equal numbers of two names are two values."""
+    """The name of the constant in the spec, for generated code. Equal values of two names are
+    two nodes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,9 +192,9 @@ class Dropout(Identity):
     """The operand; a stage of training leaves elements out at random (`draw_dropout`)."""
 
     rate: float
-    """The share of elements that is left out, 0 … 1 without 1."""
+    """The probability that an element is dropped, in [0, 1)."""
     layer: str
-    """The layer that it belongs to, empty for the builtin."""
+    """The layer that it belongs to; empty for the function `dropout` of the language."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,11 +291,11 @@ class Window:
 
 
 AnyRead = ReadParameter | ReadSignal | ReadLog | ReadState | ReadTraining
-"""What a backend must know the place of."""
+"""The operations that read a value from outside the graph."""
 
 _Arithmetic = Add | Subtract | Multiply | Divide | Negate
 Computed = _Arithmetic | Minimum | Maximum | Clamp | Compare | Select | Apply
-"""The elementwise operations that are more than their operand."""
+"""The elementwise operations that compute; `Dropout` and `Named` only pass their operand on."""
 
 _Moved = Broadcast | Reshape | Slice | Concat
 Op = Constant | AnyRead | Computed | Dropout | Named | _Moved | Sum | Contract | Window

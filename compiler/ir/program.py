@@ -1,4 +1,4 @@
-"""Defines the typed intermediate representation: a synchronous stream program in SSA form."""
+"""Defines the intermediate representation: a typed synchronous stream program in SSA form."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ RangePolicy = Literal["flag", "saturate", "reset"]
 
 
 class Role(Enum):
-    """The reason why a signal is in the log."""
+    """The use of a recorded signal."""
 
     INPUT = "input"
-    """Read by the step: part of the deployed interface."""
+    """The step reads it; it is an input of the deployed model."""
     TARGET = "target"
-    """Read by losses and metrics only."""
+    """Only losses and metrics read it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A logged quantity: an input, or a target that only training reads."""
+    """A recorded quantity: an input, or a target that only training reads."""
 
     name: str
     role: Role
@@ -46,10 +46,11 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A learnable array: initial value in C order, bounds and unit are physical.
+    """A learnable array. Initial value (C order), bounds and unit are physical.
 
-    The optimiser works on a raw variable: physical = scale·raw without bounds, a sigmoid between
-    two bounds, a softplus above or below one; one mechanism for all optimisers.
+    The optimiser works on an unconstrained raw variable. Without bounds physical = scale·raw; a
+    sigmoid maps it between two bounds, a softplus above or below one. All optimisers use this
+    mapping.
     """
 
     name: str
@@ -59,14 +60,15 @@ class Parameter:
     minimum: float | None = None
     maximum: float | None = None
     scale: float = 1.0
-    """What the raw variable of a value is a multiple of."""
+    """Unit of the raw variable: physical = scale·raw for a parameter without bounds."""
     learn: bool = True
     statistic: Statistic | None = None
-    """Where the value comes from if not from `initial`, which is only where nothing is known."""
+    """The statistic of the data that training initialises it with. `initial` is its value
+    without data."""
     prior: Prior | None = None
-    """In its unit."""
+    """Gaussian prior, in the unit of the parameter."""
     scales_by_data: bool = False
-    """Whether training takes the scale from its data."""
+    """True if training computes the scale from its data."""
     doc: str = ""
     span: Span | None = field(default=None, compare=False)
 
@@ -78,23 +80,23 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class LayerMemory:
-    """The memory of a layer, of a call such as `integral`, or of the count of a warm-up."""
+    """Memory of a layer, of a call such as `integral`, or of the counter of a warm-up."""
 
     starts_fresh_each_run: bool = False
-    """Whether it starts alike wherever a run begins, as that there was no step before."""
+    """True for memory that means "no step has run yet"; every run initialises it the same way."""
 
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """A buffer of the last samples of a signal or value, made by the compiler."""
+    """A buffer of past samples of an input or an equation, added by the compiler."""
 
     source: str
-    """What is buffered: an input or a named equation."""
+    """The name of the buffered input or equation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tape:
-    """The values of a closed signal up to `ahead−1` samples after t, made by closing a loop."""
+    """Samples up to t+ahead−1 of a signal that a closed loop feeds back; added by `close_loop`."""
 
     signal: str
     ahead: int
@@ -105,31 +107,31 @@ Origin = Declared | LayerMemory | History | Tape
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Memory between steps; a buffer (History, Tape) has the window as its last axis."""
+    """Memory between steps. A buffer (History, Tape) has the window as its last axis."""
 
     name: str
     axes: tuple[Axis, ...]
     unit: Unit | None
     origin: Origin
     next: NodeId
-    """Node of `Program.step` whose value the state takes after the step."""
+    """Node of `Program.step`: the value of the state after the step."""
     start: NodeId
-    """Node of `Program.start` whose value the state has before the first step."""
+    """Node of `Program.start`: the value of the state before the first step."""
     range: tuple[float, float] | None = None
     doc: str = ""
     span: Span | None = field(default=None, compare=False)
     on_range: RangePolicy = "flag"
-    """What becomes of a next value outside `range`. Where it is `saturate`, `next` keeps to the
-    range by itself; `reset` is for deployed code alone."""
+    """The action when the next value leaves `range`. With `saturate`, the node `next` is already
+    limited; `reset` exists in deployed code only."""
     needs: tuple[str, ...] = ()
     """Sub-models that the `next:` of a discrete state needs in the same step."""
     fit_over: int | None = None
-    """The first evaluations of each run that decide by least squares where the state starts, from
-    `start` on, 0 for the whole run; None where `start` does."""
+    """The number of first samples of each run from which the start value is estimated by least
+    squares. 0 means the whole run; None means that the state starts at `start`."""
 
     @property
     def is_buffer(self) -> bool:
-        """Whether it holds samples, which a `Window` shifts by one in each step."""
+        """True if the state is a buffer of samples, which a `Window` shifts by one in each step."""
         return Type(self.axes).window is not None
 
 
@@ -143,14 +145,15 @@ class Output:
     doc: str = ""
     span: Span | None = field(default=None, compare=False)
     needs: tuple[str, ...] = ()
-    """Sub-models that it needs in the same step."""
+    """Sub-models that the output needs in the same step."""
 
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """The values that the spec expects of an equation; nothing is computed for it alone.
+    """The range of values that the spec expects of an equation. Nothing is computed for it alone.
 
-    An equation of which the step computes several samples (`e`, `e[t-3]`) has one for each node.
+    If the step computes several samples of an equation (`e`, `e[t-3]`), each node has its own
+    entry.
     """
 
     name: str
@@ -161,7 +164,7 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Formula:
-    """The spec's own text for a value, to be read beside generated code: `travel` = `w - z`."""
+    """The source text of a value, shown next to generated code: `travel` = `w - z`."""
 
     left: str
     """A name, `der(x)` or `next(x)`."""
@@ -170,26 +173,26 @@ class Formula:
 
 
 class Measure(Enum):
-    """The measure that makes a loss a number: a mean over steps, starts, window and dims."""
+    """Reduces errors of a loss to a scalar: a mean over steps, initial points, window and dims."""
 
     MSE = "mse"
-    """… (prediction − target)²."""
+    """Mean of (prediction − target)²."""
     RMSE = "rmse"
-    """… (prediction − target)², then its root per batch."""
+    """Mean of (prediction − target)², then the square root per batch."""
     MAE = "mae"
-    """… |prediction − target|."""
+    """Mean of |prediction − target|."""
     HUBER = "huber"
-    """… e²/2 for |e| ≤ δ, δ (|e| − δ/2) beyond, e = prediction − target (Huber 1964)."""
+    """Mean of e²/2 for |e| ≤ δ, δ (|e| − δ/2) beyond, with e = prediction − target (Huber 1964)."""
     MEAN = "mean"
-    """… the prediction itself: an expression that is already a cost."""
+    """Mean of the prediction itself, an expression that is already a cost."""
 
 
 @dataclass(frozen=True, slots=True)
 class Loss:
     """One term of the training objective, weight · share · measure.
 
-    Elements whose target is NaN are not scored, nor rows whose factor is 0. The terms of an entry
-    that is a sum of measures are named `entry.mse` and so on.
+    Elements whose target is NaN are excluded, as are rows whose factor is 0. If a loss of the spec
+    is a sum of measures, its terms are named `entry.mse` and so on.
     """
 
     name: str
@@ -197,32 +200,32 @@ class Loss:
     prediction: NodeId
     target: NodeId | None
     weight: float = 1.0
-    """Of the entry; a stage can replace it."""
+    """The weight of the spec's loss; a training stage can replace it."""
     share: float = 1.0
-    """The factor of this term in the entry's sum."""
+    """The factor of this term in the sum of the spec's loss."""
     penalty: Penalty | None = None
     span: Span | None = field(default=None, compare=False)
     rows: NodeId | None = None
-    """How much each row counts in the mean, a number ≥ 0 of the log alone; None for 1."""
+    """Weight of each row in the mean, a scalar ≥ 0 that depends on the log only; None means 1."""
     delta: float = 1.0
-    """δ of `huber`, in the unit of its difference; other measures have none."""
+    """δ of `huber`, in the unit of the error. Other measures ignore it."""
     is_default: bool = False
-    """Whether nobody wrote it: that of an output which predicts, where there are no `losses:`."""
+    """True for the default loss of a predicting output, used if the spec has no `losses:`."""
 
     @property
     def measured(self) -> str:
-        """The measure in words, with its δ where that is not the default."""
+        """The measure as text, with δ unless it is 1."""
         delta = "" if self.delta == 1.0 else f", delta {self.delta:g}"
         return f"{self.measure.value}{delta}"
 
     @property
     def nodes(self) -> tuple[NodeId, ...]:
-        """All values of the step that it needs."""
+        """The nodes of the step that the loss reads."""
         others = (node for node in (self.target, self.rows) if node is not None)
         return (self.prediction, *others)
 
     def moved(self, copies: Mapping[NodeId, NodeId]) -> Loss:
-        """The loss in a graph in which `copies` tells where its nodes are."""
+        """The loss in another graph; `copies` maps old node ids to new ones."""
         return replace(
             self,
             prediction=copies[self.prediction],
@@ -232,14 +235,14 @@ class Loss:
 
     @property
     def entry(self) -> str:
-        """The name under `losses:`, or of the output whose default loss this is."""
-        # no name that can have a loss has a dot: losses of sub-models stay behind (R11)
+        """The name under `losses:`, or the name of the output for a default loss."""
+        # names of losses have no dot: losses of sub-models are not part of the program (R11)
         return self.name.partition(".")[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Dimension:
-    """A named dimension of the spec and the labels of its elements, empty where it has none."""
+    """A named dimension of the spec with the labels of its elements; empty without labels."""
 
     name: str
     size: int
@@ -248,10 +251,10 @@ class Dimension:
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A model as a pure function of logs, states and parameters: `step` at every t, `start` at t0.
+    """A model as pure functions of logs, states and parameters: `step` at each t, `start` at t0.
 
     *Window form*: `ReadSignal` nodes read any samples of the inputs. *Step form* (`to_step_form`):
-    they read sample t, a preview [t … t+n] or one delayed sample, and buffers hold the past.
+    they read sample t, a preview [t … t+n] or one delayed sample, and buffers store the past.
     """
 
     name: str
@@ -265,17 +268,17 @@ class Program:
     outputs: tuple[Output, ...]
     losses: tuple[Loss, ...] = ()
     expected: tuple[Expected, ...] = ()
-    """Ranges of equations that outputs, states or losses need."""
+    """Expected ranges of equations that outputs, states or losses depend on."""
     fits: tuple[Fit, ...] = ()
-    """Layers that training starts by least squares; while there are losses."""
+    """Layers that training initialises by least squares; empty in a program without losses."""
     dimensions: tuple[Dimension, ...] = ()
     formulas: tuple[Formula, ...] = ()
-    """Of equations, outputs and states, for people."""
+    """Source texts of equations, outputs and states, for readers of generated code."""
     doc: str = ""
     spec_hash: str = ""
-    """sha256 of the spec's text, so that weights and generated files can name their source."""
+    """SHA-256 of the spec's text, so that weights and generated files can name their source."""
     late: int = 0
-    """Samples by which a step form lags: its step at t is that of the model at t-late."""
+    """Delay of a step form in samples: its step at t is the step of the model at t-late."""
 
     def signal(self, name: str) -> Signal:
         return next(signal for signal in self.signals if signal.name == name)
@@ -290,5 +293,5 @@ class Program:
         return next(output for output in self.outputs if output.name == name)
 
     def expected_range(self, name: str) -> tuple[float, float] | None:
-        """The range of an equation, which may be an output; None without one."""
+        """The expected range of an equation or output; None without one."""
         return next((entry.range for entry in self.expected if entry.name == name), None)

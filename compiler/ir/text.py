@@ -1,4 +1,4 @@
-"""Writes a Program as text that people read and tests compare."""
+"""Prints a Program as text, for readers and for golden files of tests."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from spec_schema.units.unit import Unit
 
 # enough for the taps of most filters; goldens with tables stay readable
 MOST_NUMBERS = 12
-"""Constants with more elements show the first ones and their count."""
+"""Maximum number of printed elements; a longer constant shows the first ones and their count."""
 
 
 def program_text(program: Program) -> str:
-    """The whole program, one line a declaration and one a node:
+    """Prints the whole program, one line per declaration and per node:
 
         %4: [joint=6, t=5] N*m = contract(%1, %3) over t   # line 12 x_next
 
-    Times are written as in specs: `signal x[t-4:t]`, `log x[t+1]`. It shows what is computed, for
-    people; how training begins (`Fit`, `Statistic`, `fit_over`), penalties, formulas and the
-    numbers of long constants after their beginning are not in it: `program_file` has everything.
+    Times are written as in specs: `signal x[t-4:t]`, `log x[t+1]`. The text shows the computation.
+    It omits the initialisation of training (`Fit`, `Statistic`, `fit_over`), penalties, formulas
+    and the later elements of long constants; `program_file` stores everything.
     """
     return "".join(f"{line}\n" for line in _lines(program))
 
 
 def node_text(index: int, node: Node) -> str:
-    """One node: its number, type and operation, and its place and name as a comment."""
+    """Prints one node: its index, type and operation, with its place and name as a comment."""
     place = f"line {node.span.line}" if node.span else ""
     comment = " ".join(part for part in (place, node.label or "") if part)
     text = f"%{index}: {_type(node.type)} = {_operation(node)}"

@@ -1,4 +1,4 @@
-"""Types values before anything runs: axes, window, unit, kind, what they predict."""
+"""Defines static types of values: axes, window, unit and kind, and their predicted signal."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ WINDOW = "t"
 """Name of the axis that holds the samples of a time window, oldest first; always the last axis."""
 
 UNNAMED = ""
-"""Name of the one axis a value may have that no `dims:` entry names (number lists, `concat`)."""
+"""Name of an axis that no `dims:` entry names, such as that of a number list; at most one per
+value."""
 
 Kind = Literal["real", "bool"]
 
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One direction of a value: the name that operands align by, and its length."""
+    """One dimension of a value: its name, by which operands are aligned, and its length."""
 
     name: str
     size: int
@@ -27,7 +28,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Type:
-    """Axes in memory order (C order, window last), unit (None = not known) and kind of a value."""
+    """Axes (C order, window last), unit (None = unknown) and kind (real or bool) of a value."""
 
     axes: tuple[Axis, ...] = ()
     unit: Unit | None = None
@@ -48,34 +49,36 @@ class Type:
 
     @property
     def window(self) -> int | None:
-        """Length of the time window, None where the value is one sample."""
+        """Length of the time window; None for a single sample."""
         return self.axes[-1].size if self.axes and self.axes[-1].name == WINDOW else None
 
     def axis(self, name: str) -> Axis | None:
-        """The axis of that name, None where the value does not have it."""
+        """The axis of that name, or None."""
         return next((axis for axis in self.axes if axis.name == name), None)
 
     def position(self, name: str) -> int:
-        """Index of the axis of that name; ValueError where the value does not have it."""
+        """Index of the axis of that name. Raises ValueError if there is none."""
         return self.axis_names.index(name)
 
     def with_unit(self, unit: Unit | None) -> Type:
+        """The type with another unit."""
         return Type(self.axes, unit, self.kind)
 
     def with_axes(self, axes: tuple[Axis, ...]) -> Type:
+        """The type with other axes."""
         return Type(axes, self.unit, self.kind)
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """The prediction that an output makes: `signal[t+ahead]`."""
+    """The sample `signal[t+ahead]` that an output predicts."""
 
     signal: str
     ahead: int
 
 
 def in_order(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
-    """The axes with the window moved to the end, where every type keeps it."""
+    """The axes with the window moved to the end, where every type has it."""
     return tuple(a for a in axes if a.name != WINDOW) + tuple(a for a in axes if a.name == WINDOW)
 
 

@@ -1,7 +1,7 @@
-"""Leaves out of a graph what multiplies by a known 0 or 1 or adds a known 0.
+"""Removes multiplications by a known 0 or 1 and additions of a known 0 from a graph.
 
-Derivatives are full of them: most things do not depend on one another. Slices are taken from the
-part of a concatenation that they lie in, so that zeros which only surround a number go too.
+Derivatives are full of them, as most variables do not affect each other. A slice of a concatenation
+becomes a slice of the part that contains it, so that padding with zeros disappears too.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from compiler.ir.types import Type
 def without_zeros(
     graph: Graph, roots: Sequence[NodeId], builder: GraphBuilder, *, exact: int = 0
 ) -> dict[NodeId, NodeId]:
-    """Copies what the roots need into the builder; where each of them is there.
+    """Copies the nodes that the roots depend on into the builder; returns the new id of each root.
 
-    0 · x counts as 0 and x + 0 as x whatever x is, as for a derivative that is 0 by the structure
-    of a model: values, where an infinity times 0 or the sign of a zero matters, are not to be
-    copied this way if bits of them are promised: the first `exact` nodes are copied as they are.
+    0 · x becomes 0 and x + 0 becomes x for every x, which is right for structurally zero
+    derivatives. Values with guaranteed bits must not be simplified this way, since 0 · ∞ and the
+    sign of zero matter. The first `exact` nodes are therefore copied unchanged.
     """
     draft = _Draft()
     copies: dict[NodeId, NodeId] = {}
@@ -33,7 +33,7 @@ def without_zeros(
         copies[index] = draft.copy(moved_node) if index < exact else draft.add(moved_node)
     found = {root: copies[root] for root in roots}
     whole = draft.builder.graph()
-    # what only made zeros is dropped before it reaches the builder
+    # nodes that only produced zeros are removed before the copy
     live = needed(whole, found.values())
     moved: dict[NodeId, NodeId] = {}
     for index, node in whole:
@@ -43,7 +43,7 @@ def without_zeros(
 
 
 def known_number(graph: GraphBuilder, node: NodeId) -> float | None:
-    """The number that every element of the value is, where it is one known number."""
+    """The common value of all elements, if they are one known constant; otherwise None."""
     found = graph.node(node)
     while isinstance(found.op, ops.Broadcast | ops.Reshape | ops.Slice):
         found = graph.node(found.args[0])
@@ -54,7 +54,7 @@ def known_number(graph: GraphBuilder, node: NodeId) -> float | None:
 
 
 class _Draft:
-    """The graph without its zeros, as far as it is copied."""
+    """The simplified graph, as far as it is copied."""
 
     def __init__(self) -> None:
         self.builder = GraphBuilder()
@@ -65,7 +65,7 @@ class _Draft:
     def add(self, node: Node) -> NodeId:
         b = self.builder
         numbers = [known_number(b, arg) for arg in node.args]
-        # numbers match by value, so that −0 counts as 0 too; x · 1 and x / 1 keep the bits of x
+        # matching compares values, so −0 counts as 0; x · 1 and x / 1 keep the bits of x
         match node.op, numbers:
             case ops.Add() | ops.Subtract(), [_, 0.0]:
                 return node.args[0]
@@ -101,8 +101,8 @@ class _Draft:
         axis, start, stop = node.op.axis, node.op.start, node.op.stop
         source = b.node(node.args[0])
         match source.op:
-            # a slice of a slice is one slice; of a concatenation it is in one part, or stays as it
-            # is
+            # a slice of a slice is one slice; a slice within one part of a concatenation is a
+            # slice of that part
             case ops.Slice(inner, before, _) if inner == axis:
                 op = ops.Slice(axis, start + before, stop + before)
                 return self.add(replace(node, op=op, args=source.args))

@@ -1,4 +1,4 @@
-"""Puts slopes of single numbers where they belong in a matrix."""
+"""Assembles matrices from gradients of single elements."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ def matrix_of(
     parts: dict[NodeId, LeafSlice],
     builder: GraphBuilder,
 ) -> Matrix:
-    """The matrix whose row i has the slopes i, each of them in the columns of its part.
+    """The matrix whose row i consists of the gradients i, each in the columns of its part.
 
-    Sums where parts of a leaf overlap are added to the builder.
+    Sums for overlapping parts of a leaf are added to the builder.
     """
     entries = _Entries(builder, rows, columns, parts)
     for row, by_part in enumerate(slopes):
         entries.add_row(row, by_part)
     moving = moving_nodes(builder.graph())
-    # what no state and no input moves is one number for all steps: it may be computed once
+    # an entry that depends on no state or input is constant over all steps
     fixed = [True] * len(entries.known)
     for block in entries.blocks:
         for place in block.places(builder.type(block.node).shape).ravel().tolist():
@@ -47,7 +47,7 @@ def matrix_of(
 
 
 def moving_nodes(graph: Graph) -> list[bool]:
-    """For every node whether it depends on states or inputs."""
+    """For every node, True if it depends on states or inputs."""
     found: list[bool] = []
     for _, node in graph:
         reads = isinstance(node.op, ReadState | ReadSignal)
@@ -77,8 +77,8 @@ class _Entries:
             if part in self._columns:
                 places = [row * self._width + column for column in self._columns[part]]
                 for number, place in enumerate(places):
-                    # two parts of a leaf may overlap, as a vector and one of its elements: their
-                    # slopes add up
+                    # parts of a leaf may overlap, such as a vector and one of its elements:
+                    # their derivatives are added
                     shared.setdefault(place, []).append((slope, number))
                 self._store(slope, places, self._strides[part])
         for place, terms in shared.items():
@@ -87,7 +87,7 @@ class _Entries:
                 self._store(reduce(self._builder.add, numbers), [place], ())
 
     def _element(self, value: NodeId, number: int) -> NodeId:
-        """One number of a value, counted in C order."""
+        """One element of a value; `number` counts in C order."""
         b = self._builder
         for axis in reversed(b.type(value).axes):
             number, index = divmod(number, axis.size)
@@ -97,8 +97,7 @@ class _Entries:
     def _store(self, slope: NodeId, places: Sequence[int], strides: tuple[int, ...]) -> None:
         op = self._builder.node(slope).op
         number = known_number(self._builder, slope)
-        # structurally zero or constant entries are numbers of the matrix; only the others are
-        # computed
+        # structurally zero or constant entries are stored as constants of the matrix
         known = op.values if isinstance(op, Constant) else [number] * len(places)
         for place, value in zip(places, known, strict=True):
             self.known[place] = value
@@ -108,7 +107,7 @@ class _Entries:
 
 
 def _name_in(vector: Vector, leaf: Leaf) -> str | None:
-    """The member of the vector that a leaf reads."""
+    """The member of the vector that a leaf reads, or None."""
     match vector.letter, leaf:
         case ("x", ReadState(name)) | ("u", ReadSignal(name)) | ("p", ReadParameter(name)):
             return name if any(member.name == name for member in vector.members) else None

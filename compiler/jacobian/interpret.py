@@ -1,4 +1,4 @@
-"""Runs a Jacobian with numpy: the judge of every backend's matrices."""
+"""Evaluates a Jacobian with numpy: the reference for matrices of all backends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from compiler.jacobian.matrices import Jacobian
 
 
 class JacobianInterpreter:
-    """The Jacobian of a program with weights, as `Interpreter` runs the program itself."""
+    """Evaluates the Jacobian of a program with weights, as `Interpreter` evaluates the program."""
 
     def __init__(
         self,

@@ -1,12 +1,12 @@
-"""Jacobians of one step: how its next states and outputs change with states, inputs, parameters.
+"""Jacobians of one step: derivatives of next states and outputs by states, inputs, parameters.
 
 For x' = f(x, u, p), y = h(x, u, p) the matrices are A = ∂x'/∂x, B = ∂x'/∂u, C = ∂y/∂x, D = ∂y/∂u,
-and on request ∂x'/∂p and ∂y/∂p. The vector x is all memory of the step: declared states, and the
-samples in buffers, so that A is that of the whole discrete system.
+and on request ∂x'/∂p and ∂y/∂p. The vector x is the whole memory of the step: declared states and
+samples in buffers, so that A is the matrix of the whole discrete system.
 
-Every next number and every output is a row of its own, computed without the others. Entries that
-are structurally 0 or constant are recorded as numbers; only the others are computed, by reverse
-mode, one pass a row, with its conventions at kinks (`reverse_mode`).
+Every element of the next states and outputs is a row, computed separately. Structurally zero or
+constant entries are stored as constants. Reverse mode computes the others, one pass per row, with
+its conventions at kinks (`reverse_mode`).
 """
 
 from __future__ import annotations
@@ -33,13 +33,12 @@ def jacobian(
     declared_only: bool = False,
     feedthrough_only: bool = False,
 ) -> Jacobian:
-    """The Jacobian of a program in step form; `parameters` also by the parameters of the step.
+    """The Jacobian of a program in step form; with `parameters` also by the parameters of the step.
 
-    With `declared_only` the vector x has the states that the spec declares and no other memory,
-    whose samples are as if they did not move. With `feedthrough_only` x is empty, and D is what
-    there is.
+    With `declared_only` the vector x contains only declared states; other memory counts as
+    constant. With `feedthrough_only` x is empty and D is the only matrix.
     """
-    # losses and ranges of equations are no rows: without them the graph is shorter
+    # losses and ranges of equations are not needed: the graph is shorter without them
     program = guard_untaken(replace(program, losses=(), expected=()))
     step = program.step
     kept = () if feedthrough_only else program.states

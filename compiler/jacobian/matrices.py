@@ -1,4 +1,4 @@
-"""Matrices of slopes: what their rows and columns are, and which entries are known or computed."""
+"""Matrices of derivatives: the quantities of rows and columns, and known or computed entries."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """A quantity in a vector: its numbers stand in C order of its axes."""
+    """A quantity in a vector; its elements are in C order of its axes."""
 
     name: str
     axes: tuple[Axis, ...]
     unit: Unit | None
     first: int
-    """Where they begin."""
+    """Index of its first element in the vector."""
 
     @property
     def size(self) -> int:
@@ -31,7 +31,7 @@ class Member:
 
 @dataclass(frozen=True, slots=True)
 class Vector:
-    """Quantities one after the other, and the letter that engineers use for it."""
+    """A stacked vector of quantities, and its letter in textbooks (x, u, y, p)."""
 
     letter: str
     members: tuple[Member, ...]
@@ -49,7 +49,7 @@ Quantity = tuple[str, tuple[Axis, ...], Unit | None]
 
 
 def vector_of(letter: str, quantities: Iterable[Quantity]) -> Vector:
-    """The vector of these quantities, by name, axes and unit."""
+    """The vector of these quantities, given by name, axes and unit."""
     members: list[Member] = []
     for name, axes, unit in quantities:
         first = members[-1].first + members[-1].size if members else 0
@@ -58,7 +58,7 @@ def vector_of(letter: str, quantities: Iterable[Quantity]) -> Vector:
 
 
 def by_name(vector: Vector, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """The quantities of a vector; `values` are (rows, size)."""
+    """Splits a vector into its quantities; `values` are (rows, size)."""
     return {
         m.name: values[:, m.first : m.first + m.size].reshape(-1, *Type(m.axes).shape)
         for m in vector.members
@@ -73,17 +73,17 @@ class MatrixBlock:
     offset: int
     strides: tuple[int, ...]
     can_be_infinite: bool
-    """Though states, inputs and parameters are finite."""
+    """True if the entry can be infinite for finite states, inputs and parameters."""
 
     def places(self, shape: tuple[int, ...]) -> NDArray[np.int64]:
-        """The entry of every element of the node."""
+        """The index of the matrix entry of every element of the node."""
         return strided_places(self.offset, shape, self.strides)
 
 
 def strided_places(offset: int, shape: Sequence[int], strides: Sequence[int]) -> NDArray[np.int64]:
-    """The place offset + Σ stride · index of every element of an array of this shape."""
+    """The index offset + Σ stride · index of every element of an array of this shape."""
     grid = np.array(offset)
-    # one axis more for each of the array: in the end the places have its shape
+    # adds one axis per iteration until the result has the shape of the array
     for size, stride in zip(shape, strides, strict=True):
         grid = grid[..., np.newaxis] + stride * np.arange(size)
     return grid
@@ -91,17 +91,17 @@ def strided_places(offset: int, shape: Sequence[int], strides: Sequence[int]) ->
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Matrix:
-    """Slopes of the rows by the columns, entry (i, j) at i · columns + j."""
+    """Derivatives of the rows by the columns; entry (i, j) has index i · columns + j."""
 
     name: str
     rows: Vector
     columns: Vector
     known: tuple[float | None, ...]
-    """Entries that are the same number always, None for one that is computed."""
+    """Constant entries; None for a computed entry."""
     fixed: tuple[bool, ...]
-    """Whether an entry depends on nothing but parameters."""
+    """True for entries that depend on parameters only."""
     blocks: tuple[MatrixBlock, ...]
-    """In the order in which they are written: later ones replace entries of earlier ones."""
+    """In the order of writing: later blocks overwrite entries of earlier ones."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -113,12 +113,12 @@ class Matrix:
 
     @property
     def nodes(self) -> list[NodeId]:
-        """The nodes of its computed entries."""
+        """The nodes of the computed entries."""
         return [block.node for block in self.blocks]
 
     @property
     def perhaps_infinite(self) -> tuple[MatrixBlock, ...]:
-        """The blocks with entries that can be infinite though what they depend on is finite."""
+        """The blocks with entries that can be infinite for finite operands."""
         return tuple(block for block in self.blocks if block.can_be_infinite)
 
     def filled(
@@ -126,9 +126,9 @@ class Matrix:
     ) -> NDArray[Any]:
         """The matrices (members, rows, columns); `values` of nodes are (members, *shape)."""
         numbers = [0.0 if number is None else number for number in self.known]
-        # entries that no block computes are the same in all members
+        # entries without a block are equal in all members
         entries = np.tile(np.array(numbers, dtype), (members, 1))
-        # in order: a later block replaces entries of an earlier one
+        # in order: a later block overwrites entries of an earlier one
         for block in self.blocks:
             computed = values[block.node]
             entries[:, block.places(computed.shape[1:])] = computed
@@ -137,7 +137,7 @@ class Matrix:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Jacobian:
-    """Matrices, and the graph that computes their entries from what a step reads."""
+    """Matrices, and the graph that computes their entries from the reads of a step."""
 
     graph: Graph
     matrices: tuple[Matrix, ...]

@@ -1,4 +1,4 @@
-"""Slopes of single numbers by the parts of leaves that they are made of, as nodes of a graph."""
+"""Gradients of single elements with respect to parts of leaves, as nodes of a graph."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from compiler.jacobian.scalarize import Elements, LeafSlice
 from compiler.passes.simplify.fold_constants import folded
 
 Slopes = tuple[dict[NodeId, NodeId], ...]
-"""For each element its slopes by nodes of parts, in the axes of the part; none where it is 0."""
+"""For each element its gradients by part nodes, in the axes of the part; absent where 0."""
 
 
 def slopes_of_elements(elements: Elements, parts: Sequence[NodeId]) -> tuple[Graph, Slopes]:
-    """The slopes of all elements by these parts, and the graph of their nodes.
+    """The gradients of all elements with respect to these parts, and the graph of their nodes.
 
-    Reverse mode, one pass an element. The graph reads the leaves themselves, and has nothing in it
-    that is known to be 0.
+    Reverse mode, one pass per element. The graph reads the leaves directly and contains no known
+    zeros.
     """
     draft = GraphBuilder(elements.graph)
     one = draft.constant(1.0)
     passes = {
         element: gradients(draft, {element: one}, parts)
-        # an element that two rows share, as of `y: x`, is differentiated once
+        # an element that two rows share, such as with `y: x`, is differentiated once
         for element in dict.fromkeys(elements.nodes)
     }
     slopes = [
@@ -36,7 +36,7 @@ def slopes_of_elements(elements: Elements, parts: Sequence[NodeId]) -> tuple[Gra
     ]
     wanted = [slope for by_part in slopes for slope in by_part.values()]
     graph, read = _with_leaves(draft.graph(), elements.parts, wanted)
-    # slopes of constants are known numbers: folding finds them before zeros are looked for
+    # folding turns constant derivatives into constants before zeros are removed
     graph, moved = folded(graph)
     builder = GraphBuilder()
     found = without_zeros(graph, [moved[read[slope]] for slope in wanted], builder)
@@ -54,7 +54,7 @@ def slopes_of_elements(elements: Elements, parts: Sequence[NodeId]) -> tuple[Gra
 def _with_leaves(
     graph: Graph, parts: dict[NodeId, LeafSlice], wanted: Sequence[NodeId]
 ) -> tuple[Graph, dict[NodeId, NodeId]]:
-    """Rebuilds the wanted nodes on slices of leaves in place of the nodes for their parts."""
+    """Rebuilds the wanted nodes on slices of leaves instead of the part nodes."""
     live = needed(graph, wanted)
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}

@@ -1,8 +1,8 @@
-"""Rewrites a graph so that single elements of its values are computed without the others.
+"""Rewrites a graph so that single elements of its values are computed separately.
 
-An element is a value with some of its axes fixed at an index; these axes are fixed in its operands
-too, down to single numbers of states, signals and parameters. A sum keeps the axis that it runs
-along, so that a product with a matrix stays a loop.
+An element is a value with some axes fixed at an index. The same axes are fixed in its operands,
+down to single elements of states, signals and parameters. A sum keeps the axis that it runs along,
+so that a matrix product remains a loop.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from compiler.ir.types import WINDOW, Axis, Type
 from compiler.jacobian.matrices import strided_places
 
 Fixed = tuple[tuple[str, int], ...]
-"""Axes that are fixed, by name and in the order of the type, each at an index."""
+"""Fixed axes with their index, in the order of the type."""
 
 Leaf = ops.ReadState | ops.ReadSignal | ops.ReadParameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeafSlice:
-    """Numbers of a leaf: element (i, j, …) of the part is its number offset + Σ stride · index."""
+    """A part of a leaf: its element (i, j, …) is element offset + Σ stride · index of the leaf."""
 
     leaf: Leaf
     whole: Type
-    """Of the leaf."""
+    """Type of the leaf."""
     fixed: Fixed
     type: Type
     offset: int
@@ -47,29 +47,29 @@ class LeafSlice:
 
     @property
     def numbers(self) -> list[int]:
-        """The places of its elements in the leaf, in C order."""
+        """The C-order indices of its elements in the leaf."""
         return strided_places(self.offset, self.type.shape, self.strides).ravel().tolist()
 
 
 @dataclass(frozen=True, slots=True)
 class Elements:
-    """A graph in which every wanted element is a node of its own."""
+    """A graph in which every wanted element is a separate node."""
 
     graph: Graph
     nodes: tuple[NodeId, ...]
-    """Of the wanted elements, in their order."""
+    """Nodes of the wanted elements, in their order."""
     parts: dict[NodeId, LeafSlice]
-    """The nodes that stand for parts of leaves; no other node reads from outside the graph."""
+    """The nodes that represent parts of leaves; no other node reads from outside the graph."""
 
 
 def single_elements(graph: Graph, wanted: Iterable[tuple[NodeId, Fixed]]) -> Elements:
-    """The elements of values of `graph`, each given by its node and the axes that are fixed.
+    """The wanted elements of values of `graph`, each given by its node and its fixed axes.
 
-    A window over a buffer becomes the samples of the state followed by the newest one.
+    A window over a buffer becomes the samples of the state followed by the newest sample.
     """
     wanted = list(wanted)
-    # backwards over the graph: an element asks for the elements of operands that it is made of; a
-    # dict keeps their order, and each is made once however many ask
+    # backwards: an element requests the elements of its operands; a dict keeps the order
+    # without duplicates
     needs: list[dict[Fixed, None]] = [{} for _ in graph.nodes]
     for node, fixed in wanted:
         needs[node][fixed] = None
@@ -77,7 +77,7 @@ def single_elements(graph: Graph, wanted: Iterable[tuple[NodeId, Fixed]]) -> Ele
         for fixed in needs[index]:
             for operand, inner in _Element(graph, index, fixed).operands():
                 needs[operand][inner] = None
-    # forwards: operands have smaller ids, so what an element is made of exists already
+    # forwards: operands have smaller ids, so the elements of operands already exist
     made = _Made(graph)
     for index in range(len(graph)):
         for fixed in needs[index]:
@@ -108,7 +108,7 @@ class _Element:
         return self.node.type.with_axes(tuple(a for a in self.node.type.axes if a.name not in at))
 
     def operands(self) -> list[tuple[NodeId, Fixed]]:
-        """The elements of operands that it is made of, in the order in which `_Made` takes them."""
+        """The elements of operands that it depends on, in the order in which `_Made` uses them."""
         node, at = self.node, dict(self.fixed)
         match node.op:
             case ops.Leaf():
@@ -116,11 +116,11 @@ class _Element:
             case ops.Reshape():
                 return [(node.args[0], self._before_reshape(node.args[0]))]
             case ops.Slice(axis, start, _):
-                # structure becomes arithmetic on indices; no operation is left of it
+                # a slice becomes an index shift without an operation
                 moved = {n: i + start if n == axis else i for n, i in at.items()}
                 return [(node.args[0], self._in(node.args[0], moved))]
             case ops.Concat(axis) if axis in at:
-                # one part alone has the element: slopes by the others are structurally 0
+                # only one part contains the element: derivatives by the others are structurally 0
                 part, index = self._part_of(axis, at[axis])
                 return [(part, self._in(part, at | {axis: index}))]
             case ops.Window():
@@ -145,19 +145,18 @@ class _Element:
         raise AssertionError("an index is below the sum of the parts' lengths")
 
     def _before_reshape(self, operand: NodeId) -> Fixed:
-        """The operand's fixed axes, where every axis is or where the axes only change names."""
+        """The operand's fixed axes, if all axes are fixed or the reshape only renames axes."""
         before, after, at = self.graph[operand].type, self.node.type, dict(self.fixed)
         if len(at) == len(after.axes):
-            # in C order the number of an element is the same before and after
+            # the C-order index of an element is the same before and after
             indices = tuple(at[axis.name] for axis in after.axes)
             number = int(np.ravel_multi_index(indices, after.shape)) if indices else 0
             found = np.unravel_index(number, before.shape)
             return tuple((a.name, int(i)) for a, i in zip(before.axes, found, strict=True))
-        # some axes are free: only where they keep their lengths does an index before say one after
+        # some axes are free: indices correspond only if the axes keep their lengths
         old = [axis for axis in before.axes if axis.size != 1]
         new = [axis for axis in after.axes if axis.size != 1]
-        # axes were joined or split: all numbers are asked for, and the element is taken after the
-        # reshape
+        # axes were joined or split: request the whole operand and select after the reshape
         if [axis.size for axis in old] != [axis.size for axis in new]:
             return ()
         renamed = {n.name: o.name for o, n in zip(old, new, strict=True)}
@@ -165,7 +164,7 @@ class _Element:
 
 
 class _Made:
-    """The new graph while it grows."""
+    """The new graph under construction."""
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
@@ -177,7 +176,7 @@ class _Made:
         operands = [self.known[operand] for operand in element.operands()]
         with self.builder.at(element.node.span):
             made = self._made(element, operands)
-        # only the whole value is what the spec calls so
+        # the label of the spec names the whole value only
         if not element.fixed and element.node.label is not None:
             self.builder.name(made, element.node.label)
         self.known[element.index, element.fixed] = made
@@ -193,8 +192,7 @@ class _Made:
                 numbers = np.reshape(values, node.type.shape)
                 at = dict(element.fixed)
                 kept = tuple(at.get(axis.name, slice(None)) for axis in node.type.axes)
-                # a number of a constant is a constant: rows of the Jacobian that multiply by it
-                # fold
+                # an element of a constant is a constant, so that products with it fold
                 chosen = tuple(float(x) for x in np.ravel(numbers[kept]))
                 return b.emit(ops.Constant(chosen), (), type)
             case ops.Broadcast():
@@ -233,7 +231,7 @@ class _Made:
         return node
 
     def _reshaped(self, element: _Element, operand: NodeId) -> NodeId:
-        """The operand has what is left, or where the axes were joined or split, all numbers."""
+        """Reshapes the element, or the whole operand followed by the selection of the element."""
         b = self.builder
         if b.type(operand).size == element.type.size:
             return b.reshape(operand, element.type.axes)
@@ -256,7 +254,7 @@ class _Made:
 
 
 def _stand_in(part: LeafSlice) -> ops.Op:
-    """A leaf of its own for every part, so that the slope of one holds nothing of another."""
+    """A separate leaf for every part, so that its gradient does not include other parts."""
     place = ",".join(f"{name}={index}" for name, index in part.fixed)
     name = f"{part.leaf!r}[{place}]"
     is_parameter = isinstance(part.leaf, ops.ReadParameter)

@@ -1,4 +1,4 @@
-"""Finds which elements of a value can be other than 0: the structure of a Jacobian."""
+"""Finds the structurally nonzero elements of values: the sparsity pattern of a Jacobian."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from compiler.ir.liveness import needed
 from compiler.ir.program import Graph, Node, NodeId
 
 Marks = NDArray[np.float64]
-"""0 where an element is 0 whatever is read, otherwise above 0."""
+"""0 where an element is structurally 0, otherwise positive."""
 
 
 def nonzero_elements(graph: Graph, values: Iterable[NodeId]) -> dict[NodeId, NDArray[np.bool_]]:
-    """For each value, in the shape of its axes, False where the formula makes it 0.
+    """For each value, in the shape of its axes, False where the formula makes the element 0.
 
-    Zeros begin in constants and pass through products, sums and what only moves elements; of a
-    number that is read nothing is assumed, and 0 · ∞ counts as 0.
+    Zeros originate in constants and propagate through products, sums and structural operations.
+    Values that are read count as nonzero, and 0 · ∞ as 0.
     """
     values = list(values)
     marks: list[Any] = [None] * len(graph)
@@ -39,12 +39,12 @@ def _marks(graph: Graph, node: Node, marks: list[Any]) -> Marks:
             return np.reshape(np.array(values) != 0, (1, *node.type.shape)).astype(float)
         case ops.Multiply() | ops.Reduction() | ops.Structure():
             types = tuple(graph[arg].type for arg in node.args)
-            # products and sums of marks, which are not below 0, mark products and sums
+            # marks are ≥ 0, so that their products and sums mark products and sums
             found = evaluator(node, types, {}, np.dtype(np.float64))(marks, NOWHERE)
             return np.minimum(found, 1.0)
         case ops.Add() | ops.Subtract() | ops.Minimum() | ops.Maximum():
             return np.maximum(of[0], of[1])
-        # a quotient is 0 where its dividend is, whatever divides it: 0/0 has no part in a pattern
+        # a quotient is 0 where its dividend is: patterns ignore 0/0
         case ops.Negate() | ops.Identity() | ops.Divide():
             return of[0]
         case ops.Select():

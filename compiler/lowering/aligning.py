@@ -1,4 +1,4 @@
-"""Tells users of operands whose axes cannot meet, or make all pairs of their elements."""
+"""Reports operands whose axes do not fit, or whose unnamed and named axes form an outer product."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from spec_schema.expressions.tree import Expression
 
 
 class aligning:  # noqa: N801  (read as a verb: `with aligning(…):`)
-    """Turns an AxisConflict inside the block into a diagnostic about two operands."""
+    """Reports an AxisConflict inside the block as a diagnostic about the two operands."""
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ def warn_of_twin_axes(
     whole: Expression,
     operands: Iterable[tuple[Expression, NodeId]],
 ) -> None:
-    """Says so of the first two operands of an elementwise operation that do; once is enough."""
+    """Warns about the first two operands that form an outer product by accident (`twin_axes`)."""
     typed = [(operand.span, builder.type(node).axes) for operand, node in operands]
     for (left, left_axes), (right, right_axes) in combinations(typed, 2):
         try:

@@ -1,4 +1,4 @@
-"""Evaluates what depends on constants only to arrays that the compiler knows."""
+"""Evaluates constant expressions to arrays at compile time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from spec_schema.expressions.tree import Call, Expression, LanguageName, ListLit
 from spec_schema.late_dataclass import dataclass
 from spec_schema.units.unit import ONE, Unit
 
-# its square is a million numbers, which a graph holds one by one
+# a graph stores all of its million elements
 LARGEST_EYE = 1000
 
 
@@ -29,7 +29,7 @@ _CONSTANT = Environment(EnvironmentPart.CONSTANT)
 
 @dataclass(frozen=True)
 class NamedArray:
-    """Numbers with their axes and unit."""
+    """An array with its axes and unit."""
 
     values: Array
     axes: tuple[Axis, ...]
@@ -37,7 +37,7 @@ class NamedArray:
 
 
 def number(context: Context, expression: Expression, what: str) -> float:
-    """The number of an expression that depends on constants only."""
+    """Evaluates a constant scalar expression; `what` is its name in messages."""
     array = evaluate(context, expression)
     if array.axes:
         found = describe_axes(array.axes)
@@ -50,7 +50,7 @@ def number(context: Context, expression: Expression, what: str) -> float:
 
 
 def whole_number(context: Context, expression: Expression, what: str) -> int:
-    """The same where it must be a whole number."""
+    """Evaluates a constant scalar expression that must be an integer."""
     value = number(context, expression, what)
     if not value.is_integer():
         context.findings.report(names.unfit_constant(what, "is no whole number", expression.span))
@@ -61,8 +61,10 @@ def whole_number(context: Context, expression: Expression, what: str) -> int:
 def evaluate(
     context: Context, expression: Expression, environment: Environment = _CONSTANT
 ) -> NamedArray:
-    """The array of an expression that depends on constants only, or on what `environment` adds."""
-    # rows of a matrix have no axis in the language before `dims:` names it: no node can hold them
+    """Evaluates an expression of constants and of the values that `environment` adds, such as
+    indices.
+    """
+    # the rows of a matrix have no axis name until `dims:` gives it: a node cannot represent them
     if isinstance(expression, ListLiteral) and any(
         isinstance(element, ListLiteral) for element in expression.elements
     ):
@@ -76,7 +78,7 @@ def evaluate(
 
 
 def _is_eye(expression: Expression, context: Context) -> TypeGuard[Call]:
-    """Whether this is `eye` of a number; with two names it is a matrix of these dims."""
+    """True for `eye` of a number. With two names, `eye` is a matrix of these dims instead."""
     return (
         isinstance(expression, Call)
         and isinstance(expression.function, Name)
@@ -87,7 +89,7 @@ def _is_eye(expression: Expression, context: Context) -> TypeGuard[Call]:
 
 
 def _eye(context: Context, call: Call) -> NamedArray:
-    """`eye(3)`: its axes get their names from `dims:` too."""
+    """Evaluates `eye(3)`. As in any matrix, `dims:` names its axes."""
     (argument,) = call.arguments
     size = number(context, argument, "the size of `eye`")
     if not (size.is_integer() and 1 <= size <= LARGEST_EYE):
@@ -95,7 +97,7 @@ def _eye(context: Context, call: Call) -> NamedArray:
         report = names.unfit_constant("the size of `eye`", problem, argument.span)
         context.findings.report(report)
         raise LoweringFailed
-    # twice the same axis, which no node may have: `shaped` replaces both by those of `dims:`
+    # the same axis twice is illegal in a node: `shaped` replaces both by those of `dims:`
     axis = Axis("", int(size))
     return NamedArray(np.eye(axis.size), (axis, axis), ONE)
 
@@ -113,7 +115,10 @@ def _matrix(context: Context, rows: ListLiteral) -> NamedArray:
 
 
 def shaped(context: Context, name: str, values: Array, axes: tuple[Axis, ...], span: Span) -> Array:
-    """Numbers in the shape of the axes: one for all, or exactly so many."""
+    """Gives the values the shape of the axes.
+
+    A scalar is repeated; any other shape must be equal.
+    """
     shape = tuple(axis.size for axis in axes)
     if values.shape not in ((), shape):
         problem = f"has the shape {list(values.shape)}, not {describe_axes(axes)}"
@@ -121,12 +126,12 @@ def shaped(context: Context, name: str, values: Array, axes: tuple[Axis, ...], s
         context.findings.report(names.unfit_constant(f"`{name}`", problem, span, repair))
         raise LoweringFailed
     refuse_infinite(context, f"`{name}`", values, span)
-    # read-only, and one number for all is not copied
+    # read-only; a scalar is repeated without a copy
     return np.broadcast_to(values, shape)
 
 
 def refuse_infinite(context: Context, what: str, values: Array | float, span: Span) -> None:
-    """Reports numbers of which one is infinite or NaN: no program has such constants."""
+    """Reports values that are infinite or NaN: a program has no such constants."""
     if not np.all(np.isfinite(values)):
         context.findings.report(names.unfit_constant(what, "is not finite", span))
         raise LoweringFailed

@@ -1,4 +1,4 @@
-"""Carries what lowering needs everywhere: the spec, the growing graphs, and what was found."""
+"""Holds the state of one lowering: the spec, the growing graphs, and the collected facts."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from spec_schema.sections.values import Parameter
 
 
 class Names(Protocol):
-    """The meaning of every name of a spec; whoever lowers an expression asks here."""
+    """Looks up names and calls of a spec for the code that lowers expressions."""
 
     def value(self, name: Name, environment: Environment) -> NodeId:
         """The node of a bare name."""
@@ -47,7 +47,7 @@ class Names(Protocol):
         ...
 
     def declared(self, name: str, span: Span) -> Declaration:
-        """The declaration of a name, which is in use then; reports an unknown one."""
+        """The declaration of a name, which counts as used from then on; reports an unknown name."""
         ...
 
     def derivative(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
@@ -55,16 +55,16 @@ class Names(Protocol):
         ...
 
     def lowerings(self, name: str, environment: Environment) -> Sequence[tuple[Time, NodeId]]:
-        """Every time at which an equation or output is lowered already, and its node there."""
+        """The times at which an equation or output has been lowered, with the node at each."""
         ...
 
     def tried(self, lower_it: Callable[[], NodeId]) -> NodeId | None:
-        """The node, or None where lowering fails; nothing is reported and nothing remembered."""
+        """The node, or None if lowering fails. Reports nothing and has no side effects."""
         ...
 
 
 class Graphs:
-    """The graphs of a program while they grow."""
+    """The graphs of a program under construction."""
 
     def __init__(self) -> None:
         self._builders = {
@@ -75,14 +75,14 @@ class Graphs:
         self._step = GraphBuilder()
 
     def builder(self, environment: Environment) -> GraphBuilder:
-        """The graph that the environment's nodes belong to."""
+        """The builder of the graph that the environment's nodes belong to."""
         return self._builders.get(environment.part, self._step)
 
 
-# compared by identity: two lowerings of one spec grow different graphs
+# compared by identity: two lowerings of one spec build different graphs
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Context:
-    """One lowering of a spec. Every field is a value or a collector; none knows how names lower."""
+    """One lowering of a spec. Its fields are values or collectors; only `names` lowers anything."""
 
     spec: Spec
     findings: Findings
@@ -91,50 +91,51 @@ class Context:
     given: GivenWeights
     names: Names
     draw: int = 0
-    """Which initial values are drawn, where they are."""
+    """Seed offset of random initial values: another `draw` gives other values."""
     numbers: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Texts of files of initial values, by path; others are read."""
+    """Contents of files of initial values, by path; files not listed are read from disk."""
     graphs: Graphs = field(default_factory=Graphs)
     memories: Memories = field(default_factory=Memories)
     gradients: GradientSources = field(default_factory=GradientSources)
     stage_reads: StageReads = field(default_factory=StageReads)
     dynamics: dict[NodeId, DynamicsCall] = field(default_factory=dict[NodeId, DynamicsCall])
-    """Calls of the forward dynamics of robots in the step, by the node of their result."""
+    """Calls of forward dynamics of robots in the step, by the node of their result."""
     used: set[str] = field(default_factory=set[str])
-    """Names that something refers to."""
+    """Names that the spec refers to."""
     unread: list[FunctionArgument] = field(default_factory=list[FunctionArgument])
-    """Arguments that the formulas of their functions do without."""
+    """Arguments that the formula of the called function does not use."""
     measured: dict[str, State] = field(default_factory=dict[str, State])
-    """States whose log is read somewhere (docs/language.md, States): the data must have them."""
+    """States whose recorded values are read (docs/language.md, States); the data must contain
+    them."""
 
     def builder(self, environment: Environment) -> GraphBuilder:
-        """The graph that the environment's nodes belong to."""
+        """The builder of the graph that the environment's nodes belong to."""
         return self.graphs.builder(environment)
 
     def dimension(self, name: str, span: Span) -> Axis:
-        """The axis of a name of `dims:`."""
+        """The axis of a dimension that `dims:` declares; reports an unknown one."""
         entry = self.scope[name].entry if name in self.scope else None
         if not isinstance(entry, Dimension):
             self.findings.report(shapes.unknown_dimension(name, span))
             raise LoweringFailed
-        # a dim that something is laid along is in use, as a name in an expression is
+        # a dimension of a value counts as used, like a name in an expression
         self.used.add(name)
         return Axis(name, entry.size)
 
     def labels(self, dimension: str) -> tuple[str, ...]:
-        """Labels of a dimension's elements; empty where it has none."""
+        """Labels of the elements of a dimension; empty without labels."""
         entry = self.scope[dimension].entry if dimension in self.scope else None
         return entry.labels if isinstance(entry, Dimension) else ()
 
     def axes_of(self, entry: Signal | State | Parameter) -> tuple[Axis, ...]:
-        """The axes that an entry's `dims:` name."""
+        """The axes of an entry, from its `dims:`."""
         axes = tuple(self.dimension(dim.value, dim.span) for dim in entry.dims)
         if axes:
             self.refuse_vast(axes, entry.dims[-1].span)
         return axes
 
     def refuse_vast(self, axes: tuple[Axis, ...], span: Span) -> None:
-        """Reports a value that would fill the memory, before anything is made of it."""
+        """Reports a value that is too large for memory, before it is allocated."""
         if math.prod(axis.size for axis in axes) > LARGEST_SIZE:
             self.findings.report(shapes.too_large(describe_axes(axes), LARGEST_SIZE, span))
             raise LoweringFailed
@@ -144,5 +145,5 @@ class Context:
         return Type(self.axes_of(entry), entry.unit.value if entry.unit else None)
 
     def is_of_submodel(self, name: str) -> bool:
-        """Whether a full name is a member of a sub-model."""
+        """True if a full name belongs to a sub-model."""
         return name.partition(".")[0] in self.spec.use

@@ -1,4 +1,4 @@
-"""Says where an expression stands: the part of the program, the time, the call around it."""
+"""Describes the place of an expression: the part of the program, the time, the enclosing call."""
 
 from __future__ import annotations
 
@@ -12,69 +12,77 @@ from spec_schema.expressions.tree import Expression
 from spec_schema.late_dataclass import dataclass
 
 Time = tuple[int, tuple[int, int] | None]
-"""Shift and window: when an expression is evaluated, seen from t."""
+"""Shift and window: the samples, relative to t, at which an expression is evaluated."""
 
 
 class EnvironmentPart(Enum):
-    """The part of a program that an expression is in; it decides what a bare name means (R6)."""
+    """The part of a program that contains an expression; it decides the meaning of names (R6)."""
 
     STEP = "the step"
-    """An input is what the step sees, a state its simulated value."""
+    """An input is the value that the step sees; a state is its simulated value."""
     LOSS = "a loss"
-    """A bare input is its log; equations inside mean what they mean in the step."""
+    """A bare input is its recorded value; equations mean the same as in the step."""
     START = "an initial value"
-    """Evaluated once, at t0, over the log; the simulation does not exist yet (R7)."""
+    """Evaluated once, at t0, from the log; there is no simulation yet (R7)."""
     CONSTANT = "a constant"
-    """Evaluated by the compiler: nothing may be read."""
+    """Evaluated by the compiler; it reads no signals or parameters."""
 
 
 @dataclass(frozen=True, eq=False)
 class IntegratorStage:
-    """The place within a step where a right-hand side is evaluated (R6); equal only to itself."""
+    """A stage of an integrator within a step, at which a right-hand side is evaluated (R6).
+
+    Two stages are never equal.
+    """
 
     values: Mapping[str, NodeId]
-    """Of the continuous states that are integrated."""
+    """Values of the integrated states at this stage, by name."""
     fraction: Fraction
-    """The part of the step that is over: 0 at sample t, 1 at sample t+1."""
+    """Elapsed fraction of the step: 0 at sample t, 1 at sample t+1."""
     owner: str = ""
-    """The sub-model whose states are integrated; "" for those of the model itself."""
+    """The sub-model whose states are integrated; "" for the model itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class FunctionArgument:
-    """An argument of an inlined function: lowered where it is used, once a time."""
+    """An argument of an inlined function, lowered at its use, once per time."""
 
     expression: Expression
     environment: Environment
     lowered: dict[Time, NodeId] = field(default_factory=dict["Time", NodeId])
     at_hand: bool = False
-    """Whether it is a value that a layer has, and the expression but a name for it."""
+    """True if the value exists already as a node; the expression is only its name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Environment:
-    """Everything besides the expression that its meaning depends on."""
+    """The context that determines the meaning of an expression."""
 
     part: EnvironmentPart
     shift: int = 0
-    """Samples that every signal is read later (negative: earlier) than written: `e[t-3]`."""
+    """Offset in samples of every signal that is read, positive for later samples: −3 in
+    `e[t-3]`."""
     window: tuple[int, int] | None = None
     """First and last sample of the time window that the expression is evaluated over."""
     stage: IntegratorStage | None = None
     arguments: Mapping[str, FunctionArgument] = field(default_factory=dict[str, FunctionArgument])
     functions: tuple[str, ...] = ()
-    """Functions being inlined, outermost first."""
+    """The functions being inlined, outermost first."""
 
     def shifted(self, samples: int) -> Environment:
+        """The environment `samples` later."""
         return replace(self, shift=self.shift + samples)
 
     def over(self, first: int, last: int) -> Environment:
+        """The environment over the window t+first … t+last."""
         return replace(self, window=(first, last))
 
     def of_entry(self) -> Environment:
-        """The environment of an equation used here: same time, no arguments, the step's names."""
-        # what a model computes does not change because a loss looks at it (R6); and a formula of
-        # the spec does not see the arguments of the function that names it
+        """The environment of an equation that is used here: same time, no arguments, names of
+        the step.
+        """
+        # an equation means the same in a loss as in the step (R6); it does not see the arguments
+        # of a function that uses it
         part = EnvironmentPart.STEP if self.part is EnvironmentPart.LOSS else self.part
         return replace(self, part=part, arguments={}, functions=())
 
@@ -83,21 +91,22 @@ class Environment:
         return replace(self, arguments=arguments, functions=(*self.functions, function))
 
     def at_time_of(self, other: Environment) -> Environment:
-        """This place at another place's time."""
+        """This environment at the time of another one."""
         return replace(self, shift=other.shift, window=other.window)
 
     def without_stage(self) -> Environment:
-        """Windows are held over a step of the integrator (R6): the states as they are at t."""
+        """This environment with the states at t: windows are constant within an integrator step
+        (R6).
+        """
         return replace(self, stage=None)
 
     def at_start(self) -> Environment:
-        """This place in the start of a run: what it reads before t0 is evaluated over the log."""
+        """This environment at the start of a run: samples before t0 are read from the log."""
         return self.in_graph_of(EnvironmentPart.START)
 
     def in_graph_of(self, part: EnvironmentPart) -> Environment:
-        """This place in another graph."""
-        # arguments are lowered where the call stands, which is there now; what was lowered of them
-        # before are numbers of the graph that is left
+        """This environment in another graph."""
+        # arguments are lowered again: their node ids so far belong to the previous graph
         arguments = {
             name: FunctionArgument(argument.expression, argument.environment.in_graph_of(part))
             for name, argument in self.arguments.items()
@@ -106,7 +115,7 @@ class Environment:
 
     @property
     def is_written(self) -> bool:
-        """Whether its arguments, and what those stand in, are expressions of the spec."""
+        """True if all arguments, and those of enclosing calls, are expressions of the spec."""
         return not any(
             argument.at_hand or not argument.environment.is_written
             for argument in self.arguments.values()
@@ -114,21 +123,21 @@ class Environment:
 
     @property
     def is_elsewhere(self) -> bool:
-        """Whether anything but the one sample at t is meant."""
+        """True unless the environment is the single sample at t."""
         return self.shift != 0 or self.window is not None
 
     @property
     def latest(self) -> int:
-        """Samples after t of the last one that is meant."""
+        """Offset from t of the last sample of the environment."""
         return self.shift + (self.window[1] if self.window is not None else 0)
 
     @property
     def time(self) -> Time:
-        """The time part, for remembering what was lowered already."""
+        """Shift and window, the key of values that were lowered already."""
         return self.shift, self.window
 
 
 STEP = Environment(EnvironmentPart.STEP)
 """At t, in the step of a program."""
 START = Environment(EnvironmentPart.START)
-"""At t0, where a run starts."""
+"""At t0, the start of a run."""

@@ -1,4 +1,4 @@
-"""Lowers one expression tree to nodes; names and calls are looked up in the context."""
+"""Lowers an expression tree to nodes; names and calls are looked up in the context."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ _RELATIONS = {
 
 
 def lower(context: Context, expression: tree.Expression, environment: Environment) -> NodeId:
-    """The node of an expression's value; LoweringFailed once its mistakes are reported."""
+    """Returns the node of an expression. Raises LoweringFailed after reporting its mistakes."""
     builder = context.builder(environment)
     with builder.at(expression.span):
         node = _lower(context, expression, environment, builder)
     context.refuse_vast(builder.type(node).axes, expression.span)
-    # operands have told theirs: what is left was met by this operation itself
+    # operands have reported theirs: the remaining conflicts belong to this operation
     report_unit_conflicts(context, builder, expression)
     return node
 
@@ -51,7 +51,7 @@ def lower(context: Context, expression: tree.Expression, environment: Environmen
 def lower_all(
     context: Context, expressions: Iterable[tree.Expression], environment: Environment
 ) -> list[NodeId]:
-    """The nodes of several operands; LoweringFailed once all their mistakes are reported."""
+    """Lowers several operands. Raises LoweringFailed after reporting the mistakes of all."""
     nodes: list[NodeId] = []
     failed = False
     for expression in expressions:
@@ -69,8 +69,8 @@ def lower_operands(
 ) -> list[NodeId]:
     """Lowers the operands of an elementwise operation.
 
-    Where it is evaluated at each sample of a window, what has dims and no window is the same at all
-    of them: none of its dims may be taken for the window because it happens to be as long (R3).
+    Over a window, an operand with dims but without window is constant in time, so it is repeated
+    along the window. Otherwise a dim that happens to have the window's length would match it (R3).
     """
     nodes = lower_all(context, expressions, environment)
     builder = context.builder(environment)
@@ -151,7 +151,7 @@ def _lower_contraction(
 ) -> NodeId:
     if environment.window is not None:
         left_type, right_type = builder.type(left), builder.type(right)
-        # The window of the context is not the one that the user means to sum over.
+        # the user did not write the window of the environment, so `@` must not sum over it
         if left_type.window is not None or contracted(left_type.axes, right_type.axes)[1] == WINDOW:
             context.findings.report(time.unkept_past("a contraction over time", binary.span))
             raise LoweringFailed
@@ -159,7 +159,9 @@ def _lower_contraction(
 
 
 def _lower_power(builder: GraphBuilder, base: NodeId, exponent: NodeId) -> NodeId:
-    """An integer power is a chain of products fixed here, the power 1/2 a square root."""
+    """Lowers a power: an integer power to products in a fixed order, the power 1/2 to a square
+    root.
+    """
     value = literal(builder, exponent)
     if value is not None and value.is_integer() and abs(value) <= LARGEST_POWER:
         return builder.power(base, int(value))
@@ -168,22 +170,22 @@ def _lower_power(builder: GraphBuilder, base: NodeId, exponent: NodeId) -> NodeI
     unit = builder.type(base).unit
     node = builder.apply("pow", base, exponent)
     if unit is not None and value is not None and not unit.same_as(ONE):
-        # `pow` wants numbers without unit; under a written exponent the power has one all the same
+        # `pow` requires dimensionless operands, but a literal exponent determines the unit
         builder.conflicts.clear()
-        # 1/3 arrives as the double nearest to it: the unit takes the fraction that was meant
+        # 1/3 is rounded to a double: the unit uses the nearby fraction
         exact = Fraction(value).limit_denominator(1000)
         builder.set_unit(node, power_unit(unit, exact))
     return node
 
 
 def literal(builder: GraphBuilder, node: NodeId) -> float | None:
-    """The number of a scalar constant (with a sign), None for anything else."""
-    found = builder.node(node)
-    if isinstance(found.op, CoreNegate):
-        value = literal(builder, found.args[0])
+    """The value of a scalar constant, possibly negated; None for any other node."""
+    constant = builder.node(node)
+    if isinstance(constant.op, CoreNegate):
+        value = literal(builder, constant.args[0])
         return None if value is None else -value
-    if isinstance(found.op, Constant) and found.type.axes == ():
-        return found.op.values[0]
+    if isinstance(constant.op, Constant) and constant.type.axes == ():
+        return constant.op.values[0]
     return None
 
 
@@ -196,7 +198,7 @@ def _lower_window(
         raise LoweringFailed
     match expression:
         case tree.Window(first=first, last=None):
-            # `e[t-1]` is no window: every signal in e is read one sample earlier (R1)
+            # `e[t-1]` is a shift, not a window: every signal in e is read one sample earlier (R1)
             return lower(context, expression.operand, environment.shifted(sampling.offset(first)))
         case tree.Window(first=first, last=last):
             assert last is not None
@@ -204,7 +206,7 @@ def _lower_window(
         case tree.Past(length=length):
             # `x.past(3)` is x[t-2:t]: the newest sample is one of the three (R1)
             bounds = (1 - _positive(context, length.span, sampling.samples(length)), 0)
-        # the first of them is t+1: the sample at t is no future
+        # the first sample is t+1: the sample at t is not in the future
         case tree.Future(length=length):
             bounds = (1, _positive(context, length.span, sampling.samples(length)))
     if bounds[0] > bounds[1]:
@@ -223,14 +225,14 @@ def _positive(context: Context, span: Span, samples: int) -> int:
 def window_of(
     context: Context, operand: tree.Expression, environment: Environment, first: int, last: int
 ) -> NodeId:
-    """Samples t+first … t+last of an expression: every signal in it is read over that window."""
+    """Samples t+first … t+last of an expression: each signal in it is read over that window."""
     if environment.window is not None:
         context.findings.report(time.window_of_window(operand.span))
         raise LoweringFailed
     node = lower(context, operand, environment.over(first, last))
     builder = context.builder(environment)
     if builder.type(node).window is None:
-        # Nothing in it depends on time: the same value at every sample.
+        # it does not depend on time: the same value at every sample
         axes = (*builder.type(node).axes, Axis(WINDOW, last - first + 1))
         node = builder.broadcast(node, axes)
     return node
@@ -258,6 +260,6 @@ def _lower_list(
                 )
             )
             raise LoweringFailed
-    # a scalar has no axis to be joined along
+    # a scalar needs an axis to be concatenated along
     parts = [builder.reshape(node, (Axis(UNNAMED, 1),)) for node in nodes]
     return parts[0] if len(parts) == 1 else builder.concat(parts, UNNAMED, "[ ]")

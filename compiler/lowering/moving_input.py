@@ -1,4 +1,4 @@
-"""Makes an input what it is between two samples, where a right-hand side reads it (R6)."""
+"""Interpolates an input between two samples for a stage of an integrator (R6)."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from spec_schema.sections.signals import Input
 def moving_input(
     context: Context, name: str, entry: Input, environment: Environment
 ) -> NodeId | None:
-    """(1−τ)·u[t] + τ·u[t+1] with `between: linear`, τ the part of the step that is over.
+    """(1−τ)·u[t] + τ·u[t+1] for `between: linear`; τ is the elapsed fraction of the step.
 
-    None away from the stages of an integrator, and where the input is its sample there too. The sum
-    of two shares of the samples stays between them: ranges of the input hold for it.
+    Returns None outside the stages of an integrator, and for an input without interpolation. The
+    value lies between the two samples, so the range of the input also holds for it.
     """
     stage = environment.stage
     if stage is None or environment.is_elsewhere or not entry.is_linear:
@@ -26,6 +26,6 @@ def moving_input(
     now, following = (builder.signal(name, at, at, type) for at in (0, 1))
     before = builder.multiply(builder.constant(float(1 - fraction)), now)
     after = builder.multiply(builder.constant(float(fraction)), following)
-    found = builder.add(before, after)
-    builder.name(found, f"{name}_at_{fraction.numerator}_{fraction.denominator}")
-    return found
+    interpolated = builder.add(before, after)
+    builder.name(interpolated, f"{name}_at_{fraction.numerator}_{fraction.denominator}")
+    return interpolated

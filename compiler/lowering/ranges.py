@@ -1,4 +1,4 @@
-"""Ranges that the spec declares: in the unit of what they are of, and expected of equations."""
+"""Converts declared ranges to the unit of their values, and collects ranges of equations."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from spec_schema.units.unit import Unit
 def range_in(
     context: Context, range: Range | None, unit: Unit | None
 ) -> tuple[float, float] | None:
-    """A declared range in the unit of the value; a bare number is in it already.
+    """A declared range in the unit of the value; a bare number is already in it.
 
-    Raises LoweringFailed, after reporting a unit of another dimension or a range that is empty.
+    Raises LoweringFailed after reporting a unit of another dimension or an empty range.
     """
     if range is None:
         return None
@@ -29,7 +29,7 @@ def range_in(
     if low >= high:
         context.findings.report(schema.reversed_range(range.low.text, range.high.text, range.span))
         raise LoweringFailed
-    # checks, tests and controllers draw numbers from all of a range, by its width
+    # checks, tests and controllers draw samples from the whole range and need its width
     if not math.isfinite(high - low):
         text, wanted = f"{range.low.text} … {range.high.text}", "a range whose width is a number"
         context.findings.report(schema.out_of_range(text, range.span, wanted))
@@ -38,7 +38,7 @@ def range_in(
 
 
 def limit_in(context: Context, limit: Quantity, unit: Unit | None) -> float:
-    """A limit in the unit of what it limits. Raises LoweringFailed as above."""
+    """A limit in the unit of the limited value. Raises LoweringFailed as above."""
     number = converted(limit, unit, context.findings)
     if number is None:
         raise LoweringFailed
@@ -46,7 +46,7 @@ def limit_in(context: Context, limit: Quantity, unit: Unit | None) -> float:
 
 
 def width_in(context: Context, width: Quantity, unit: Unit | None) -> float:
-    """A distance between two values in their unit, in which offsets of units have no part."""
+    """A difference of two values in their unit, without the offset of units such as degC."""
     number = converted(width, unit, context.findings, is_distance=True)
     if number is None:
         raise LoweringFailed
@@ -55,7 +55,7 @@ def width_in(context: Context, width: Quantity, unit: Unit | None) -> float:
 
 def signal_ranges(context: Context) -> dict[str, tuple[float, float]]:
     """The ranges of all inputs, targets and states, by name."""
-    found: dict[str, tuple[float, float]] = {}
+    ranges: dict[str, tuple[float, float]] = {}
     for entries in (context.spec.inputs, context.spec.targets, context.spec.states):
         for name, entry in entries.items():
             unit = entry.unit.value if entry.unit else None
@@ -64,28 +64,28 @@ def signal_ranges(context: Context) -> dict[str, tuple[float, float]]:
             except LoweringFailed:
                 continue
             if limits is not None:
-                found[name] = limits
-    return found
+                ranges[name] = limits
+    return ranges
 
 
 def expected_values(context: Context) -> list[Expected]:
-    """The expected ranges of equations, and of values that are connected to inputs with one."""
+    """The expected ranges of equations, and of values connected to inputs that have a range."""
     builder = context.builder(STEP)
-    found: list[Expected] = []
+    expected: list[Expected] = []
     for name, entry in context.spec.equations.items():
         declared = _range_of(entry)
-        # the same node at several times counts once
+        # a node that several times share counts once
         nodes = list(dict.fromkeys(node for _, node in context.names.lowerings(name, STEP)))
         if declared is None or not nodes:
             continue
         try:
-            # the unit that lowering found: an equation that declares none has that of its formula
+            # an equation without declared unit has the unit of its formula
             limits = range_in(context, declared, builder.type(nodes[0]).unit)
         except LoweringFailed:
             continue
         assert limits is not None
-        found += [Expected(name, node, limits, entry.place.key) for node in nodes]
-    return found
+        expected += [Expected(name, node, limits, entry.place.key) for node in nodes]
+    return expected
 
 
 def _range_of(entry: Equation) -> Range | None:

@@ -1,4 +1,4 @@
-"""Durations and time offsets become whole samples, once, here; nothing is rounded silently (R1)."""
+"""Converts durations and time offsets to whole samples; it never rounds silently (R1)."""
 
 from __future__ import annotations
 
@@ -17,14 +17,17 @@ _BEYOND = 1e15
 
 
 class Sampling:
-    """Converts lengths of time at one sample time; reports what does not fit."""
+    """Converts durations to samples for one sample time; reports durations that do not fit."""
 
     def __init__(self, sample_time: float | None, findings: Findings) -> None:
         self.sample_time = sample_time
         self._findings = findings
 
     def samples(self, length: Length) -> int:
-        """Number of samples of a length; LoweringFailed where it falls between two samples."""
+        """Number of samples of a length.
+
+        Raises LoweringFailed if it is not a multiple of the sample time.
+        """
         match length:
             case Samples(count=count):
                 found = count
@@ -37,24 +40,24 @@ class Sampling:
         return found
 
     def offset(self, offset: TimeOffset) -> int:
-        """Samples from t; negative is the past."""
+        """Samples from t; negative in the past."""
         return offset.sign * self.samples(offset.length)
 
     def required(self, what: str, span: Span) -> float:
-        """Seconds between samples; reports what needs them in a static model."""
+        """Seconds between samples; reports `what` as an error in a static model."""
         if self.sample_time is None:
             self._findings.report(errors.needs_sample_time(what, span))
             raise LoweringFailed
         return self.sample_time
 
     def from_seconds(self, seconds: float, text: str, span: Span) -> int:
-        """Samples of a duration in seconds; `text` is how the user wrote it."""
+        """Samples of a duration in seconds; `text` is its spelling in the spec."""
         sample_time = self.required(f"the duration {text}", span)
-        # a quotient that is ∞ has no nearest integer; far above it nothing is a window
+        # ∞ cannot be rounded; the limit is far above the longest window
         exact = min(seconds / sample_time, _BEYOND)
         nearest = round(exact)
         if abs(exact - nearest) > _TOLERANCE * max(1.0, abs(exact)):
-            # 0 s is no window and no delay
+            # 0 s is not a valid window or delay
             multiples = [each for each in (math.floor(exact), math.ceil(exact)) if each]
             nearest_texts = [_seconds_text(each * sample_time) for each in multiples]
             self._findings.report(

@@ -1,4 +1,4 @@
-"""Finds what the names of a spec mean: all sections share one namespace."""
+"""Maps the names of a spec to their declarations; all sections share one namespace."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Entry = (
 
 
 class Kind(Enum):
-    """The section that declares a name; the value is how messages call it."""
+    """The section that declares a name; the value is its wording in messages."""
 
     SUBMODEL = "a sub-model"
     DIMENSION = "a dimension"
@@ -46,12 +46,12 @@ class Declaration:
 
 
 def owner_of(name: str) -> str:
-    """The sub-model that a full name is in, "" for the model itself."""
+    """The sub-model that a full name belongs to; "" for the model itself."""
     return name.rpartition(".")[0]
 
 
 class Scope(Mapping[str, Declaration]):
-    """All declared names; one declared twice is reported and keeps its first meaning."""
+    """All declared names. A second declaration is reported; the first one stays valid."""
 
     def __init__(self, spec: Spec, findings: Findings) -> None:
         self._declared: dict[str, Declaration] = {}
@@ -68,7 +68,7 @@ class Scope(Mapping[str, Declaration]):
             (Kind.EQUATION, spec.equations),
             (Kind.OUTPUT, spec.outputs),
         )
-        # in this order: of two entries with one name the later section is the one at fault
+        # if two sections declare a name, the later one in this order is reported
         for kind, section in sections:
             for name, entry in section.items():
                 first = self._declared.get(name)

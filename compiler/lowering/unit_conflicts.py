@@ -1,4 +1,4 @@
-"""Units that an expression cannot take together, said at its place with the repair."""
+"""Reports units that do not fit in an expression, at its place and with a repair."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from spec_schema.units.unit import Unit
 def report_unit_conflicts(
     context: Context, builder: GraphBuilder, expression: Expression, operation: str | None = None
 ) -> None:
-    """Turns the conflicts that building the expression's node met into diagnostics.
+    """Reports the unit conflicts that the builder collected for the expression, and clears them.
 
-    `operation` is what the user wrote, where its node has another name.
+    `operation` is the user's spelling, if it differs from the name of the node.
     """
     for conflict in builder.conflicts:
         secondary = ()
@@ -43,7 +43,7 @@ def report_unit_conflicts(
 def report_declared_unit(
     context: Context, name: str, found: Unit, declared: Unit, span: Span
 ) -> None:
-    """Reports the unit of an expression that differs from the one its entry declares."""
+    """Reports an expression whose unit differs from the declared one."""
     is_temperature = found.same_dimension(declared) and found.offset != declared.offset
     context.findings.report(
         units.declared_unit_differs(
@@ -53,7 +53,7 @@ def report_declared_unit(
 
 
 def _bare_number(conflict: UnitConflict, expression: Expression) -> str | None:
-    """A number that lacks its unit, with that of the other operand."""
+    """A number that lacks its unit, written with the unit of the other operand."""
     if not isinstance(expression, Binary):
         return None
     for side, unit in ((expression.left, conflict.found), (expression.right, conflict.expected)):
@@ -63,7 +63,7 @@ def _bare_number(conflict: UnitConflict, expression: Expression) -> str | None:
 
 
 def _scale_between(conflict: UnitConflict) -> float | None:
-    """The factor from the unit found to the unit expected, where they are of one quantity."""
+    """The factor from the actual to the expected unit, if both have the same dimension."""
     found, expected = conflict.found, conflict.expected
     factor = found.factor_to(expected) if found.same_dimension(expected) else 1.0
     return None if factor == 1.0 else factor

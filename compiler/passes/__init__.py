@@ -11,11 +11,11 @@ from compiler.passes.simplify.fold_constants import fold_constants
 from compiler.passes.simplify.share_common import share_common
 
 PASSES: tuple[Callable[[Program], Program], ...] = (fold_constants, share_common, drop_unused)
-"""What every compiled program goes through, in this order."""
+"""The passes that every compiled program goes through, in this order."""
 
 
 def run_passes(program: Program) -> Program:
-    """The program after all of `PASSES`. Raises InvalidProgram before or after a pass that errs."""
+    """Runs all `PASSES`; verifies the program before and after each. Raises InvalidProgram."""
     verify(program)
     for run in PASSES:
         program = run(program)

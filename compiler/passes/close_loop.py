@@ -39,7 +39,7 @@ class LoopFault(Enum):
 
 
 class LoopError(Exception):
-    """A loop that cannot be closed: why, for which input, where, and a cycle's values by name."""
+    """A loop that cannot be closed: the reason, the input, the place, and the values of a cycle."""
 
     def __init__(
         self,
@@ -57,25 +57,25 @@ class LoopError(Exception):
 
     @property
     def reason(self) -> str:
-        """The reason in messages, with what the cycle runs through."""
+        """The reason for messages, with the values of the cycle."""
         through = f" ({' → '.join(self.cycle)})" if self.cycle else ""
         return f"{self.kind.value}{through}"
 
 
 WARM_UP = "warm-up"
-"""The state that counts down the evaluations in which closed signals are still read."""
+"""Name of the state that counts down the steps of the warm-up, in which the log is read."""
 
 
 def close_loop(program: Program, signals: Iterable[str], warm_up: int = 0) -> Program:
-    """The program in window form with the named inputs fed from their predictions.
+    """Closes the loops of the named inputs: the step reads their predictions instead of the log.
 
-    An input s that an output o predicts k samples ahead is no longer read from the log by the
-    step. Its samples up to t+k−1 come from the state `<s>.tape`, which starts from the log and to
-    which every step adds o; for k = 0 the sample t is o's value in the same step. In the first
-    `warm_up` steps of a run the sample of the log takes the place of o, by a state that counts.
+    Let an output o predict the input s k samples ahead. Samples of s up to t+k−1 come from the
+    state `<s>.tape`, which starts from the log and to which every step appends o. For k = 0 the
+    sample t is the value of o in the same step. In the first `warm_up` steps of a run the recorded
+    sample replaces o; a state counts these steps.
 
     Before: window form. After: window form; no `ReadSignal` of the closed inputs, which are now
-    targets. Losses and `ReadLog` are as they were. Raises LoopError.
+    targets. Losses and `ReadLog` do not change. Raises LoopError.
 
         %0: [t=3] = signal(x, -2, 0)              # output y predicts x[t+1]
 
@@ -86,14 +86,14 @@ def close_loop(program: Program, signals: Iterable[str], warm_up: int = 0) -> Pr
     for index, node in program.step:
         if isinstance(node.op, ReadSignal) and node.op.signal in loops:
             loop = loops[node.op.signal]
-            # at t the tape ends with sample t+ahead−1, the newest that some step has predicted
+            # at t the tape ends with sample t+ahead−1, the newest predicted one
             if node.op.last > max(loop.ahead - 1, 0):
                 raise LoopError(LoopFault.FUTURE, node.op.signal, span=node.span)
             if loop.ahead == 0 and node.op.last == 0:
                 feeds[index] = loop.output.node
     try:
-        # what is predicted for t itself is an edge from the output to its reader; the nodes may
-        # need another order then, and a loop through such edges alone has no order
+        # a prediction for t itself is an edge from the output to its reader: the nodes may need
+        # another order, and a cycle of such edges has none
         order = evaluation_order(program.step, feeds)
     except CycleError as error:
         raise _cycle_error(program, error) from error
@@ -108,9 +108,9 @@ def close_loop(program: Program, signals: Iterable[str], warm_up: int = 0) -> Pr
         else:
             copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
     starts = GraphBuilder(program.start)
-    # feed-through alone reads no past: no tape
+    # a pure feed-through needs no tape
     tapes = [loop.state(builder, starts, copies) for loop in loops.values() if loop.length]
-    # a closed input is a target from now on: losses compare with its log (R6), the step reads none
+    # a closed input becomes a target: losses compare with its log (R6), the step does not read it
     listed = tuple(replace(s, role=Role.TARGET) if s.name in loops else s for s in program.signals)
     counts = [_countdown(builder, starts, warm_up)] if loops and warm_up else []
     program = with_step(program, builder.graph(), copies)
@@ -126,11 +126,11 @@ class _Loop:
     first: int
     """The oldest sample that the step reads, relative to t."""
     warm: bool
-    """Whether the log takes the place of the output while the warm-up lasts."""
+    """True if the log replaces the output during the warm-up."""
 
     @property
     def length(self) -> int:
-        """Samples on the tape: t+first … t+ahead−1; 0 where only a direct feed-through is read."""
+        """Samples on the tape: t+first … t+ahead−1; 0 for a pure feed-through."""
         return self.ahead - self.first
 
     @property
@@ -143,10 +143,10 @@ class _Loop:
     def read(
         self, builder: GraphBuilder, op: ReadSignal, node: Node, copies: dict[NodeId, NodeId]
     ) -> NodeId:
-        # k = 0 and only s[t] is read: the output itself, without memory
+        # k = 0 and only s[t] is read: the output itself
         if self.ahead == op.first == op.last == 0:
             return builder.reshape(self._predicted(builder, copies), node.type.axes)
-        # k = 0 with a past: the tape ends with t−1, and the output of this step follows
+        # k = 0 with past samples: the tape ends at t−1, and the output of this step follows
         if self.ahead == op.last == 0:
             value = self._with_prediction(builder, copies)
         else:
@@ -158,7 +158,7 @@ class _Loop:
         predicted = builder.broadcast(copies[self.output.node], axes)
         if not self.warm:
             return predicted
-        # > 0, not ≥: the count is of evaluations that are left
+        # the state counts the remaining steps
         lasts = builder.compare(
             Relation.LESS, builder.constant(0.0), builder.state(WARM_UP, Type())
         )
@@ -166,14 +166,14 @@ class _Loop:
         return builder.select(builder.broadcast(lasts, axes), logged, predicted)
 
     def _with_prediction(self, builder: GraphBuilder, copies: dict[NodeId, NodeId]) -> NodeId:
-        """The tape followed by the output's value of this step."""
+        """The tape followed by the output of this step."""
         predicted = self._predicted(builder, copies)
         return builder.emit(Window(self._tape_name), (predicted,), self._windowed(self.length + 1))
 
     def state(
         self, builder: GraphBuilder, starts: GraphBuilder, copies: dict[NodeId, NodeId]
     ) -> State:
-        # R4, step 5: the oldest sample leaves, what is predicted now enters
+        # R4, step 5: drop the oldest sample, append the new prediction
         moved = builder.slice(self._with_prediction(builder, copies), WINDOW, 1, self.length + 1)
         name, kept = self.signal.name, self._windowed(self.length)
         return State(
@@ -191,13 +191,13 @@ class _Loop:
 
 
 def _countdown(builder: GraphBuilder, starts: GraphBuilder, warm_up: int) -> State:
-    """The evaluations that are left of a warm-up: max(n − 1, 0) after each."""
+    """The remaining steps of a warm-up: max(n − 1, 0) after each step."""
     left = builder.subtract(builder.state(WARM_UP, Type()), builder.constant(1.0))
     return State(
         WARM_UP,
         (),
         None,
-        # set anew at each start, not with the states that a run goes on from
+        # reset at each start, also in runs that continue from given states
         LayerMemory(starts_fresh_each_run=True),
         next=builder.maximum(left, builder.constant(0.0)),
         start=starts.constant(float(warm_up)),
@@ -205,9 +205,9 @@ def _countdown(builder: GraphBuilder, starts: GraphBuilder, warm_up: int) -> Sta
 
 
 def _loops(program: Program, names: Iterable[str], *, warm: bool) -> dict[str, _Loop]:
-    """The loop that closes each input; one that the step does not read needs nothing."""
+    """The loop of each input; inputs that the step does not read need none."""
     known = {signal.name: signal for signal in program.signals}
-    # losses read the log (R6): only reads of the step decide how long the tape is
+    # losses read the log (R6): only reads of the step determine the length of the tape
     extents = extents_of(program.step, log=False)
     loops: dict[str, _Loop] = {}
     for name in names:
@@ -217,10 +217,10 @@ def _loops(program: Program, names: Iterable[str], *, warm: bool) -> dict[str, _
         found = [out for out in program.outputs if out.predicts and out.predicts.signal == name]
         if not found:
             raise LoopError(LoopFault.UNPREDICTED, name, span=signal.span)
-        # a signal is fed by one thing (R4)
+        # a signal has one source (R4)
         if len(found) > 1:
             raise LoopError(LoopFault.PREDICTED_TWICE, name, span=found[1].span)
-        # fewer axes are repeated; more have no place in the signal
+        # missing axes are broadcast; additional axes do not fit
         if not set(program.step[found[0].node].type.axes) <= set(signal.axes):
             raise LoopError(LoopFault.AXES, name, span=found[0].span)
         predicts = found[0].predicts
@@ -239,11 +239,11 @@ def _cycle_error(program: Program, error: CycleError) -> LoopError:
     nodes = [program.step[index] for index in error.nodes]
     closed = [node for node in nodes if isinstance(node.op, ReadSignal)]
     names: list[str] = []
-    # what the spec names on the way, each once: nodes between are nobody's words
+    # the named values on the cycle, each once
     for node in nodes:
         name = node.op.signal if isinstance(node.op, ReadSignal) else node.label
         if name is not None and name not in names:
             names.append(name)
-    # a cycle without a closed input would be one of the spec, which lowering has reported
+    # lowering has reported cycles without a closed input
     signal = closed[0].op.signal if isinstance(closed[0].op, ReadSignal) else ""
     return LoopError(LoopFault.CYCLE, signal, tuple(names), closed[0].span)

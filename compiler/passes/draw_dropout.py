@@ -1,4 +1,4 @@
-"""Lets a stage of training leave out elements at random: each dropout reads a series of factors."""
+"""Implements dropout in training: each dropout multiplies by a series of random factors."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Mask:
-    """A logged signal of factors, one an element: 0 with probability `rate`, else 1 / (1 − rate).
+    """A recorded signal of factors, one per element: 0 with probability `rate`, else 1 / (1 −
+    rate).
 
-    With those factors the expectation of the product is the operand (inverted dropout: Srivastava
-    et al. 2014, section 10).
+    With these factors the expected product is the operand (inverted dropout: Srivastava et al.
+    2014, section 10).
     """
 
     signal: str
@@ -28,16 +29,17 @@ class Mask:
 
 @dataclass(frozen=True, slots=True)
 class DrawnDropout:
-    """The program of a stage, and the series that its data must have beside the log."""
+    """The program of a training stage, and the series that its data must contain in addition."""
 
     program: Program
     masks: tuple[Mask, ...]
 
 
 def draw_dropout(program: Program, without: Collection[str]) -> DrawnDropout:
-    """Replaces each `Dropout`, but of layers `without`, by the product with the factors of row t.
+    """Replaces each `Dropout`, except of layers `without`, by the product with the factors of row
+    t.
 
-    Before: any form. After: for training only, as outputs and states may read the log.
+    Before: any form. After: for training only, since outputs and states may read the log.
 
         %1: scalar = dropout(%0, 0.2, h)
 
@@ -61,15 +63,15 @@ def _drawn(
         args = tuple(copies[arg] for arg in node.args)
         if not isinstance(node.op, Dropout):
             copies[index] = copy_node(builder, node, args)
-        # out of training, and in frozen layers, dropout does nothing (R9)
+        # outside of training and in frozen layers dropout has no effect (R9)
         elif node.op.layer in without or node.op.rate == 0:
             copies[index] = args[0]
         else:
-            # numbered over both graphs, so that no two dropouts share their chance
+            # numbered over both graphs, so that dropouts are independent
             mask = Mask(f"dropout {len(masks) + 1}", node.op.rate, node.type.size)
             masks.append(mask)
             with builder.at(node.span):
-                # chance is a series of the data (decision 0040): all backends read the same
+                # the random factors are data (decision 0040): all backends read the same
                 factors = builder.log(mask.signal, 0, 0, Type((_elements(mask),)))
                 kept = builder.reshape(factors, node.type.axes)
                 copies[index] = builder.multiply(args[0], kept)

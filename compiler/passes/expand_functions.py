@@ -1,4 +1,4 @@
-"""Replaces the scalar functions that a backend lacks by their definitions."""
+"""Replaces scalar functions that a backend lacks by their definitions."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from compiler.ir.scalars.table import SCALAR_FUNCTIONS, ByFormula, ByKernel
 def expand_functions(program: Program, native: frozenset[str]) -> Program:
     """Replaces each `Apply` of a function that is not native by the definition in its row.
 
-    Before: any form. After: every `Apply` is of a native function. Raises ValueError where a row
-    has no definition.
+    Before: any form. After: every `Apply` is of a native function. Raises ValueError if a row has
+    no definition.
 
         %1: scalar 1 = tan(%0)                    # native: sin, cos
 
@@ -26,9 +26,9 @@ def expand_functions(program: Program, native: frozenset[str]) -> Program:
 
 
 def _expanded(graph: Graph, native: frozenset[str]) -> tuple[Graph, dict[NodeId, NodeId]]:
-    # where each node of the first graph is by now, after each round
+    # the current id of each node of the first graph
     places = {index: index for index, _ in graph}
-    # a definition may use functions that are not native either
+    # a definition may use other functions that are not native
     while any(isinstance(node.op, Apply) and node.op.function not in native for _, node in graph):
         builder = GraphBuilder()
         copies: dict[NodeId, NodeId] = {}
@@ -37,7 +37,7 @@ def _expanded(graph: Graph, native: frozenset[str]) -> tuple[Graph, dict[NodeId,
             if isinstance(node.op, Apply) and node.op.function not in native:
                 with builder.at(node.span):
                     copies[index] = _definition(builder, node.op.function, args)
-                # the value keeps its name, whatever it is computed by
+                # the value keeps its label
                 if node.label is not None:
                     builder.name(copies[index], node.label)
             else:
@@ -52,7 +52,7 @@ def _definition(builder: GraphBuilder, function: str, args: tuple[NodeId, ...]) 
         case ByFormula(formula):
             return formula(builder, args)
         case ByKernel(name):
-            # the kernels are large and most programs need none of them as operations
+            # imported on demand: kernels are large and most programs need none
             from compiler.kernels.expand import expand_kernel
 
             return expand_kernel(builder, name, args)

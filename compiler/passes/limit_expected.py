@@ -1,4 +1,4 @@
-"""Keeps equations with a range inside it, for arithmetic whose formats rest on bounds."""
+"""Limits equations to their declared ranges, for fixed-point formats that rely on bounds."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from compiler.ir.program import NodeId, Program
 
 
 def limit_expected(program: Program) -> Program:
-    """Clamps every value of an equation with a range to it, for all that use the value.
+    """Clamps every value of an equation with a range, for all users of the value.
 
-    Before and after: any form. `expected` still names the values before they are clamped, so that
-    what leaves its range can be reported.
+    Before and after: any form. `expected` still names the unclamped values, so that values outside
+    the range can be reported.
 
         %3: scalar m = %1 * %2
         expected e = %3 in [0.0, 5.0]           # %7 uses %3
@@ -34,7 +34,7 @@ def limit_expected(program: Program) -> Program:
                 low, high = (builder.constant(end, unit=node.type.unit) for end in ranges[index])
                 copy = builder.clamp(copy, low, high)
         copies[index] = copy
-    # outputs and states that are the equation itself are clamped too: the range holds for all users
+    # outputs and states that are the equation itself are clamped as well
     limited = with_step(program, builder.graph(), copies)
     expected = tuple(replace(entry, node=raw[entry.node]) for entry in program.expected)
     return replace(limited, expected=expected)

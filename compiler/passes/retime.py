@@ -1,4 +1,4 @@
-"""Moves pointwise work before the delay: a window of f(x) instead of f of a window of x."""
+"""Applies pointwise functions before a delay: a window of f(x) instead of f(window of x)."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from spec_schema.late_dataclass import dataclass
 
 
 def retime(program: Program, *, fixed_parameters: bool) -> Program:
-    """Replaces buffers of x of which only f of their window is used by buffers of f(x).
+    """If a history of x is only read as f(window of x), keeps a history of f(x) instead.
 
-    f is any work on single samples: elementwise, and sums over other axes than the window. It may
-    read numbers, and parameters where these are fixed: one that changes between steps must change
-    the past samples too. The new buffer starts as f of what the old one started as. f(x) is no
-    larger than x; both buffers are kept only where f is a function of the language (`tanh`).
+    f is any function of single samples: elementwise, and sums over axes other than the window. It
+    may read constants, and parameters if these are fixed, since a changed parameter would
+    invalidate stored samples. The new buffer starts as f of the start of the old one. f(x) is no
+    larger than x; both buffers are kept only if f calls a scalar function (`tanh`).
 
-    Before: step form, without losses. After: the same outputs to rounding, nodes in step form.
+    Before: step form, without losses. After: the same outputs up to rounding, in step form.
 
         %1: [t=30] = window(x.history, %0)
         %2: [t=30] = tanh(%1)
@@ -31,8 +31,8 @@ def retime(program: Program, *, fixed_parameters: bool) -> Program:
         %1: scalar = tanh(%0)
         %2: [t=30] = window(tanh.history, %1)
     """
-    # Liveness over samples: what is read of a buffer's window, other than by more work on the same
-    # samples, decides which functions of x must be kept instead of x.
+    # the reads of a buffer's window by nodes that are not samplewise determine the functions of x
+    # that must be stored
     buffers = _buffers(program)
     work = samplewise(program.step, frozenset(buffers), parameters=fixed_parameters)
     moves = [
@@ -45,7 +45,7 @@ def retime(program: Program, *, fixed_parameters: bool) -> Program:
 
 @dataclass(frozen=True, slots=True)
 class _Buffer:
-    """A history that only one `Window` feeds."""
+    """A history that exactly one `Window` feeds."""
 
     state: State
     newest: NodeId
@@ -54,17 +54,19 @@ class _Buffer:
 
 @dataclass(frozen=True, slots=True)
 class _Move:
-    """One f: the values that are f of samples of a buffer, and the name of the buffer of f(x)."""
+    """One function f: the values that are f of samples of a buffer, and the name of the new
+    buffer.
+    """
 
     buffer: _Buffer
     name: str
     uses: dict[NodeId, Sampled]
     calls: bool
-    """Whether f calls a function."""
+    """True if f calls a scalar function."""
 
     @property
     def oldest(self) -> int:
-        """The first sample of the old window that is needed."""
+        """Index of the first sample of the old window that is needed."""
         return min(sampled.first for sampled in self.uses.values())
 
 
@@ -77,11 +79,11 @@ def _buffers(program: Program) -> dict[str, _Buffer]:
     for state in program.states:
         following = program.step[state.next]
         kept = state.axes[-1].size if state.axes else 0
-        # the buffer's own shift, which is no use of its samples
+        # the buffer's own shift does not count as a use of its samples
         moved = following.op == Slice(WINDOW, 1, kept + 1)
         if isinstance(state.origin, History) and moved:
             (window,) = following.args
-            # fed by one window, or another reader of the same state would see samples of f(x)
+            # exactly one window: another one would read samples of f(x)
             if windows.get(state.name) == [window]:
                 found[state.name] = _Buffer(state, program.step[window].args[0], kept)
     return found
@@ -90,9 +92,9 @@ def _buffers(program: Program) -> dict[str, _Buffer]:
 def _uses(
     program: Program, buffers: dict[str, _Buffer], work: Samplewise
 ) -> dict[str, list[NodeId]]:
-    """By buffer: values made of its samples that something not made of them alone needs."""
+    """By buffer: samplewise values that other nodes need."""
     needed = {output.node for output in program.outputs}
-    # the buffer's own next value is the shift that the new buffer replaces
+    # the next value of a buffer is the shift, which the new buffer replaces
     needed |= {state.next for state in program.states if state.name not in buffers}
     for index, node in program.step:
         if index not in work.sampled:
@@ -107,20 +109,19 @@ def _uses(
 def _candidates(
     program: Program, buffer: _Buffer, uses: list[NodeId], work: Samplewise
 ) -> list[_Move]:
-    """Every f of the buffer's samples that is needed; f(x) = x is one of them."""
+    """Every needed function f of the buffer's samples; f(x) = x may be among them."""
     graph = program.step
     scratch = GraphBuilder(graph)
     same = {index: index for index in range(len(graph))}
     groups: dict[NodeId, dict[NodeId, Sampled]] = {}
     for index in uses:
-        # Each value is written as the function of one sample. Equal nodes are one node in a
-        # builder, so that values which are the same f of other samples fall into one group.
+        # writes each value as a function of one sample: equal functions become one node
         group = at_samples(scratch, graph, index, same, buffer.newest, None, work)
         groups.setdefault(group, {})[index] = work.sampled[index]
     moves: list[_Move] = []
     for group, members in groups.items():
         calls = any(sampled.calls for sampled in members.values())
-        # f(x) = x: somebody needs the samples themselves, the old buffer stays
+        # f(x) = x: the samples themselves are needed, the old buffer stays
         plain = group == buffer.newest
         name = buffer.state.name if plain else _name(program, buffer, members, moves)
         moves.append(_Move(buffer, name, members, calls))
@@ -130,7 +131,7 @@ def _candidates(
 def _name(
     program: Program, buffer: _Buffer, uses: dict[NodeId, Sampled], others: list[_Move]
 ) -> str:
-    """Like the value that the spec names, else like what the buffer held."""
+    """Named after the label of the value, otherwise after the source of the old buffer."""
     taken = {state.name for state in program.states} | {move.name for move in others}
     labels = [label for index in uses if (label := program.step[index].label)]
     assert isinstance(buffer.state.origin, History)
@@ -143,10 +144,9 @@ def _name(
 
 
 def _worthwhile(program: Program, moves: list[_Move]) -> list[_Move]:
-    """The moves that need no second buffer, or else those that save calls of functions."""
+    """The moves without a second buffer, otherwise those that save function calls."""
     fit = [move for move in moves if _fits(program, move)]
-    # several functions of one buffer mean several buffers: memory for time, worth it for calls
-    # alone
+    # several functions of one buffer need several buffers, which pays off for calls only
     if len(moves) > 1:
         return [move for move in fit if move.calls]
     return fit
@@ -154,11 +154,11 @@ def _worthwhile(program: Program, moves: list[_Move]) -> list[_Move]:
 
 def _fits(program: Program, move: _Move) -> bool:
     samples = program.step[move.buffer.newest].type
-    # the samples themselves are wanted: nothing moves
+    # the samples themselves are needed: nothing moves
     if move.name == move.buffer.state.name:
         return False
     types = [program.step[index].type for index in move.uses]
-    # f of a single late sample costs the same wherever it is done
+    # for f of a single delayed sample there is no gain
     one_sample = all(type.window == 1 for type in types)
     return not one_sample and all(
         type.kind == "real" and type.window and type.size // type.window <= samples.size
@@ -167,7 +167,7 @@ def _fits(program: Program, move: _Move) -> bool:
 
 
 def _moved(program: Program, moves: list[_Move], work: Samplewise) -> Program:
-    """The program with all moves made."""
+    """The program after all moves."""
     builder, starts = GraphBuilder(), GraphBuilder(program.start)
     by_use = {index: move for move in moves for index in move.uses}
     copies: dict[NodeId, NodeId] = {}
@@ -179,7 +179,7 @@ def _moved(program: Program, moves: list[_Move], work: Samplewise) -> Program:
             with builder.at(node.span):
                 copies[index] = _window_of(builder, program.step, index, copies, move, work)
     states = [_state(program, move, builder, starts, copies, work) for move in moves]
-    # an equation's range is checked where its value is new; the window has it from earlier steps
+    # the range of an equation is checked when its value is computed
     expected = tuple(dict.fromkeys(_expected(program, moves, builder, copies, work)))
     program = with_step(program, builder.graph(), copies)
     program = replace(
@@ -198,7 +198,7 @@ def _expected(
     copies: dict[NodeId, NodeId],
     work: Samplewise,
 ) -> Iterator[Expected]:
-    """Expects of a window that moves what holds of its newest sample: each is new once."""
+    """Moves the expected range of a window to its newest sample, which is checked once."""
     newest = {move.buffer.state.name: copies[move.buffer.newest] for move in moves}
     uses = {index for move in moves for index in move.uses}
     for entry in program.expected:
@@ -219,9 +219,9 @@ def _window_of(
     move: _Move,
     work: Samplewise,
 ) -> NodeId:
-    """The samples of f(x) that a value consists of."""
+    """The samples of f(x) that the value consists of."""
     sampled, like = move.uses[index], graph[index].type
-    # samples older than any that is read need not be kept
+    # older samples are not needed
     length = move.buffer.kept - move.oldest
     axes = like.axes[:-1]
     if sampled.with_newest:
@@ -243,14 +243,14 @@ def _state(
     copies: dict[NodeId, NodeId],
     work: Samplewise,
 ) -> State:
-    """The buffer of f(x): its start is f of the old one's."""
+    """The buffer of f(x); it starts as f of the old buffer's start."""
     buffer, use = move.buffer, next(iter(move.uses))
     graph, old = program.step, buffer.state
     length = buffer.kept - move.oldest
     newest = at_samples(builder, graph, use, copies, copies[buffer.newest], None, work)
     window = builder.window(move.name, newest, length)
     following = builder.slice(window, WINDOW, 1, length + 1)
-    # the past of f(x) is f of the past, evaluated once before the first step
+    # the start is evaluated once, before the first step
     past = starts.slice(old.start, WINDOW, move.oldest, buffer.kept)
     start = at_samples(starts, graph, use, {}, past, length, work)
     assert isinstance(old.origin, History)

@@ -1,4 +1,4 @@
-"""Makes sums over fuzzy sets indifferent to terms that are 0."""
+"""Makes sums over fuzzy sets independent of terms that are 0."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from compiler.passes.analyses.compact_sets import (
 
 
 def settle_zeros(program: Program) -> Program:
-    """Adds +0 to each sum over compact fuzzy sets, so that a sum which is 0 is +0.
+    """Adds +0 to each sum over compact fuzzy sets, so that a sum of zeros is +0.
 
-    Without it the sign of such a 0 depends on the signs of all terms, those of inactive sets too,
-    and generated code could not leave them out. No other value changes.
+    Otherwise the sign of such a 0 would depend on the signs of all terms, including inactive sets,
+    and generated code could not omit these. No other value changes.
 
     Before and after: any form.
 
@@ -27,7 +27,7 @@ def settle_zeros(program: Program) -> Program:
         %9: scalar = %8 + 0.0
     """
     sums = active_sums(program.step, supports(program.step, compact_sets(program.step)))
-    # a pass over its own result changes nothing
+    # idempotent: skips sums that have the +0 already
     settled = {
         arg
         for _, node in program.step

@@ -14,17 +14,17 @@ from spec_schema.late_dataclass import dataclass
 
 
 def to_step_form(program: Program, late: int = 0) -> Program:
-    """The program in step form: inputs are ports, their past is in buffer states.
+    """Converts to step form: inputs are ports, and buffer states store their past.
 
     An input read at t+a … t+b becomes one read of t+newest … t+max(b, newest), newest = min(b, 0):
-    the current sample, a preview, or (b < 0) one late sample. The newest − a samples before it are
-    the state `<input>.history`, whose start is read from the log.
+    the current sample, a preview, or (b < 0) one delayed sample. The newest − a samples before it
+    are in the state `<input>.history`, whose start is read from the log.
 
-    With `late` = d the step at t is that of the sample t-d: everything is read d samples earlier,
-    the newest sample of a port stays the one it would be, and a preview is d samples shorter.
+    With `late` = d the step at t computes that of the sample t-d: all reads are d samples earlier.
+    The newest sample of a port does not change; a preview is d samples shorter.
 
-    Before: any reads; unused nodes are dropped (a read that nobody needs would widen a buffer).
-    After: one `ReadSignal` a signal. Losses and `ReadLog` are as they were, but for `late`.
+    Before: any reads; unused nodes should be removed, since their reads would enlarge buffers.
+    After: one `ReadSignal` per signal. Losses and `ReadLog` change only by `late`.
 
         %0: [t=3] = signal(x, -2, 0)
 
@@ -39,7 +39,7 @@ def to_step_form(program: Program, late: int = 0) -> Program:
         if isinstance(node.op, ReadSignal):
             with builder.at(node.span):
                 copy = ports[node.op.signal].read(builder, node.op, node)
-            # what the spec names keeps its name if it is still that value, not a longer window
+            # the label stays if the value is still the same, not a longer window
             if node.label is not None and builder.type(copy) == node.type:
                 builder.name(copy, node.label)
         else:
@@ -49,7 +49,7 @@ def to_step_form(program: Program, late: int = 0) -> Program:
     if late:
         program = _started(program, late)
     starts = GraphBuilder(program.start)
-    # after all reads, as they share the window that the buffer is read by
+    # after all reads, which share the window of the buffer
     buffers = [port.state(builder, starts) for port in ports.values() if port.length]
     program = with_step(program, builder.graph(), copies)
     states = (*program.states, *buffers)
@@ -57,7 +57,7 @@ def to_step_form(program: Program, late: int = 0) -> Program:
 
 
 def _started(program: Program, late: int) -> Program:
-    """The program that begins as it did so many samples before."""
+    """The program with a start that reads the log `late` samples earlier."""
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
     for index, node in program.start:
@@ -67,7 +67,7 @@ def _started(program: Program, late: int) -> Program:
 
 
 def _earlier(node: Node, late: int) -> Node:
-    """A node that reads the log so many samples before; any other as it is."""
+    """A read of the log `late` samples earlier; any other node unchanged."""
     if not isinstance(node.op, ReadLog):
         return node
     op = node.op
@@ -86,8 +86,8 @@ class _Port:
 
     @staticmethod
     def of(signal: Signal, extent: Extent, late: int) -> _Port:
-        # an input that is read up to t−2 alone is a port with that lag (R13); one that is read
-        # ahead is a preview, whose first sample is t
+        # an input that is read only up to t−2 is a port with that lag (R13); a preview starts
+        # at sample t
         newest = min(extent.last, 0)
         first, last = extent.first - late, extent.last - late
         return _Port(
@@ -119,7 +119,7 @@ class _Port:
         elif first >= self.newest:
             value, oldest = self._preview(builder), self.newest
         else:
-            # the newest sample is in the past's window and in the preview: once is enough
+            # the newest sample is in both the window and the preview: drop one
             coming = builder.slice(self._preview(builder), WINDOW, 1, self.last + 1)
             value = builder.concat([self._past(builder), coming], WINDOW)
             oldest = self.newest - self.length
@@ -142,7 +142,7 @@ class _Port:
         return builder.emit(Window(self._buffer_name), (newest,), self._windowed(self.length + 1))
 
     def state(self, builder: GraphBuilder, starts: GraphBuilder) -> State:
-        """The buffer that holds the samples before the newest one."""
+        """The buffer of the samples before the newest one."""
         kept = builder.slice(self._past(builder), WINDOW, 1, self.length + 1)
         first, last = self.newest - self.length, self.newest - 1
         start = starts.log(self.signal.name, first, last, self._windowed(self.length))

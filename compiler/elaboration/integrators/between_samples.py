@@ -1,4 +1,4 @@
-"""Says where `between` of inputs cannot be, does nothing, or should be thought of."""
+"""Reports inputs whose `between` is wrong, has no effect, or should be considered."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from spec_schema.sections.signals import Input
 
 
 def report_between(context: Context) -> None:
-    """Reports what is wrong with `between` of the inputs of a spec that is lowered."""
+    """Reports mistakes in `between` of the inputs of a lowered spec."""
     _report_closed(context)
     if context.findings.failed:
         return
     later = {name for _, name in context.stage_reads.inputs}
     for name, entry in context.spec.inputs.items():
-        # no integrator looks at it later than at the sample itself, where both kinds are the same
+        # no integrator stage reads it after the sample, so interpolation has no effect
         is_idle = entry.is_linear and name in context.used and name not in later
         if is_idle and not owner_of(name):
             assert entry.between is not None
@@ -32,7 +32,9 @@ def report_between(context: Context) -> None:
 
 
 def _report_closed(context: Context) -> None:
-    """An input that an output predicts: what it is at t+1 a loop does not know at t."""
+    """Reports interpolated inputs that an output predicts: a closed loop lacks their value at
+    t+1.
+    """
     for output, entry in context.spec.outputs.items():
         if entry.predicts is None:
             continue
@@ -47,7 +49,7 @@ def _report_closed(context: Context) -> None:
 
 
 def _remark_held(context: Context) -> None:
-    """Inputs that nobody said to be held, in right-hand sides whose parameters are learned."""
+    """Warns about inputs without `between` in right-hand sides whose parameters are learned."""
     predicted = {o.predicts.signal.value for o in context.spec.outputs.values() if o.predicts}
     open_inputs = {
         name: entry

@@ -1,4 +1,4 @@
-"""Finds the state that feels an equation, the one that `linear_implicit: {of}` is implicit in."""
+"""Finds the state whose derivative depends on the equation of `linear_implicit: {of: NAME}`."""
 
 from __future__ import annotations
 
@@ -26,9 +26,11 @@ def felt_state(
     stage: Environment,
     slope: Callable[[str], NodeId],
 ) -> tuple[str, NodeId]:
-    """The state whose derivative reads the equation, and the equation's value.
+    """Returns the name of the state whose derivative reads the equation, and the equation's value.
 
-    `values` are those of the states of `owner`, `slope` is the derivative of one of them.
+    `values` are the states of `owner`; `slope(name)` returns the derivative of a state. Exactly one
+    state must both affect the equation and be affected by it; otherwise it reports and raises
+    LoweringFailed.
     """
     builder = context.builder(STEP)
     full = f"{owner}.{of.value}" if owner else of.value
@@ -38,7 +40,7 @@ def felt_state(
         _refuse(context, of, "it is no equation", repair)
     equation = lower(context, Name(full, of.span), stage)
     axes = builder.type(equation).axes
-    # both ways: the equation moves with the state, and the state's derivative with the equation
+    # both directions: the equation depends on the state, and the derivative on the equation
     found = [
         name
         for name, value in values.items()
@@ -61,5 +63,5 @@ def _refuse(context: Context, of: Located[str], problem: str, repair: str) -> No
 
 
 def _depends(builder: GraphBuilder, value: NodeId, on: NodeId) -> bool:
-    """Whether a value is made of another one."""
+    """True if `value` depends on `on`."""
     return needed(builder.graph(), (value,))[on]

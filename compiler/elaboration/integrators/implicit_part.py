@@ -1,4 +1,4 @@
-"""Takes one step of a state in which only what it feels of one equation is implicit.
+"""Takes one integrator step of a state, implicit only in its dependence on one equation.
 
 `linear_implicit: {of: tau}`: x' = f(x, τ(x)), of which the step solves
 
@@ -29,7 +29,7 @@ _SECOND = parse_unit("s")
 
 @dataclass(frozen=True)
 class ImplicitPart:
-    """A state's value x, its slope f, and the value of the equation τ that f reads."""
+    """A state x, its derivative f (`slope`), and the equation τ that f depends on."""
 
     builder: GraphBuilder
     value: NodeId
@@ -37,17 +37,20 @@ class ImplicitPart:
     equation: NodeId
 
     def increment(self, step: float, dynamics: Mapping[NodeId, DynamicsCall]) -> NodeId:
-        """Δ; where f is the forward dynamics of a robot and τ a torque, from (M + h ∂τ/∂x) Δ."""
+        """Returns Δ for a step of `step` seconds.
+
+        If f is the forward dynamics of a robot and τ a torque, it solves (M + h ∂τ/∂x) Δ instead.
+        """
         builder = self.builder
         h = builder.constant(step, unit=_SECOND)
         own = _diagonal(builder, self.equation, self.value)
         call = dynamics.get(self.slope)
         through = None if call is None else _only_diagonal(builder, call.torque, self.equation)
-        # M is solved by its structure only where h ∂τ/∂x is a number beside each of its diagonal
+        # the structured solver of M can only add a term to each diagonal element
         if call is None or through is None:
             return self._eliminated(own, h)
-        # M times (I − h M⁻¹ ∂u/∂τ ∂τ/∂x), u the torque, is M − h ∂u/∂τ ∂τ/∂x: nothing is inverted,
-        # and a friction, which u has with a minus, adds to the diagonal
+        # M times (I − h M⁻¹ ∂u/∂τ ∂τ/∂x), u the torque, is M − h ∂u/∂τ ∂τ/∂x: no inverse is
+        # needed, and friction, which u contains with a minus, adds to the diagonal
         added = builder.multiply(h, builder.multiply(builder.negate(through), own))
         return builder.multiply(h, call.with_diagonal(added))
 
@@ -79,25 +82,25 @@ def _diagonal(builder: GraphBuilder, value: NodeId, on: NodeId) -> NodeId:
         return whole
     rows = [row[0] for row in element_gradients(builder, value, [on])]
     zero = builder.constant(0.0)
-    numbers = [
+    elements = [
         zero if row is None else scalar_of(builder, row, index) for index, row in enumerate(rows)
     ]
-    return _joined(builder, numbers, on)
+    return _joined(builder, elements, on)
 
 
 def _only_diagonal(builder: GraphBuilder, value: NodeId, on: NodeId) -> NodeId | None:
-    """The same in one piece; None where an element depends on other ones too."""
+    """The same, computed as one gradient; None if the Jacobian has elements off the diagonal."""
     rows = [row[0] for row in element_gradients(builder, value, [on])]
     nonzero = nonzero_elements(builder.graph(), [row for row in rows if row is not None])
     for index, row in enumerate(rows):
         if row is not None and set(np.flatnonzero(nonzero[row]).tolist()) - {index}:
             return None
-    # of the sum of all elements: with nothing beside the diagonal it is the diagonal itself
+    # the gradient of the sum of all elements: for a diagonal Jacobian it is the diagonal
     return gradient_nodes(builder, value, [on])[0]
 
 
 def _joined(builder: GraphBuilder, numbers: list[NodeId], like: NodeId) -> NodeId:
-    """Numbers in C order as a value of the axes of another."""
+    """Combines scalars, in C order, to a value with the axes of `like`."""
     parts = [builder.reshape(node, (Axis(UNNAMED, 1),)) for node in numbers]
     joined = builder.concat(parts, UNNAMED) if len(parts) > 1 else parts[0]
     return builder.reshape(joined, builder.type(like).axes)

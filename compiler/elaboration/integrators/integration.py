@@ -1,4 +1,4 @@
-"""Integrates the continuous states of a model over one sample, all of them together (R6)."""
+"""Integrates the continuous states of a model jointly over one sample time (R6)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _SECOND = parse_unit("s")
 Values = dict[str, NodeId]
 
 LARGEST_SYSTEM = 16
-"""Numbers in all continuous states that `linear_implicit` solves for: n³/3 operations a step."""
+"""Maximum number of state elements that `linear_implicit` solves for: n³/3 operations per step."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class RightHandSide:
 
 
 def integrated(context: Context, owner: str, integrator: Integrator | None) -> Mapping[str, NodeId]:
-    """The values of the continuous states of one spec after one sample time, by its integrator.
+    """The continuous states of one spec after one sample time, computed by its integrator.
 
     `owner` is the sub-model that has the spec, "" for the model itself.
     """
@@ -74,7 +74,7 @@ def integrated(context: Context, owner: str, integrator: Integrator | None) -> M
         _check_size(context, vector_field, integrator.place.key)
     substeps = method.substeps if method else 1
     for number in range(1, substeps + 1):
-        # as fractions: n of them end at exactly 1, where sums of dt/n may miss it
+        # fractions are exact: the last substep ends at 1, while sums of dt/n may not
         begin, end = Fraction(number - 1, substeps), Fraction(number, substeps)
         steps = _Steps(
             context=context,
@@ -99,9 +99,9 @@ def _check_size(context: Context, vector_field: Mapping[str, RightHandSide], pla
 
 @dataclass(frozen=True, kw_only=True)
 class _Steps:
-    """One step of length `step`, h in the formulas, of x' = f(x, τ), by each of the methods.
+    """One step of x' = f(x, τ) with length h = `step_length`, by each integration method.
 
-    τ is the part of the sample time that is over: inputs may move with it.
+    τ is the elapsed fraction of the sample time; inputs may change with it.
     """
 
     context: Context
@@ -133,9 +133,9 @@ class _Steps:
                 assert_never(method)
 
     def name(self, values: Values, suffix: str) -> None:
-        """Names values inside the step, as generated code shall call them: `x_1`, `x_for_k2`.
+        """Names intermediate values for generated code: `x_1`, `x_for_k2`.
 
-        A name that the spec has, or that is one of the spec's as an identifier, gives way.
+        If the name collides with a name of the spec, `_inside` is appended.
         """
         builder = self.context.builder(STEP)
         of_spec = {name.replace(".", "_") for name in self.context.scope}
@@ -148,12 +148,12 @@ class _Steps:
     def _semi_implicit(self, values: Values) -> Values:
         """xᵢ + h fᵢ(x₁⁺ … xᵢ₋₁⁺, xᵢ … xₙ, τ), in the order of `states:`; order 1.
 
-        With a position and a velocity this is the symplectic Euler method, whichever comes first
-        (Hairer, Lubich, Wanner: Geometric Numerical Integration, 2006, I.1.2, equation 1.9).
+        For a position and a velocity this is the symplectic Euler method, in either order (Hairer,
+        Lubich, Wanner: Geometric Numerical Integration, 2006, I.1.2, equation 1.9).
         """
         moved = dict(values)
         for name in values:
-            # the slopes of later states see the values that earlier ones have already
+            # derivatives of later states use the new values of earlier ones
             slope = self._slope(name, self._stage(dict(moved), self.begin))
             moved |= self._moved({name: moved[name]}, {name: slope}, self.step_length)
         return moved
@@ -162,8 +162,9 @@ class _Steps:
         """x + Δ with (I − h J) Δ = h f(x, τ), J = ∂f/∂x at x and τ, the end; order 1, L-stable.
 
         The linearly implicit Euler method (Hairer, Wanner: Solving Ordinary Differential Equations
-        II, 1996, IV.7, s = 1 and γ = 1). What moves with time counts at the end of the step, as in
-        the implicit Euler method: (7.4a) adds h² ∂f/∂t there, and a stiff state follows its input.
+        II, 1996, IV.7, s = 1 and γ = 1). Time-dependent terms are evaluated at the end of the step,
+        as in the implicit Euler method, so that a stiff state follows its input. (7.4a) adds h²
+        ∂f/∂t instead.
         """
         from compiler.elaboration.integrators.linear_implicit import (
             increments,  # most methods are explicit
@@ -178,15 +179,17 @@ class _Steps:
         return moved
 
     def _implicit_in(self, of: Located[str], values: Values) -> Values:
-        """The state that feels the equation, implicit in it, first; then the others, as
-        semi-implicit Euler does, at its new value: a position moves with the new velocity.
+        """Steps the state that depends on the equation implicitly; the others by semi-implicit
+        Euler.
+
+        The other states use its new value: a position moves with the new velocity.
         """
         # most methods are explicit
         from compiler.elaboration.integrators.felt_state import felt_state
         from compiler.elaboration.integrators.implicit_part import ImplicitPart
 
         builder = self.context.builder(STEP)
-        # how the equation varies with one state alone: after a substep others depend on it
+        # named copies isolate each state: after a substep the states depend on each other
         apart = {name: builder.named(node, name) for name, node in values.items()}
         stage = self._stage(apart, self.end)
         name, equation = felt_state(
@@ -198,7 +201,7 @@ class _Steps:
         with builder.at(expression.span):
             increment = part.increment(self.step_length, self.context.dynamics)
             moved = dict(values) | {name: self._sum(builder, name, values[name], increment)}
-        builder.conflicts.clear()  # of derivatives, whose units nobody has written
+        builder.conflicts.clear()  # units of derivatives are not declared anywhere
         self._check_rate(builder, name, slope)
         for other in values:
             if other != name:
@@ -217,13 +220,13 @@ class _Steps:
         two = builder.constant(2.0)
         total: Values = {}
         for name in values:
-            # in this order for every export: another grouping rounds otherwise
+            # every export uses this order: another grouping would round differently
             middle = builder.multiply(two, builder.add(k2[name], k3[name]))
             total[name] = builder.add(builder.add(k1[name], middle), k4[name])
         return self._moved(values, total, h / 6)
 
     def _point(self, slope: str, values: Values, slopes: Values, length: float) -> Values:
-        """values + length · slopes: where the next slope is evaluated."""
+        """values + length · slopes: the point at which the next derivative is evaluated."""
         moved = self._moved(values, slopes, length)
         self.name(moved, f"for_{slope}")
         return moved
@@ -233,15 +236,18 @@ class _Steps:
         return (self.begin + self.end) / 2
 
     def _stage(self, values: Values, fraction: Fraction) -> Environment:
-        """Evaluates right-hand sides at these values of the states, at that time."""
+        """The environment in which right-hand sides are evaluated at these states and that time."""
         stage = IntegratorStage(values, fraction, self.owner)
         return Environment(EnvironmentPart.STEP, stage=stage)
 
     def _slopes(self, values: Values, fraction: Fraction) -> Values:
-        """f(x, τ), every memoryless equation between states and `der` evaluated anew."""
+        """f(x, τ).
+
+        Memoryless equations between states and `der` are evaluated again at each stage.
+        """
         stage = self._stage(values, fraction)
         slopes: Values = {}
-        # every right-hand side, so that a mistake in one does not hide those in others
+        # lower all right-hand sides, so that a mistake in one does not hide others
         failed = False
         for name in self.vector_field:
             try:
@@ -256,12 +262,12 @@ class _Steps:
         law = self.vector_field[name]
         node = lower(self.context, law.expression, stage)
         self._check_time(name, self.context.builder(stage).type(node).unit)
-        # its unit counts where it is multiplied by seconds and added to the state, in `_moved`
+        # `_moved` checks its unit, when it is multiplied by seconds and added to the state
         type = law.type.with_unit(None)
         return fitted(self.context, f"`der` of `{name}`", node, type, law.expression, stage)
 
     def _check_rate(self, builder: GraphBuilder, name: str, slope: NodeId) -> None:
-        """Reports a rate that does not fit its state, where the increment has no unit."""
+        """Reports a derivative whose unit does not fit its state, if the increment has no unit."""
         change = product_unit(builder.type(slope).unit, _SECOND)
         _, conflict = addition_unit(self.vector_field[name].type.unit, change)
         if conflict is not None:
@@ -269,7 +275,10 @@ class _Steps:
         report_unit_conflicts(self.context, builder, self.vector_field[name].expression)
 
     def _check_time(self, name: str, rate: Unit | None) -> None:
-        """A state with a unit is checked by its sum; one without takes any rate per second."""
+        """Reports a rate per another time, such as per hour, of a state without unit.
+
+        A state with a unit is checked by its sum instead.
+        """
         law = self.vector_field[name]
         if law.type.unit is not None or rate is None or (counted := counted_time(rate)) is None:
             return
@@ -290,10 +299,10 @@ class _Steps:
         return moved
 
     def _sum(self, builder: GraphBuilder, name: str, value: NodeId, change: NodeId) -> NodeId:
-        """value + change; a state without a unit has none inside a step either.
+        """value + change; a state without unit also has none at intermediate stages.
 
-        A sum with one unknown unit would take the other, here that of `der` times seconds, and the
-        next stage would be told of a mismatch with what the spec says of nothing.
+        Otherwise the sum would take the unit of `der` times seconds. The next stage would then
+        report a conflict with units that the spec does not declare.
         """
         if self.vector_field[name].type.unit is not None:
             return builder.add(value, change)

@@ -1,4 +1,4 @@
-"""Takes the expression of a loss apart: a sum of measures, each times a number."""
+"""Splits the expression of a loss into terms: measures with constant factors."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True)
 class CostTerm:
-    """`share` times a measure, or times an expression that is a cost already."""
+    """`share` times a measure, or times an expression that is a cost itself."""
 
     share: float
     expression: Expression
     function: str | None
-    """The measure, None for a cost."""
+    """The name of the measure; None for a cost."""
 
 
 def terms_of(context: Context, expression: Expression) -> list[CostTerm]:
-    """The terms of a loss. LoweringFailed for any other arithmetic.
+    """Splits a loss into its terms. Reports any other arithmetic and raises LoweringFailed.
 
     `mse(a, b) + 0.1 * mae(c) / 2` has the terms 1 · mse(a, b) and 0.05 · mae(c). An expression
-    without a measure is one cost.
+    without a measure is a single cost.
     """
     measure = _measure_in(context, expression)
-    # a cost already: its own arithmetic is lowered whole, and the mean over samples taken of it
+    # already a cost: it is lowered as a whole and averaged over the samples
     if measure is None:
         return [CostTerm(1.0, expression, None)]
     match expression:
@@ -36,7 +36,7 @@ def terms_of(context: Context, expression: Expression) -> list[CostTerm]:
             assert isinstance(call.function, Name)
             return [CostTerm(1.0, call, call.function.name)]
         case Negate(operand=operand):
-            # a share below 0 rewards what it measures: no total has to stay above 0
+            # a negative share is a reward; the total may be negative
             return _scaled(context, -1.0, terms_of(context, operand))
         case Binary(operator=Operator.ADD | Operator.SUBTRACT as operator):
             sign = 1.0 if operator is Operator.ADD else -1.0
@@ -44,12 +44,12 @@ def terms_of(context: Context, expression: Expression) -> list[CostTerm]:
             return left + _scaled(context, sign, terms_of(context, expression.right))
         case Binary(operator=Operator.MULTIPLY, left=left, right=right):
             factor, rest = left, right
-            # `0.1 * mse(…)` and `mse(…) * 0.1` are the same; a product of two measures is neither
+            # `0.1 * mse(…)` and `mse(…) * 0.1` are equal; a product of two measures is refused
             if _measure_in(context, left) is not None:
                 factor, rest = right, left
             if _measure_in(context, factor) is None:
                 return _scaled(context, _number(context, factor), terms_of(context, rest))
-        # a measure below the line is no sum of measures: such a loss is refused at the end
+        # a measure in a denominator is refused at the end
         case Binary(operator=Operator.DIVIDE, left=left, right=right):
             if _measure_in(context, right) is None:
                 divisor = _number(context, right)
@@ -75,14 +75,14 @@ def _number(context: Context, expression: Expression) -> float:
 
 def _scaled(context: Context, factor: float, terms: list[CostTerm]) -> list[CostTerm]:
     for term in terms:
-        # two factors may each be finite and their product not, as may the quotient by 1e-320
+        # a product of finite factors, or a quotient by 1e-320, can overflow
         place = term.expression.span
         refuse_infinite(context, "the factor of this measure", factor * term.share, place)
     return [CostTerm(factor * term.share, term.expression, term.function) for term in terms]
 
 
 def _measure_in(context: Context, expression: Expression) -> Call | None:
-    """The first call of a measure in an expression."""
+    """The first call of a measure in an expression, or None."""
     match expression:
         case Call(function=Name(name=name)) as call if (
             name in LOSS_FUNCTIONS and name not in context.scope

@@ -1,4 +1,4 @@
-"""Lowers losses: what of each sample is compared with what, and how it becomes a number (R9)."""
+"""Lowers losses: the compared values of each sample and the measure of their error (R9)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _COMPARING = {
 def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
     """The terms of a `losses:` entry: one under its name, or `NAME.mse`, `NAME.mae`, ….
 
-    Each term has the entry's weight, which a stage can replace, and its own share of the entry.
+    Each term has the weight of the entry, which a stage can replace, and its own share.
     """
     terms = terms_of(context, entry.expr)
     rows = None if entry.rows is None else _factor_of_rows(context, name, entry.rows)
@@ -61,7 +61,7 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
                 delta = _delta(context, term.function, term.expression, prediction)
         label = term.function or "cost"
         taken[label] += 1
-        # two terms of one function are `NAME.mse` and `NAME.mse2`
+        # two terms with one measure are named `NAME.mse` and `NAME.mse2`
         again = str(taken[label]) if taken[label] > 1 else ""
         own = name if len(terms) == 1 else f"{name}.{label}{again}"
         span = entry.place.key if len(terms) == 1 else term.expression.span
@@ -76,7 +76,7 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
                 delta=delta,
                 penalty=penalty,
                 span=span,
-                # a penalty is of an array, which has no rows
+                # a penalty applies to an array, which has no rows
                 rows=rows if penalty is None else None,
             )
         )
@@ -88,12 +88,12 @@ def lower_loss(context: Context, name: str, entry: LossEntry) -> list[Loss]:
 def _check_rows_count(
     context: Context, name: str, rows: Expression, losses: Sequence[Loss]
 ) -> None:
-    """Refuses a factor of rows where no term of the loss has another value in another row."""
+    """Reports `rows` of a loss none of whose values differs between rows."""
     graph = context.builder(_LOSS).graph()
     values = [loss.prediction for loss in losses]
     values += [loss.target for loss in losses if loss.target is not None]
     live = needed(graph, values)
-    # data and states have a value for each row, a parameter has one for all rows
+    # data and states differ between rows, parameters do not
     varies = (
         kept and isinstance(node.op, Read | Window) and not isinstance(node.op, ReadParameter)
         for kept, node in zip(live, graph.nodes, strict=True)
@@ -104,12 +104,14 @@ def _check_rows_count(
 
 
 def default_loss(context: Context, output: Output) -> Loss:
-    """mse of an output against what it predicts, under the output's name."""
+    """The loss of a predicting output without `losses:`: the MSE to its target, named as the
+    output.
+    """
     assert output.predicts is not None
     builder = context.builder(_LOSS)
     found = builder.type(output.node)
     ahead = output.predicts.ahead
-    # the log at t+k, which the output at t predicts (R4); targets never come from the tape
+    # the recorded sample t+k, which the output at t predicts (R4)
     target = builder.log(output.predicts.signal, ahead, ahead, Type(found.axes, found.unit))
     return Loss(output.name, Measure.MSE, output.node, target, span=output.span, is_default=True)
 
@@ -136,9 +138,9 @@ def _measured(context: Context, function: str, call: Call) -> tuple[Measure, Nod
     builder = context.builder(_LOSS)
     if function == "cross_entropy":
         cost, missing = lower_cross_entropy(context, call, _LOSS)
-        # only what was recorded can be missing
+        # only recorded values can be missing
         return Measure.MEAN, cost, None if reads_simulation(builder.graph(), missing) else missing
-    if len(call.arguments) == 1:  # what is compared with nothing is compared with 0
+    if len(call.arguments) == 1:  # one argument is compared with 0
         value = lower(context, call.arguments[0], _LOSS)
         type = builder.type(value)
         zero = builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
@@ -147,14 +149,14 @@ def _measured(context: Context, function: str, call: Call) -> tuple[Measure, Nod
     operands = zip(call.arguments, (prediction, target), strict=True)
     warn_of_twin_axes(context, builder, function, call, operands)
     with aligning(context, function, call, call.arguments[0], call.arguments[1]):
-        builder.subtract(prediction, target)  # compares the units of the two
+        builder.subtract(prediction, target)  # checks the units of both
         prediction, target, _ = builder.aligned(prediction, target)
     report_unit_conflicts(context, builder, call, function)
     return _COMPARING[function], *_scored(builder, prediction, target)
 
 
 def _delta(context: Context, function: str, call: Call, prediction: NodeId) -> float:
-    """δ of `huber`: a constant above 0 in the unit of the difference, 1 where none is given."""
+    """δ of `huber`: a constant > 0 in the unit of the error; default 1."""
     given = option(call, "delta")
     if given is None:
         return 1.0
@@ -164,7 +166,7 @@ def _delta(context: Context, function: str, call: Call, prediction: NodeId) -> f
         context.findings.report(names.unfit_constant(what, "is not above 0", given.span))
         raise LoweringFailed
     unit = evaluate(context, given).unit
-    if unit in (None, ONE):  # a plain number counts in the unit of the difference
+    if unit in (None, ONE):  # a bare number is in the unit of the error
         return delta
     builder = context.builder(_LOSS)
     limit = builder.constant(delta, unit=unit)
@@ -175,7 +177,7 @@ def _delta(context: Context, function: str, call: Call, prediction: NodeId) -> f
 
 
 def _factor_of_rows(context: Context, name: str, expression: Expression) -> NodeId:
-    """The weight of each row: one number, known before anything is simulated or learned."""
+    """The weight of each row: a scalar that depends on recorded data only."""
     builder = context.builder(_LOSS)
     node = lower(context, expression, _LOSS)
     axes = builder.type(node).axes
@@ -196,10 +198,9 @@ def _factor_of_rows(context: Context, name: str, expression: Expression) -> Node
 
 
 def _scored(builder: GraphBuilder, prediction: NodeId, target: NodeId) -> tuple[NodeId, NodeId]:
-    """The two values with one from the log alone as target: only there NaN means `not recorded`.
+    """Orders the pair so that the target is the recorded value, where NaN means `not recorded`.
 
-    Every measure is the same for a swapped pair. Two simulated values are compared by their
-    difference, the target is 0.
+    All measures are symmetric. If both values are simulated, their difference is compared with 0.
     """
     graph = builder.graph()
     if not reads_simulation(graph, target):

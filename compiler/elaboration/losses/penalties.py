@@ -1,4 +1,4 @@
-"""Penalties: losses of one value alone, of learned arrays with corners where numbers are 0."""
+"""Lowers penalties: losses of a single value, some not differentiable where elements are 0."""
 
 from __future__ import annotations
 
@@ -22,21 +22,22 @@ from spec_schema.expressions.tree import Call, Name
 PENALTIES = ("l1", "l2", "group")
 
 _WORDS = {WINDOW: "samples", UNNAMED: "elements"}
-"""What docs/layers.md calls axes of arrays that no dim names; those of a layer have a dot."""
+"""Names of unnamed axes of arrays in docs/layers.md; the axes of a layer's arrays contain a dot."""
 
 _LOSS = Environment(EnvironmentPart.LOSS)
 
 
 def lower_penalty(context: Context, function: str, call: Call) -> tuple[NodeId, Penalty | None]:
-    """The cost, and which array it is of where steps can end exactly at 0.
+    """The cost, and the penalised array if a proximal step can set its elements or slices to
+    exactly 0.
 
-    l1: |x| and l2: x² of each element, whose mean counts. group(A, over=d): Σ over d of the root
-    of the sum of squares of each slice (Yuan, Lin 2006).
+    l1: |x| and l2: x² of each element; their mean counts. group(A, over=d): Σ over d of the
+    Euclidean norm of each slice (Yuan, Lin 2006).
     """
     builder = context.builder(_LOSS)
     value = lower(context, call.arguments[0], _LOSS)
     op = builder.graph()[value].op
-    # of an expression such as |2 x − 1| steps would have to solve where it is 0: plain slopes then
+    # an expression such as |2 x − 1| has no simple proximal step: it uses plain gradients
     array = op.name if isinstance(op, ReadParameter) else None
     axes = builder.type(value).axes
     match function:
@@ -60,20 +61,21 @@ def lower_penalty(context: Context, function: str, call: Call) -> tuple[NodeId, 
 def checked_penalties(
     losses: Sequence[Loss], parameters: Sequence[Parameter], findings: Findings
 ) -> list[Loss]:
-    """The losses; magnitudes of bounded values have no corner, other penalties need an array.
+    """The losses, with penalties only where a proximal step is possible.
 
-    E0967 for `group` of an array that has bounds or does not learn, E0968 for several of one array.
+    An l1 penalty of a bounded or fixed array becomes a plain loss. Reports E0967 for `group` of an
+    array that has bounds or does not learn, E0968 for several groups of one array.
     """
     known = {parameter.name: parameter for parameter in parameters}
     grouped: set[str] = set()
-    found: list[Loss] = []
+    checked: list[Loss] = []
     for loss in losses:
         penalty = loss.penalty
         if penalty is not None:
             array = known[penalty.parameter]
             bounded = array.minimum is not None or array.maximum is not None
-            # what has bounds is trained by its raw variable (softplus, sigmoid), in which |x| has
-            # no corner
+            # bounded parameters are trained by a raw variable (softplus, sigmoid), in which |x| is
+            # differentiable
             if penalty.over is None:
                 loss = replace(loss, penalty=None) if bounded or not array.learn else loss
             elif bounded or not array.learn:
@@ -83,8 +85,8 @@ def checked_penalties(
                 findings.report(knowledge.several_groups(array.name, loss.span))
             else:
                 grouped.add(array.name)
-        found.append(loss)
-    return found
+        checked.append(loss)
+    return checked
 
 
 def _dim(context: Context, call: Call, axes: tuple[Axis, ...]) -> str:

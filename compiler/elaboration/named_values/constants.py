@@ -17,16 +17,16 @@ class Constants:
         self._context = context
         self._constants: dict[str, NamedArray | None] = {}
         self._active: list[str] = []
-        """Constants being evaluated: one that is met again needs itself."""
+        """Constants being evaluated; meeting one of them again is a circular definition."""
 
     def value(self, name: str, entry: Constant) -> NamedArray:
-        """The value of a `constants:` entry."""
+        """The value of a `constants:` entry. Raises LoweringFailed if it has a mistake."""
         if name in self._active:
             circle = (*self._active[self._active.index(name) :], name)
             self._context.findings.report(names.circular_constant(circle, entry.value.span))
             raise LoweringFailed
         if name not in self._constants:
-            self._constants[name] = None  # what a failed one leaves: its mistake is reported
+            self._constants[name] = None  # remains if it fails: its mistake is reported once
             self._active.append(name)
             try:
                 self._constants[name] = self._evaluated(name, entry)
@@ -41,7 +41,7 @@ class Constants:
         found = evaluate(self._context, entry.value)
         unit = entry.unit.value if entry.unit else found.unit
         if not entry.dims:
-            # one unnamed axis aligns with another unnamed one (R3); two could not be told apart
+            # a value may have one unnamed axis (R3); two could not be distinguished
             if len([axis for axis in found.axes if not axis.name]) > 1:
                 repair = dims_repair(self._context, found.values.shape)
                 problem = "is a matrix and needs `dims:`"

@@ -1,4 +1,4 @@
-"""Keeps what one lowering of a spec finds out for the next: only lowered expressions tell it."""
+"""Stores facts that one lowering of a spec finds for the next one."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True)
 class FoundBefore:
-    """Nothing in the first lowering; a spec is lowered until the next one finds the same."""
+    """Facts of the previous lowering, empty at first. Lowering repeats until they do not change."""
 
     buffers: Buffers = field(default_factory=dict[str, Remembered])
-    """What is remembered of states and equations, and how long."""
+    """Buffers of states and equations, with their lengths."""
     units: Mapping[str, Unit] = field(default_factory=dict[str, Unit])
-    """Of the centres of fuzzy sets that are read as values: those of what their layer is called
-    with, before or after."""
+    """Units of centres of fuzzy sets that are read as values, from the argument of their layer."""

@@ -1,4 +1,4 @@
-"""Inlines calls of the spec's functions: formula in place, arguments where they are used."""
+"""Inlines calls of the spec's functions; each argument is lowered where the formula uses it."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from spec_schema.sections.values import Function
 def inlined(
     context: Context, name: str, function: Function, call: Call, environment: Environment
 ) -> NodeId:
-    """The value of a function's formula with the call's arguments."""
-    given = _arguments(context, name, function, call)
-    # a formula takes the place of its call: one that calls itself would grow without end
+    """The value of a function's formula with the arguments of the call."""
+    expressions = _arguments(context, name, function, call)
+    # inlining a recursive function would not terminate
     if name in environment.functions:
         context.findings.report(names.recursive_function(name, call.function.span))
         raise LoweringFailed
-    arguments = {key: FunctionArgument(value, environment) for key, value in given.items()}
+    arguments = {key: FunctionArgument(value, environment) for key, value in expressions.items()}
     value = lower(context, function.expr, environment.inside(name, arguments))
     if environment.is_written:
         context.unread.extend(argument for argument in arguments.values() if not argument.lowered)
@@ -31,8 +31,8 @@ def inlined(
 def argument_value(
     context: Context, argument: FunctionArgument, environment: Environment
 ) -> NodeId:
-    """An argument at the time at which the formula uses it, in the names of the call's place."""
-    # by time alone: part, stage and outer arguments are those of the place of the call
+    """The value of an argument at the time of its use, with the names of the place of the call."""
+    # the time suffices as key: part, stage and outer arguments are those of the call
     known = argument.lowered.get(environment.time)
     if known is None:
         there = argument.environment.at_time_of(environment)
@@ -43,18 +43,20 @@ def argument_value(
 def _arguments(
     context: Context, name: str, function: Function, call: Call
 ) -> dict[str, Expression]:
-    """The expression of each argument, by position and by name."""
-    wanted = tuple(argument.value for argument in function.args)
-    given: dict[str, Expression] = dict(zip(wanted, call.arguments, strict=False))
+    """The expression of each argument, by name; arguments may be positional or keywords."""
+    parameters = tuple(argument.value for argument in function.args)
+    arguments: dict[str, Expression] = dict(zip(parameters, call.arguments, strict=False))
     for keyword in call.keywords:
-        if keyword.name not in wanted or keyword.name in given:
-            context.findings.report(names.unknown_keyword(name, keyword.name, keyword.span, wanted))
+        if keyword.name not in parameters or keyword.name in arguments:
+            context.findings.report(
+                names.unknown_keyword(name, keyword.name, keyword.span, parameters)
+            )
             raise LoweringFailed
-        given[keyword.name] = keyword.value
+        arguments[keyword.name] = keyword.value
     found = len(call.arguments) + len(call.keywords)
-    if found != len(wanted):
-        plural = "s" if len(wanted) != 1 else ""
-        expected = f"{len(wanted)} argument{plural} ({', '.join(wanted)})"
+    if found != len(parameters):
+        plural = "s" if len(parameters) != 1 else ""
+        expected = f"{len(parameters)} argument{plural} ({', '.join(parameters)})"
         context.findings.report(names.wrong_argument_count(name, expected, found, call.span))
         raise LoweringFailed
-    return given
+    return arguments

@@ -1,4 +1,4 @@
-"""Sends a call of a declared layer to the rule of its kind, by the class of its settings."""
+"""Lowers a call of a layer by the rule of its kind."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def lower_layer(
     call: Call,
     environment: Environment,
 ) -> NodeId:
-    """The node of `NAME(…)`, or of `NAME.member(…)` where the kind of layer has such a member."""
+    """The node of `NAME(…)`, or of `NAME.member(…)` if this kind of layer has such a member."""
     settings = entry.chosen()
     rule = rule_of(settings)
     expand = rule.expand
@@ -49,9 +49,9 @@ def member_of_layer(
     entry: Layer,
     environment: Environment,
 ) -> NodeId:
-    """The node of `NAME.value` without a call: a value of the kind of layer.
+    """The node of `NAME.value` without a call: a value that this kind of layer defines.
 
-    In losses, which come last, that of an array too that the layer has learned: `NAME.weight`.
+    Losses, which are lowered last, can also read a learned array: `NAME.weight`.
     """
     settings = entry.chosen()
     rule = rule_of(settings)
@@ -96,5 +96,5 @@ def _context(
 
 
 def rule_of(settings: Entry) -> AnyRule:
-    """The rule of a layer's settings."""
+    """The rule for a layer's settings."""
     return layers.rule_of(type(settings))

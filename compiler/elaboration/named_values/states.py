@@ -1,4 +1,4 @@
-"""Lowers states: their value, the integrator's result, what follows after the step (R4, R6)."""
+"""Lowers states: their value, the result of the integrator, the value after the step (R4, R6)."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ class States:
         self._integrators = integrators
         self._flow: dict[str, Mapping[str, NodeId]] = {}
         self._next: dict[str, NodeId | None] = {}
-        """None is the `next` of a state that could not be lowered, or is being lowered."""
+        """None for a state whose `next` failed or is being lowered."""
         self._followed: list[str] = []
         """States whose `next` is being lowered, outermost first."""
         self._differentiated: list[str] = []
         """States whose right-hand side is being lowered, outermost first."""
 
     def value(self, name: str, entry: State, span: Span, environment: Environment) -> NodeId:
-        """A state's value as the expression sees it: now, or at a stage of the integrator."""
+        """The value of a state for an expression: now, or at a stage of the integrator."""
         findings = self._context.findings
         if environment.part is EnvironmentPart.CONSTANT:
             findings.report(names.constant_needed(f"`{name}`", span))
@@ -59,11 +59,11 @@ class States:
             return self._histories.read(name, entry, span, environment)
         if environment.stage is not None and name in environment.stage.values:
             return environment.stage.values[name]
-        # discrete, or of another spec: held over the step of this integrator (R6)
+        # discrete, or of another spec: constant over the step of this integrator (R6)
         return self._context.builder(environment).state(name, self._context.type_of(entry))
 
     def call(self, function: str, call: Call, environment: Environment) -> NodeId:
-        """`next(x)` and `flow(x)` of a state."""
+        """`next(x)` or `flow(x)` of a state."""
         findings = self._context.findings
         if len(call.arguments) != 1 or call.keywords:
             found = len(call.arguments) + len(call.keywords)
@@ -119,7 +119,9 @@ class States:
             self._differentiated.pop()
 
     def next(self, name: str, entry: State) -> NodeId:
-        """The value a state takes after the step: its `next:`, else the integrator's result."""
+        """The value of a state after the step: its `next:`, otherwise the result of the
+        integrator.
+        """
         if name not in self._next:
             self._next[name] = None
             self._followed.append(name)
@@ -133,7 +135,7 @@ class States:
         return node
 
     def start(self, name: str, entry: State, builder: GraphBuilder) -> NodeId:
-        """The value before the first step, from `init:`; without it 0."""
+        """The value before the first step, from `init:`; 0 without it."""
         type = self._context.type_of(entry)
         if entry.start is None:
             return builder.broadcast(builder.constant(0.0, unit=type.unit), type.axes)
@@ -142,7 +144,7 @@ class States:
         return fitted(self._context, f"`init` of `{name}`", node, type, entry.start, at_start)
 
     def flow(self, owner: str) -> Mapping[str, NodeId]:
-        """The integrator's result of every continuous state of one spec, all together (R6)."""
+        """The result of the integrator for all continuous states of one spec (R6)."""
         if owner not in self._flow:
             self._flow[owner] = integrated(self._context, owner, self._integrators[owner])
         return self._flow[owner]
@@ -153,8 +155,8 @@ class States:
         following = self._lower_law(name, entry)
         type = self._context.type_of(entry)
         limits = range_in(self._context, entry.range, type.unit)
-        # saturation is a part of `next`, so that training sees its slopes; a reset is for deployed
-        # code
+        # saturation is part of `next`, so that training differentiates it; a reset exists in
+        # deployed code only
         if entry.on_range is None or entry.on_range.value != "saturate" or limits is None:
             return following
         builder = self._context.builder(STEP)

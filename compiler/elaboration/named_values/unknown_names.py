@@ -1,4 +1,4 @@
-"""Says what is wrong with names that nothing declares, and what was meant where that is known."""
+"""Explains unknown names, with the intended name if it can be guessed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CALLABLE = (Kind.LAYER, Kind.FUNCTION)
 
 
 def unknown_value(context: Context, name: str, span: Span, member: str) -> Diagnostic:
-    """The mistake in a name, or in what stands before the dot of a `member`."""
+    """The diagnostic of an unknown name, or of the part before the dot of a `member`."""
     if name in SIGNATURES:
         return names.not_a_value(name, "a builtin", span)
     known = (*context.scope, "dt", *NUMBERS)
@@ -26,7 +26,7 @@ def unknown_value(context: Context, name: str, span: Span, member: str) -> Diagn
 
 
 def unknown_function(context: Context, function: Name, environment: Environment) -> Diagnostic:
-    """The mistake in what is called."""
+    """The diagnostic of a call of an unknown function."""
     name = function.name
     callable = [n for n, declared in context.scope.items() if declared.kind in _CALLABLE]
     losses = LOSS_FUNCTIONS if environment.part is EnvironmentPart.LOSS else ()
@@ -41,7 +41,7 @@ def unknown_function(context: Context, function: Name, environment: Environment)
 
 
 def unknown_method(context: Context, function: Member) -> Diagnostic:
-    """The mistake in what is called after a dot: `np.tanh(…)`."""
+    """The diagnostic of a call after a dot: `np.tanh(…)`."""
     repair = None
     if function.base not in context.scope:
         repair = written_here(function.base, function.name, SIGNATURES)

@@ -1,4 +1,4 @@
-"""Gives what is connected to an input of a sub-model the input's dims and unit."""
+"""Gives a value that is connected to an input of a sub-model the dims and unit of the input."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ def fitted_to_input(
     entry: Connected,
     environment: Environment,
 ) -> NodeId:
-    """The expression's value with exactly the input's axes; without some of them it is repeated.
+    """The value with exactly the axes of the input; it is repeated along missing axes.
 
-    Both places are shown where axes or units do not fit: they stand in two files.
+    Diagnostics about axes or units show both places, which are in two files.
     """
     signal = entry.feeds
     declaration = signal.place.key
-    wanted = context.axes_of(signal)
+    target = context.axes_of(signal)
     found = builder.type(node)
     is_window = environment.window is not None
     window = tuple(axis for axis in found.axes if axis.name == WINDOW and is_window)
-    if not set(found.axes) <= {*wanted, *window}:
-        expected, actual = describe_axes(wanted), describe_axes(found.axes)
+    if not set(found.axes) <= {*target, *window}:
+        expected, actual = describe_axes(target), describe_axes(found.axes)
         place = entry.expr.span
         context.findings.report(errors.connection_axes(name, expected, actual, place, declaration))
         raise LoweringFailed
@@ -45,4 +45,4 @@ def fitted_to_input(
             context.findings.report(
                 errors.connection_unit(name, unit.text, found.unit.text, place, declaration)
             )
-    return builder.broadcast(node, (*wanted, *window))
+    return builder.broadcast(node, (*target, *window))

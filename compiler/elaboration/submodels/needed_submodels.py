@@ -1,4 +1,4 @@
-"""Finds the sub-models that a value needs in the same step, by what its equations read."""
+"""Finds the sub-models that a value depends on within the same step."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from spec_schema.sections.spec import Spec
 
 
 def needed_submodels(spec: Spec, expression: Expression) -> tuple[str, ...]:
-    """The sub-models of the model itself that an expression of it needs, through anything but time.
+    """The sub-models that an expression of the model depends on without a delay.
 
-    A parameter or a layer of a sub-model is not the sub-model: a controller may share them.
+    Reading a parameter or a layer of a sub-model does not count: a controller may share them.
     """
     if not spec.use:
         return ()
-    found: dict[str, None] = {}
+    needed: dict[str, None] = {}
     seen: set[str] = set()
     waiting: list[Any] = [expression]
     while waiting:
@@ -27,10 +27,10 @@ def needed_submodels(spec: Spec, expression: Expression) -> tuple[str, ...]:
             seen.add(name)
             entry = spec.equations.get(name) or spec.outputs.get(name) or spec.states.get(name)
             if entry is not None and "." in name and not isinstance(entry, Connected):
-                found[name.partition(".")[0]] = None
+                needed[name.partition(".")[0]] = None
             for section in (spec.equations, spec.outputs, spec.functions):
                 if name in section:
                     waiting.append(section[name].expr)
             if name in spec.layers:
                 waiting.append(spec.layers[name])
-    return tuple(found)
+    return tuple(needed)

@@ -1,4 +1,4 @@
-"""Aligns the axes of two operands by name; a missing one is broadcast (R3)."""
+"""Aligns the axes of two operands by name and broadcasts missing ones (rule R3)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from compiler.ir.types import UNNAMED, WINDOW, Axis, describe_axes, in_order
 
 
 class AxisConflict(Exception):  # noqa: N818  (a finding to report, not a failure)
-    """Operands whose axes cannot meet; `reason` is a clause for the message, `hint` a repair."""
+    """Two operands whose axes do not fit. `reason` is a clause of the message, `hint` a repair."""
 
     def __init__(
         self, left: tuple[Axis, ...], right: tuple[Axis, ...], reason: str, hint: str = ""
@@ -23,18 +23,18 @@ def _named(axes: tuple[Axis, ...], name: str) -> Axis | None:
 
 
 def _with_window(axes: tuple[Axis, ...], other: tuple[Axis, ...]) -> tuple[Axis, ...]:
-    """Windowless axes with the one renamed to the window that runs along the other's window.
+    """Matches an axis of an operand without window to the window of the other operand.
 
-    That is the unnamed axis, or else the last named one absent in the other operand, if it has the
-    window's length: `W * delta.past(30)`.
+    The chosen axis is renamed to the window. It is the unnamed axis, or else the last named axis
+    that the other operand lacks, if it has the length of the window. Example: `W * delta.past(30)`.
     """
     window = _named(other, WINDOW)
     if window is None or _named(axes, WINDOW) is not None:
         return axes
     names = {axis.name for axis in other}
-    # an unnamed dim that the other operand has too meets that one, elementwise
+    # if both operands have an unnamed axis, these two match, elementwise
     candidates = [axis for axis in axes if axis.name == UNNAMED and axis.name not in names]
-    # the last named dim absent in the other operand (R3), and no other
+    # only the last named axis that the other operand lacks is a candidate (R3)
     candidates += [axis for axis in reversed(axes) if axis.name and axis.name not in names][:1]
     along = next((axis for axis in candidates if axis.size == window.size), None)
     if along is None:
@@ -45,13 +45,13 @@ def _with_window(axes: tuple[Axis, ...], other: tuple[Axis, ...]) -> tuple[Axis,
 def align(
     left: tuple[Axis, ...], right: tuple[Axis, ...]
 ) -> tuple[tuple[Axis, ...], tuple[Axis, ...], tuple[Axis, ...]]:
-    """Axes of an elementwise result, and the operands' axes renamed to be a part of them.
+    """Returns the axes of an elementwise result, and the operands' axes renamed to fit in them.
 
-    Renaming keeps the element order but for an axis that moves to the end as the window; the
-    caller broadcasts from `left`/`right` as returned. Raises AxisConflict.
+    Renaming preserves the order of elements, except that a new window axis moves to the end. The
+    caller then broadcasts both operands. Raises AxisConflict.
     """
-    # each against the axes of the other as written: with both renamed a window would be looked for
-    # twice
+    # each operand is compared with the original axes of the other: after a renaming the second
+    # search would match the window again
     left_axes, right_axes = _with_window(left, right), _with_window(right, left)
     result = list(left_axes)
     for axis in right_axes:
@@ -65,16 +65,15 @@ def align(
 
 
 def twin_axes(left: tuple[Axis, ...], right: tuple[Axis, ...]) -> Axis | None:
-    """The named axis of one operand that is as long as the unnamed one of the other.
+    """The named axis of one operand that is as long as the unnamed axis of the other.
 
-    Elementwise operations make all pairs of the two. None where they meet otherwise: by name, or
-    along a window. Raises AxisConflict.
+    An elementwise operation would form all pairs of their elements (an outer product), which is
+    rarely intended. Returns None if the two match by name or along a window. Raises AxisConflict.
     """
     _, left, right = align(left, right)
     for one, other in ((left, right), (right, left)):
         unnamed = _named(one, UNNAMED)
-        # an unnamed axis of one element is repeated as it would be in numpy: nobody means pairs of
-        # it
+        # an unnamed axis of length 1 is repeated as in numpy: an outer product with it is harmless
         if unnamed is None or unnamed.size == 1 or _named(other, UNNAMED) is not None:
             continue
         for axis in other:
@@ -86,10 +85,10 @@ def twin_axes(left: tuple[Axis, ...], right: tuple[Axis, ...]) -> Axis | None:
 def contracted(
     left: tuple[Axis, ...], right: tuple[Axis, ...]
 ) -> tuple[Axis, str, tuple[Axis, ...]]:
-    """For `left @ right`: the axis of left that is summed, the name of its partner, result axes.
+    """For `left @ right`: the summed axis of left, the name of its partner, and the result axes.
 
-    The last axis of left (its window if it has one) meets right's axis of the same name, else its
-    unnamed axis, else its window. Raises AxisConflict where none or two fit.
+    The last axis of `left` (its window if it has one) matches the axis of `right` with the same
+    name, else its unnamed axis, else its window. Raises AxisConflict if no axis fits, or two.
     """
     if not left or not right:
         raise AxisConflict(left, right, "`@` needs an axis to sum on both sides", "use `*`")

@@ -1,8 +1,13 @@
-"""Finds the values that can be infinite or 0, so that a product of slopes knows what to test.
+"""Finds values that can be infinite or 0, so that a product of derivatives tests only these.
 
-Decided by the operations alone, in one look at each node: a divisor is not 0 where it is a constant
-that is not, is made of parameters alone (at 0 the model itself has no finite value), or is made of
-those and of positive things (`1 + x²`, `exp`, `cosh`). What overflows counts as finite.
+The operations alone decide, and each node is analysed once. A divisor counts as nonzero in three
+cases:
+
+- It is a nonzero constant.
+- It depends on parameters only; at 0 the model itself is not finite.
+- It is built from those and from positive values (`1 + x²`, `exp`, `cosh`).
+
+Overflow is ignored: its results count as finite.
 """
 
 from __future__ import annotations
@@ -15,7 +20,7 @@ from compiler.ir.program import Node, NodeId
 
 
 class Sign(IntEnum):
-    """The known sign of every element, the more is known the higher."""
+    """The known sign of all elements of a value; a higher number is more knowledge."""
 
     ANY = 0
     NOT_NEGATIVE = 1
@@ -28,67 +33,67 @@ _BOUNDED = frozenset({"sin", "cos", "asin", "acos", "atan", "atan2", "tanh", "si
 
 
 class Infinite(IntEnum):
-    """The case in which a value can be infinite although all that is read is finite."""
+    """The case in which a value can be infinite although all inputs are finite."""
 
     NEVER = 0
     WITH_MODEL = 1
-    """Like the slope of 1/x or log(x): what they differentiate is infinite there too, unless the
-    factors between it and the result are 0."""
+    """Like the derivative of 1/x or log(x): the function itself is infinite there too, unless
+    the factors between it and the result are 0."""
     ALONE = 2
-    """Like the slope of sqrt(x), which is finite itself."""
+    """Like the derivative of sqrt(x): the function itself is finite there."""
 
 
 class InfiniteValues:
-    """Answers for the nodes of a graph that may still grow; every node is looked at once."""
+    """Answers questions about the nodes of a growing graph; analyses each node once."""
 
     def __init__(self, graph: NodeStore) -> None:
         self._graph = graph
         self._signs: list[Sign] = []
         self._divisor_signs: list[Sign] = []
-        """The same where no parameter, and nothing made of parameters alone, is 0."""
+        """The same, assuming that no parameter, and nothing computed from parameters alone, is
+        0."""
         self._fixed: list[bool] = []
         self._infinite: list[Infinite] = []
         self._made_of: list[bool] = []
         self._unbounded: list[bool] = []
-        """Whether it can be ±∞, not NaN alone: of sin(1/x) only what is in it can."""
+        """True if the value can be ±∞. sin(1/x) cannot, although 1/x can: it is NaN there."""
 
     def expect(self, node: NodeId) -> None:
-        """Says of a new node that its value can be infinite whatever it is made of."""
+        """Marks a new node as possibly infinite, independent of its operands."""
         self._look(node)
         self._infinite[node] = Infinite.ALONE
         self._made_of[node] = True
         self._unbounded[node] = True
 
     def is_never_zero(self, node: NodeId) -> bool:
-        """Whether no element of the value can be 0."""
+        """True if no element of the value can be 0."""
         self._look(node)
         return self._signs[node] >= Sign.NOT_ZERO
 
     def divides(self, node: NodeId) -> bool:
-        """Whether no element of a divisor is 0 where the model has finite values."""
+        """True if no element of a divisor is 0 where the model has finite values."""
         self._look(node)
         return self._divisor_signs[node] >= Sign.NOT_ZERO
 
     def can_be_infinite(self, node: NodeId) -> bool:
-        """Whether a factor 0 must be looked for that meets this one in a product of slopes."""
+        """True if the value can be infinite. A product with it must test the other factor for 0."""
         self._look(node)
         return self._infinite[node] is not Infinite.NEVER
 
     def is_made_of_infinite(self, node: NodeId) -> bool:
-        """Whether anything that it is computed from can be infinite."""
+        """True if the value, or any value that it depends on, can be infinite."""
         self._look(node)
         return self._made_of[node]
 
     def _look(self, last: NodeId) -> None:
         for index in range(len(self._signs), last + 1):
             node = self._graph.node(index)
-            # operands stand before their users: what is known of them is there
+            # operands come before their users, so their signs are known
             sign = _sign(node, [self._signs[arg] for arg in node.args])
             divisor_sign = _sign(node, [self._divisor_signs[arg] for arg in node.args])
             fixed = isinstance(node.op, ops.Constant | ops.ReadParameter)
             fixed = fixed or (bool(node.args) and all(self._fixed[arg] for arg in node.args))
-            # a learned divisor that is 0 makes the model itself infinite: its slopes are no news
-            # then
+            # a learned divisor of 0 makes the model itself infinite, so its derivatives may be too
             if fixed and divisor_sign is Sign.ANY:
                 divisor_sign = Sign.NOT_ZERO
             unbounded = any(self._unbounded[arg] for arg in node.args)
@@ -112,15 +117,15 @@ class InfiniteValues:
             case ops.Apply(function) if function in _BOUNDED:
                 return Infinite.NEVER
             case ops.Clamp():
-                # a clamp cuts what is infinite down to its limits: only these count
+                # a clamp reduces infinite values to its limits: only these matter
                 return max(of[1:])
             case _ if Infinite.ALONE in of:
                 return Infinite.ALONE
             case ops.Negate() | ops.Named() | ops.Broadcast() | ops.Reshape() | ops.Slice():
                 return of[0]
             case ops.Divide():
-                # 1/x of any x is infinite together with the model; 1/√x or 1/x² is a slope of
-                # something finite
+                # 1/x of any x is infinite where the model is; 1/√x and 1/x² occur in derivatives
+                # of functions that are finite there
                 return _BY_DIVISOR.get(self._divisor_signs[node.args[1]], Infinite.NEVER)
             case ops.Apply("log") if self._signs[node.args[0]] < Sign.NOT_ZERO:
                 return Infinite.WITH_MODEL
@@ -131,18 +136,18 @@ class InfiniteValues:
 
 
 def _is_bounded(node: Node) -> bool:
-    """Whether its values are finite, or NaN, whatever its operands are."""
+    """True if the value is finite or NaN for any operands."""
     return isinstance(node.op, ops.Apply) and node.op.function in _BOUNDED
 
 
 def _sign(node: Node, of: list[Sign]) -> Sign:
-    """The known sign of a value whose operands have these signs."""
+    """The sign of a value, from the signs `of` of its operands."""
     known = [sign for sign in of if sign in (Sign.NOT_NEGATIVE, Sign.POSITIVE)]
     match node.op:
         case ops.Constant(values) if node.type.kind == "real":
             return _of_numbers(values)
         case ops.Add():
-            # of terms that are not negative one positive is enough; opposite signs may cancel
+            # if no term is negative, one positive term is enough; opposite signs may cancel
             return max(of) if len(known) == len(of) else Sign.ANY
         # a square
         case ops.Multiply() if node.args[0] == node.args[1]:
@@ -154,18 +159,17 @@ def _sign(node: Node, of: list[Sign]) -> Sign:
         case ops.Maximum():
             return max(known, default=_common(of))
         case ops.Clamp():
-            # a clamp is at least the smaller one of its limits: they may cross
+            # a clamp is at least the smaller of its limits, which may cross
             limits = _common(of[1:])
             return limits if limits in known else Sign.ANY
         case ops.Select():
             return _common(of[1:])
         case ops.Sum():
-            # a sum of numbers that are not 0 may be 0, one of numbers that are not negative and 0
-            # may not
+            # nonzero terms may cancel to 0; positive terms may not
             return of[0] if of[0] in known else Sign.ANY
         case ops.Contract():
             product = _of_product(of[0], of[1])
-            # a sum of numbers that are not 0 can be 0
+            # nonzero terms may cancel to 0
             return product if product is not Sign.NOT_ZERO else Sign.ANY
         case ops.Apply(function):
             return _sign_of_function(function, of)
@@ -189,30 +193,30 @@ def _sign_of_function(function: str, of: list[Sign]) -> Sign:
 
 _WITH_ZERO = {Sign.POSITIVE: Sign.NOT_NEGATIVE, Sign.NOT_ZERO: Sign.ANY}
 _BY_DIVISOR = {Sign.ANY: Infinite.WITH_MODEL, Sign.NOT_NEGATIVE: Infinite.ALONE}
-"""A root or a square that can be 0 divides in the slopes of functions that are finite there."""
+"""A divisor that is a root or a square and can be 0 occurs in derivatives of finite functions."""
 
 
 def _of_numbers(values: tuple[float, ...]) -> Sign:
-    least = min(values, default=0.0)
-    if least > 0:
+    smallest = min(values, default=0.0)
+    if smallest > 0:
         return Sign.POSITIVE
     if all(value != 0 for value in values):
         return Sign.NOT_ZERO
-    return Sign.NOT_NEGATIVE if least >= 0 else Sign.ANY
+    return Sign.NOT_NEGATIVE if smallest >= 0 else Sign.ANY
 
 
 def _of_product(left: Sign, right: Sign) -> Sign:
     if Sign.ANY in (left, right):
         return Sign.ANY
     if Sign.NOT_NEGATIVE in (left, right):
-        # what is not negative times what is not 0 may be 0, or negative
+        # a nonnegative times a nonzero value can be 0 or negative
         return Sign.ANY if Sign.NOT_ZERO in (left, right) else Sign.NOT_NEGATIVE
     return min(left, right)
 
 
 def _common(signs: list[Sign]) -> Sign:
-    """The sign that holds of all of them."""
-    found = set(signs)
-    if found <= {Sign.NOT_NEGATIVE, Sign.POSITIVE}:
+    """The strongest sign that holds for all of them."""
+    distinct = set(signs)
+    if distinct <= {Sign.NOT_NEGATIVE, Sign.POSITIVE}:
         return min(signs)
-    return Sign.NOT_ZERO if min(found) >= Sign.NOT_ZERO else Sign.ANY
+    return Sign.NOT_ZERO if min(distinct) >= Sign.NOT_ZERO else Sign.ANY

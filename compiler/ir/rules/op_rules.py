@@ -1,4 +1,4 @@
-"""Checks each op: what its operands and its type must be to make a legal node."""
+"""Checks each node: the operands and the type that its operation requires."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from compiler.ir.types import WINDOW, Axis, Type, describe_axes
 from spec_schema.late_dataclass import dataclass
 
 LARGEST_SIZE = 1 << 24
-"""Scalars in one value: 128 MiB in float64, far above any model and far below any memory."""
+"""Maximum number of scalars in one value: 128 MiB in float64."""
 MOST_AXES = 12
 LONGEST_NAME = 2000
 FARTHEST_SAMPLE = 1 << 24
-"""Samples between t and the farthest one that a program reads."""
+"""Maximum distance, in samples, between t and a sample that a program reads."""
 
 
 def broken_axes(axes: tuple[Axis, ...]) -> str | None:
-    """The reason why these are not the axes of a value, None if they are."""
+    """Returns the reason why these axes are illegal, or None."""
     if not axes:
         return None
     names = [axis.name for axis in axes]
@@ -29,21 +29,21 @@ def broken_axes(axes: tuple[Axis, ...]) -> str | None:
         return f"{describe_axes(axes)} has an axis twice"
     if any(_is_no_name(name) for name in names):
         return "an axis has no proper name"
-    # windows are last (R1): backends rely on the place of the newest sample
+    # the window is last (R1): backends rely on the position of the newest sample
     if WINDOW in names[:-1]:
         return f"{describe_axes(axes)} has the window before the end"
     if len(axes) > MOST_AXES or any(axis.size < 1 for axis in axes):
         return f"{describe_axes(axes)} has too many axes or an empty one"
-    # before anything is allocated: a file may say any length
+    # checked before memory is allocated: a file may contain any length
     if math.prod(axis.size for axis in axes) > LARGEST_SIZE:
         return f"{describe_axes(axes)} has more than {LARGEST_SIZE} elements"
     return None
 
 
 def broken_rule(node: Node, operands: tuple[Type, ...], sources: AxesOfSources) -> str | None:
-    """The reason why the node is not legal after its operands, None if it is.
+    """Returns the reason why a node is illegal for operands of these types, or None.
 
-    Units are not looked at: they label values, and the front end has checked them.
+    Units are not checked: they are labels, which the front end has checked.
     """
     type, axes = node.type, node.type.axes
     reason = broken_axes(axes) or _wrong_count(node, operands)
@@ -53,7 +53,7 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: AxesOfSources) 
         case ops.Constant(name=name) if name and _is_no_name(name):
             return "a constant has no proper name"
         case ops.Constant(values):
-            # no infinite constants: JSON has none, and what needs them divides by 0
+            # no infinite constants: JSON has none; a model that needs one divides by 0
             if len(values) != type.size or not all(math.isfinite(value) for value in values):
                 return f"{len(values)} numbers for {describe_axes(axes)}, or one is not finite"
             return _real(type)
@@ -63,7 +63,7 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: AxesOfSources) 
             return _from(f"state `{name}`", sources.states.get(name), type)
         case ops.ReadSignal(name, first, last) | ops.ReadLog(name, first, last):
             return _read(sources.signals.get(name), name, first, last, type)
-        # such values are given by training itself, within its own graphs
+        # only graphs that training derives may read such values
         case ops.ReadTraining():
             return "a program reads no value of training"
         case ops.Dropout(rate) if not 0 <= rate < 1:
@@ -108,7 +108,7 @@ def broken_rule(node: Node, operands: tuple[Type, ...], sources: AxesOfSources) 
 
 @dataclass(frozen=True, slots=True)
 class AxesOfSources:
-    """Axes of what a graph may read, by name."""
+    """Axes of the signals, parameters and states that a graph may read, by name."""
 
     signals: Mapping[str, tuple[Axis, ...]]
     parameters: Mapping[str, tuple[Axis, ...]]
@@ -160,7 +160,7 @@ def _read(
         return f"there is no signal `{name}`"
     if not -FARTHEST_SAMPLE <= first <= last <= FARTHEST_SAMPLE:
         return f"samples {first} … {last} are no window"
-    # a window that is one sample long has an axis; a single sample has none
+    # a window of length 1 has a window axis; a single sample has none
     window = (Axis(WINDOW, last - first + 1),) if type.window is not None else ()
     if not window and first != last:
         return "several samples need a window axis"

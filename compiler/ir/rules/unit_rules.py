@@ -1,4 +1,4 @@
-"""Derives units through the operations; an unknown unit (None) never conflicts."""
+"""Derives the units of results; an unknown unit (None) never conflicts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RADIAN = parse_unit("rad")
 
 @dataclass(frozen=True, slots=True)
 class UnitConflict:
-    """Units that an operation cannot take together: what it is, what it found, what it wants."""
+    """Units that do not fit: the operation, an operand's unit and the unit that it requires."""
 
     operation: str
     found: Unit
@@ -26,23 +26,26 @@ Ruled = tuple[Unit | None, UnitConflict | None]
 
 
 def same_unit(left: Unit, right: Unit) -> bool:
-    """Whether values in the two units can be added: equal scale and dimension, rad counts as 1."""
+    """True if values in the two units can be added: equal scale and dimension; rad counts as 1."""
     return left.same_as(right)
 
 
 def sum_unit(operation: str, left: Unit | None, right: Unit | None) -> Ruled:
     """Unit of a sum, difference, minimum, comparison or choice of two values."""
-    # an unknown unit takes the other: checks are gradual (decision 0007)
+    # an unknown unit becomes the other one: checks are gradual (decision 0007)
     if left is None:
         return right, None
     if right is None or same_unit(left, right):
         return left, None
-    # the first operand is what the second is compared with
+    # the unit of the first operand is the expected one
     return None, UnitConflict(operation, right, left)
 
 
 def addition_unit(left: Unit | None, right: Unit | None) -> Ruled:
-    """Unit of a sum: K added to degC is degC; a sum in degC is one, as half of it is a mean."""
+    """Unit of a sum.
+
+    K added to degC gives degC; degC + degC gives degC, since half of it is a mean.
+    """
     if left is not None and right is not None:
         for point, other in ((left, right), (right, left)):
             if point.offset != 0.0 and same_unit(other, point.difference):
@@ -53,7 +56,7 @@ def addition_unit(left: Unit | None, right: Unit | None) -> Ruled:
 def subtraction_unit(left: Unit | None, right: Unit | None) -> Ruled:
     """Unit of a difference: degC - degC is K, degC - K is degC.
 
-    A value of unknown unit may be either, so that degC less it has none.
+    If the second unit is unknown it may be either, so degC minus an unknown unit is unknown.
     """
     if right is not None and right.offset != 0.0 and (left is None or same_unit(left, right)):
         return right.difference, None
@@ -66,12 +69,12 @@ def subtraction_unit(left: Unit | None, right: Unit | None) -> Ruled:
 
 
 def distance_unit(unit: Unit | None) -> Unit | None:
-    """Unit of the distance between two values: K of degC."""
+    """Unit of the distance between two values: K for values in degC."""
     return None if unit is None else unit.difference
 
 
 def product_unit(left: Unit | None, right: Unit | None) -> Unit | None:
-    """Unit of a product; a temperature in degC stays one if it is multiplied by a number."""
+    """Unit of a product; a temperature in degC times a dimensionless factor stays in degC."""
     if left is None or right is None:
         return None
     for point, other in ((left, right), (right, left)):
@@ -81,7 +84,7 @@ def product_unit(left: Unit | None, right: Unit | None) -> Unit | None:
 
 
 def quotient_unit(left: Unit | None, right: Unit | None) -> Unit | None:
-    """Unit of a quotient; a temperature in degC stays one if it is divided by a number."""
+    """Unit of a quotient; a temperature in degC divided by a dimensionless factor stays in degC."""
     if left is None or right is None:
         return None
     if left.offset != 0.0 and _is_number(right):
@@ -94,11 +97,12 @@ def _is_number(unit: Unit) -> bool:
 
 
 def power_unit(base: Unit | None, exponent: int | Fraction) -> Unit | None:
+    """Unit of base^exponent; None if the unit of the base is unknown."""
     return None if base is None else base.power(exponent)
 
 
 def function_unit(name: str, rule: UnitRule, arguments: tuple[Unit | None, ...]) -> Ruled:
-    """Unit of a scalar function's value by the rule of its row."""
+    """Unit of the value of a scalar function, by the unit rule of its row in the table."""
     unit = arguments[0]
     match rule:
         case UnitRule.NUMBER | UnitRule.TO_ANGLE | UnitRule.ANGLE:

@@ -1,7 +1,7 @@
-"""Checks that a Program is legal: the executable specification of the IR.
+"""Checks that a Program is legal: an executable specification of the IR.
 
-Passes are checked by it before and after they run, and program files when they are read, so
-that nothing downstream needs to expect a broken program.
+It runs before and after each pass and when a program file is read. Later code may therefore rely on
+a legal program.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from compiler.ir.types import UNNAMED, WINDOW, Axis, Type
 
 MOST_NODES = 1_000_000
 MOST_SECTIONS = 64
-"""Of a filter that is fitted, whose equations grow with the square of them."""
+"""Maximum order of a fitted filter: the size of its equations is quadratic in the order."""
 LARGEST_TOTAL = 1 << 27
-"""Elements of all values of a graph together: 1 GiB in float64."""
+"""Maximum number of elements of all values of a graph together: 1 GiB in float64."""
 
 
 class InvalidProgram(AssertionError):  # noqa: N818  (a fact about a program, as in the IR's papers)
-    """A program that breaks a rule of the IR; `node` is the node at fault where there is one."""
+    """A program breaks a rule of the IR; `node` is the illegal node, if one node is at fault."""
 
     def __init__(self, reason: str, node: Node | None = None) -> None:
         super().__init__(reason)
@@ -47,14 +47,15 @@ class InvalidProgram(AssertionError):  # noqa: N818  (a fact about a program, as
 
 
 def verify(program: Program) -> None:
-    """Raises InvalidProgram unless every rule holds:
+    """Raises InvalidProgram unless all rules hold:
 
     - names are unique within signals, parameters, states, outputs, losses and dimensions, and every
-      name that is used is there;
-    - operands stand before their users; each node obeys the rule of its op (`op_rules`);
+    reference names an existing one;
+    - operands come before their users; each node obeys the rule of its operation (`op_rules`);
     - `start` reads parameters and the log only; outputs and next values do not read the log,
-      targets of losses nothing else;
-    - `next` and `start` of a state have the state's axes; outputs and losses are real numbers.
+      targets of
+    losses read nothing else;
+    - `next` and `start` of a state have the axes of the state; outputs and losses are real-valued.
     """
     _unique("program", (program.name,))
     if program.sample_time is not None:
@@ -73,7 +74,7 @@ def verify(program: Program) -> None:
     signals = {signal.name: signal.axes for signal in program.signals}
     for parameter in program.parameters if program.losses else ():
         statistic = parameter.statistic
-        # statistics are of rows of training: exports have no losses, and need not know of them
+        # statistics are taken over training rows; exports have no losses and may lack the signal
         known = statistic is None or signals.get(statistic.signal) == parameter.axes
         _require(known, f"parameter `{parameter.name}` is a statistic of no such signal")
     sources = AxesOfSources(
@@ -162,14 +163,14 @@ def _check_graph(graph: Graph, sources: AxesOfSources) -> None:
     _require(len(graph) <= MOST_NODES, f"a graph has more than {MOST_NODES} nodes")
     total = 0
     for index, node in graph:
-        # nodes in order: no cycle, and one pass in order is enough everywhere
+        # ordered nodes have no cycles, and one pass in this order evaluates them
         if node.args and not 0 <= min(node.args) <= max(node.args) < index:
             raise InvalidProgram(f"node {index} uses a node that does not stand before it", node)
         reason = broken_rule(node, tuple(graph[arg].type for arg in node.args), sources)
         if reason is not None:
             raise InvalidProgram(f"node {index}: {type(node.op).__name__}: {reason}", node)
         total += node.type.size
-    # many values that are legal alone may be too much together
+    # many values of legal size can still be too large together
     _require(total <= LARGEST_TOTAL, f"the values of a graph have {total} elements together")
 
 
@@ -178,7 +179,7 @@ def _check_state(program: Program, state: State) -> None:
     _check_axes(what, state.axes)
     _check_range(what, state.range)
     _require(state.on_range == "flag" or state.range is not None, f"{what} has no range to act on")
-    # buffers have their samples last
+    # buffers have the window as their last axis
     windowed = Type(state.axes).window is not None
     match state.origin:
         case Declared() | LayerMemory():
@@ -245,9 +246,9 @@ def _check_fit(fit: Fit, sources: AxesOfSources) -> None:
 
 def _check_log_reads(program: Program) -> None:
     step = program.step
-    # a deployed step has no log (R13); losses have
+    # a deployed step has no log (R13), only losses read it
     outputs = [output.node for output in program.outputs]
-    # a state that only losses need runs beside the log
+    # a state that only losses depend on runs in training only and may read the log
     deployed, _ = needed_over_time(step, {s.name: s.next for s in program.states}, outputs)
     targets = [loss.target for loss in program.losses if loss.target is not None]
     factors = [loss.rows for loss in program.losses if loss.rows is not None]
@@ -261,7 +262,7 @@ def _check_log_reads(program: Program) -> None:
 
 
 def _reached(graph: Graph, wanted: Sequence[NodeId]) -> Iterable[tuple[NodeId, Node]]:
-    """The nodes that these values are made of."""
+    """The nodes that these values depend on."""
     reached = needed(graph, wanted)
     return ((index, node) for index, node in graph if reached[index])
 

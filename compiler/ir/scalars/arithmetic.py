@@ -1,4 +1,4 @@
-"""Declares the operations in which slopes and definitions of scalar functions are written."""
+"""Declares the operations in which derivatives and definitions of scalar functions are written."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ W = TypeVar("W", contravariant=True)
 
 
 class InfiniteFacts(Protocol[W]):
-    """Knows which values can be infinite and which can be 0."""
+    """Decides which values can be infinite and which can be 0."""
 
     def can_be_infinite(self, value: W, /) -> bool: ...
     def divides(self, value: W, /) -> bool: ...
@@ -17,7 +17,7 @@ class InfiniteFacts(Protocol[W]):
 
 
 class Arithmetic(Protocol[V]):
-    """Computes with values of one kind: nodes of a graph, or plain floats in a test."""
+    """Arithmetic on values of one kind: nodes of a graph, or floats in a test."""
 
     def constant(self, value: float, /) -> V: ...
     def add(self, left: V, right: V, /) -> V: ...
@@ -27,18 +27,18 @@ class Arithmetic(Protocol[V]):
     def negate(self, value: V, /) -> V: ...
 
     def apply(self, function: str, /, *args: V) -> V:
-        """The scalar function of that name."""
+        """Applies the scalar function of that name."""
         ...
 
     def where_negative(self, value: V, then: V, otherwise: V, /) -> V:
-        """`then` where the value is below 0, else, as for NaN, the other."""
+        """`then` where the value is below 0, otherwise (also for NaN) `otherwise`."""
         ...
 
     @property
     def infinite_values(self) -> InfiniteFacts[V]:
-        """Facts about values, so that only those that need it are tested for infinity."""
+        """Facts about values, so that only possibly infinite ones are tested."""
         ...
 
     def zero_with(self, factor: V, product: V, /) -> V:
-        """0 where the factor is 0, else the product; a factor that is NaN is not 0."""
+        """0 where the factor is 0, otherwise the product. A NaN factor does not count as 0."""
         ...

@@ -1,4 +1,4 @@
-"""Writes scalar functions in terms of others, and the parts that slopes share."""
+"""Defines scalar functions by formulas of others, and common terms of their derivatives."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def tangent(b: Arithmetic[V], a: tuple[V, ...]) -> V:
 
 
 def hyperbolic_sine(b: Arithmetic[V], a: tuple[V, ...]) -> V:
-    """tanh · cosh: tanh keeps the small arguments that eˣ − e⁻ˣ cancels; cosh ≥ 1 loses nothing."""
+    """tanh x · cosh x. Unlike (eˣ − e⁻ˣ)/2 it has no cancellation for small x, as cosh x ≥ 1."""
     return b.multiply(b.apply("tanh", a[0]), b.apply("cosh", a[0]))
 
 
@@ -23,9 +23,10 @@ def hyperbolic_cosine(b: Arithmetic[V], a: tuple[V, ...]) -> V:
 
 
 def logistic(b: Arithmetic[V], a: tuple[V, ...]) -> V:
-    """e^−|x| / (1 + e^−|x|) below 0, else 1 / (1 + e^−|x|): no intermediate overflows.
+    """e^−|x| / (1 + e^−|x|) below 0, else 1 / (1 + e^−|x|): no intermediate value overflows.
 
-    e⁻ˣ of a large −x would, and its square in the derivative from half of that on.
+    In 1 / (1 + e⁻ˣ), e⁻ˣ overflows for large −x; its square in the derivative overflows at half of
+    that.
     """
     one, tail = b.constant(1.0), _tail(b, a[0])
     return b.divide(b.where_negative(a[0], tail, one), b.add(one, tail))
@@ -35,14 +36,14 @@ def soft_plus(b: Arithmetic[V], a: tuple[V, ...]) -> V:
     """max(x, 0) + log(1 + e^−|x|)."""
     one, tail = b.constant(1.0), _tail(b, a[0])
     whole = b.add(one, tail)
-    # what the sum rounds off: to first order of it log(w + r) = log w + r/w, all digits of the tail
+    # r = rounding error of the sum w; to first order log(w + r) = log w + r/w keeps all its digits
     rest = b.subtract(tail, b.subtract(whole, one))
     logarithm = b.add(b.apply("log", whole), b.divide(rest, whole))
     return b.add(b.where_negative(a[0], b.constant(0.0), a[0]), logarithm)
 
 
 def _tail(b: Arithmetic[V], x: V) -> V:
-    """e^−|x|, by choice of −x or x: |x| has the derivative 0 at 0, where both functions rise."""
+    """e^−|x|, by selecting −x or x: |x| has derivative 0 at 0, but both functions do not."""
     return b.apply("exp", b.where_negative(x, x, b.negate(x)))
 
 

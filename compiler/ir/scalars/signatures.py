@@ -1,4 +1,4 @@
-"""Joins the scalar functions of the table to the other builtins of the language."""
+"""Merges the scalar functions of the table with the other builtins of the language."""
 
 from __future__ import annotations
 
@@ -18,4 +18,4 @@ SIGNATURES: dict[str, Signature] = {
 """Every builtin function by name."""
 
 OF_THE_LANGUAGE = frozenset({*TIME_NAMES, *NUMBERS, *STATE_FUNCTIONS, *SIGNATURES, *LOSS_FUNCTIONS})
-"""Names that mean the same in every spec unless it declares them."""
+"""Names with a fixed meaning in every spec, unless the spec declares them itself."""

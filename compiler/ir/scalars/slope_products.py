@@ -1,4 +1,4 @@
-"""Multiplies the factors of derivatives: a product with a factor 0 is 0, whatever the other is.
+"""Multiplies factors of derivatives: 0 times any factor is 0, also times infinity.
 
 See decisions/0184.
 """
@@ -8,14 +8,15 @@ from __future__ import annotations
 from compiler.ir.scalars.arithmetic import Arithmetic, V
 
 LARGEST_SLOPE = 1e20
-"""Training takes what is larger, or NaN, for infinite where a slope can be so. It lies below what
-stands for an infinite slope in libraries that differentiate by themselves."""
+"""Training treats a larger derivative, or NaN, as infinite where it can be infinite. It is below
+the finite values with which autodiff libraries replace an infinite derivative."""
 
 
 def slope_product(b: Arithmetic[V], first: V, second: V) -> V:
-    """The product of two factors of a derivative: 0 where a factor is 0, whatever the other is.
+    """The product of two factors of a derivative: 0 where a factor is 0, even if the other is
+    infinite.
 
-    A factor is tested only where the other one can be infinite (or NaN, as 0/0 is).
+    The code tests a factor for 0 only if the other one can be infinite (or NaN, such as 0/0).
     """
     product = b.multiply(first, second)
     if b.infinite_values.can_be_infinite(first):
@@ -26,7 +27,7 @@ def slope_product(b: Arithmetic[V], first: V, second: V) -> V:
 
 
 def slope_quotient(b: Arithmetic[V], slope: V, divisor: V) -> V:
-    """slope · 1/divisor by the same rule."""
+    """derivative · 1/divisor, 0 where the derivative is 0."""
     quotient = b.divide(slope, divisor)
     if b.infinite_values.divides(divisor):
         return quotient
@@ -34,7 +35,7 @@ def slope_quotient(b: Arithmetic[V], slope: V, divisor: V) -> V:
 
 
 def divisor_slope(b: Arithmetic[V], slope: V, divisor: V, quotient: V) -> V:
-    """slope · −quotient/divisor by the same rule; the slope is looked at once."""
+    """derivative · −quotient/divisor, 0 where the derivative is 0; it is tested only once."""
     if b.infinite_values.can_be_infinite(slope) or b.infinite_values.divides(divisor):
         return b.negate(slope_product(b, slope_quotient(b, slope, divisor), quotient))
     return b.zero_with(slope, b.negate(b.multiply(b.divide(slope, divisor), quotient)))

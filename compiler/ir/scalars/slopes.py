@@ -1,4 +1,4 @@
-"""Gives the slopes of scalar functions, from their arguments `a` and their value `v`."""
+"""Defines the derivatives of scalar functions, from their arguments `a` and their value `v`."""
 
 from __future__ import annotations
 
@@ -73,12 +73,12 @@ def of_square_root(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
 
 
 def of_magnitude(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
-    """sign x, 0 at 0."""
+    """sign x; 0 at x = 0."""
     return b.apply("sign", a[0])
 
 
 def of_sign(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
-    """0, and NaN where x is."""
+    """0; NaN where x is NaN or infinite."""
     return b.multiply(b.constant(0.0), a[0])
 
 
@@ -115,7 +115,8 @@ def of_power_in_exponent(b: Arithmetic[V], a: tuple[V, ...], v: V) -> V:
 def curvatures_of_power(b: Arithmetic[V], a: tuple[V, ...], v: V) -> tuple[V, V, V]:
     """∂²/∂x² = p (p−1) xᵖ⁻², ∂²/∂x∂p = xᵖ⁻¹ + p xᵖ⁻¹ log x, ∂²/∂p² = xᵖ log² x.
 
-    The slopes as they are computed are 0 where p or log x is, and so would be slopes of them.
+    They are written out because the first derivatives are set to 0 where p or log x is 0. Their
+    automatic derivatives would be 0 there as well, which is wrong.
     """
     x, p = a
     one = b.constant(1.0)

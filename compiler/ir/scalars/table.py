@@ -1,4 +1,4 @@
-"""Lists every scalar function of the language: meaning, derivative, units, spellings."""
+"""Lists every scalar function of the language: numpy meaning, derivative, unit rule, spellings."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ class Curvatures(Protocol):
 
 
 class FormulaOf(Protocol):
-    """A function in terms of others, from its arguments `a`."""
+    """A function expressed by other functions of its arguments `a`."""
 
     def __call__(self, b: Arithmetic[V], a: tuple[V, ...], /) -> V: ...
 
 
 @dataclass(frozen=True, slots=True)
 class ByFormula:
-    """A definition in terms of other functions."""
+    """A definition by a formula of other functions."""
 
     formula: FormulaOf
 
 
 @dataclass(frozen=True, slots=True)
 class ByKernel:
-    """A definition by the project's own kernel of that name, written out in core operations."""
+    """A definition by the msnn kernel of that name, expanded into core operations."""
 
     name: str
 
@@ -59,7 +59,7 @@ Definition = ByFormula | ByKernel
 
 
 class UnitRule(Enum):
-    """The rule by which the unit of a function's value follows from those of its arguments."""
+    """Gives the unit of a function's value from the units of its arguments."""
 
     NUMBER = "a dimensionless argument gives a dimensionless value"
     ANGLE = "an angle in rad gives a dimensionless value"
@@ -72,18 +72,18 @@ class UnitRule(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ScalarFunction:
-    """One row.
+    """One scalar function.
 
-    `onnx` is None where onnxruntime has no exact double kernel, a spelling is empty where the
-    backend has none: there `definition` is lowered instead. `kernel` names the project's own kernel
-    for float32 and C; None means that the function is exact as it is (one IEEE operation).
-    `domain` is where tests draw their samples, an interval an argument.
+    `onnx` is None if onnxruntime has no exact double kernel; an empty `torch` or `casadi` means
+    that the backend lacks the function. `definition` is lowered instead. `kernel` names the msnn
+    kernel for float32 and C; None means that the function is exact as it is (one IEEE operation).
+    `domain` is the sampling range of tests, one interval per argument.
     """
 
     name: str
     numpy: Callable[..., Array]
     derivatives: tuple[Derivative, ...]
-    """One for each argument."""
+    """One partial derivative per argument."""
     units: UnitRule
     torch: str
     casadi: str
@@ -93,7 +93,7 @@ class ScalarFunction:
     domain: tuple[tuple[float, float], ...]
     doc: str
     curvatures: Curvatures | None = None
-    """Where they are not the slopes of the formulas in `derivatives`."""
+    """Second derivatives, if differentiating `derivatives` would give wrong ones."""
 
     @property
     def arity(self) -> int:
@@ -222,4 +222,4 @@ _ROWS = (
 # fmt: on
 
 SCALAR_FUNCTIONS: dict[str, ScalarFunction] = {row.name: row for row in _ROWS}
-"""The table by name."""
+"""The table, by name."""

@@ -1,1 +1,1 @@
-"""Holds facts that programs tell training, and values that training gives to its graphs."""
+"""Describes the information that programs pass to training, and training to its graphs."""

@@ -1,4 +1,4 @@
-"""Says what is known of learned arrays beside the data."""
+"""Describes prior knowledge of learned arrays: priors, penalties and statistics."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """The mean and deviation of every number of a parameter, known before the data."""
+    """A Gaussian prior: mean and standard deviation of each element of a parameter."""
 
     mean: float
     std: float
@@ -17,20 +17,21 @@ class Prior:
 
 @dataclass(frozen=True, slots=True)
 class Penalty:
-    """A loss of one learned array alone, which has a corner where numbers or slices are 0.
+    """A penalty on one learned array, not differentiable where elements or slices are 0.
 
-    Optimisers that can take steps to the corner itself take it apart from the others (decision
-    0215): its value counts, its slope does not.
+    Proximal optimisers handle it apart from the other losses (decision 0215). They use its value,
+    but not its derivative.
     """
 
     parameter: str
     over: str | None
-    """The axis whose slices are taken by their norms; None for the magnitude of each number."""
+    """The axis whose slices are penalised by their norms; None penalises the magnitude of each
+    element."""
 
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """The statistic of a signal's training rows to which a parameter is set before all stages."""
+    """A statistic of a signal over the training rows; it initialises a parameter."""
 
     kind: Literal["mean", "std"]
     signal: str

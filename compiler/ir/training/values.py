@@ -1,4 +1,4 @@
-"""Lists what the loops of training give to the graphs that they run, besides a program's reads."""
+"""Lists the values that the training loops pass to their graphs."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class StateAdjoint:
-    """∂S/∂(the next value of a state), of a buffer ∂S/∂(its newest sample)."""
+    """∂S/∂(the next value of a state); for a buffer, ∂S/∂(its newest sample)."""
 
     state: str
 
 
 @dataclass(frozen=True, slots=True)
 class NewestSample:
-    """The sample that the forward step gave a buffer."""
+    """The sample that the forward step appended to a buffer."""
 
     buffer: str
 
 
 @dataclass(frozen=True, slots=True)
 class KeptRow:
-    """The value that a node had at this time, kept in a row over time."""
+    """The value of a node at this time, stored by the forward pass in one row per time."""
 
     node: int
 

@@ -1,4 +1,4 @@
-"""Parameters and arrays of layers: axes, units, initial values and bounds."""
+"""Creates parameters and arrays of layers, with axes, units, initial values and bounds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from spec_schema.units.unit import Unit
 
 
 class Arrays:
-    """The parameters of a model and the arrays of its layers, each declared once."""
+    """The parameters of a model and the arrays of its layers; each is declared once."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -32,41 +32,41 @@ class Arrays:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Everything learnable, in the order of first use."""
+        """The parameters of the program, in the order of first use, without frozen ones."""
         return tuple(p for p in self._parameters.values() if not self._is_constant(p))
 
     @property
     def all_names(self) -> tuple[str, ...]:
-        """Parameters and those that sub-models hold constant."""
+        """Names of all parameters, including those that frozen sub-models hold constant."""
         return tuple(self._parameters)
 
     def of_layer(self, layer: str) -> tuple[str, ...]:
-        """The parts behind the dot in the names of a layer's arrays."""
+        """Names of a layer's arrays without the prefix `layer.`."""
         owners = (name.rpartition(".") for name in self._parameters)
         return tuple(suffix for owner, _, suffix in owners if owner == layer)
 
     def read(self, builder: GraphBuilder, name: str) -> NodeId:
-        """The value of a declared parameter: a constant where its sub-model is frozen (R11)."""
-        found = self._parameters[name]
-        if not self._is_constant(found):
-            return builder.parameter(name, Type(found.axes, found.unit))
-        node = builder.constant(found.initial, found.axes, found.unit)
+        """Returns the node of a declared parameter; a constant if its sub-model is frozen (R11)."""
+        parameter = self._parameters[name]
+        if not self._is_constant(parameter):
+            return builder.parameter(name, Type(parameter.axes, parameter.unit))
+        node = builder.constant(parameter.initial, parameter.axes, parameter.unit)
         builder.name(node, name)
         return node
 
     # ---- entries
 
     def parameter(self, name: str, entry: ParameterEntry) -> Type:
-        """The type of a `parameters:` entry, declared at its first use."""
+        """Returns the type of a `parameters:` entry; declares it at its first use."""
         if name in self._failed:
             raise LoweringFailed
         if name not in self._parameters:
-            # it stays there where declaring raises: a mistake is told at the first use alone
+            # the name stays if declaring raises: a mistake is reported at the first use only
             self._failed.add(name)
             self._parameters[name] = self._with_given(self._declared(name, entry))
             self._failed.remove(name)
-        found = self._parameters[name]
-        return Type(found.axes, found.unit)
+        declared = self._parameters[name]
+        return Type(declared.axes, declared.unit)
 
     def _declared(self, name: str, entry: ParameterEntry) -> Parameter:
         axes = self._context.axes_of(entry)
@@ -126,16 +126,16 @@ class Arrays:
         bounds: tuple[float | None, float | None],
         statistic: Statistic | None = None,
     ) -> Type:
-        """An array of a layer; a second call of the layer finds the first one's.
+        """Declares an array of a layer, or returns its type if an earlier call declared it.
 
-        It is learned unless it is a statistic of the data.
+        The array is learned unless `statistic` sets it from the data.
         """
-        found = self._parameters.get(name)
-        if found is None:
+        parameter = self._parameters.get(name)
+        if parameter is None:
             values = tuple(float(v) for v in initial.ravel())
             low, high = bounds
             learn = statistic is None
-            found = Parameter(
+            parameter = Parameter(
                 name=name,
                 axes=axes,
                 unit=unit,
@@ -148,18 +148,18 @@ class Arrays:
                 doc=doc,
                 span=span,
             )
-            found = self._parameters[name] = self._with_given(found)
-        return Type(found.axes, found.unit)
+            parameter = self._parameters[name] = self._with_given(parameter)
+        return Type(parameter.axes, parameter.unit)
 
     def _with_given(self, parameter: Parameter) -> Parameter:
-        """The parameter with the value that the weights of its sub-model have."""
+        """The parameter, with the value from the weights of its sub-model if there are any."""
         shape = tuple(axis.size for axis in parameter.axes)
         given = self._context.given.value(parameter.name, shape)
         if given is None:
             return parameter
         values = tuple(float(value) for value in given.ravel())
-        return replace(parameter, initial=values, statistic=None)  # which is known then
+        return replace(parameter, initial=values, statistic=None)  # the weights contain it
 
     def _is_constant(self, parameter: Parameter) -> bool:
-        """Frozen with its sub-model; a statistic that no weights give is first to be found."""
+        """True if its sub-model is frozen; a statistic without weights must first be computed."""
         return parameter.statistic is None and self._context.given.is_frozen(parameter.name)

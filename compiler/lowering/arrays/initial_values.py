@@ -1,4 +1,4 @@
-"""Makes the initial values of an array: numbers, formulas of the index, draws, shapes, files."""
+"""Computes initial values of arrays: numbers, index formulas, random draws, profiles, files."""
 
 from __future__ import annotations
 
@@ -31,8 +31,11 @@ from spec_schema.sections.values import (
 def initial_values(
     context: Context, name: str, initializer: Initializer, axes: tuple[Axis, ...]
 ) -> Array:
-    """The numbers of `init:` in the shape of the axes; draws depend on the array's name only."""
-    # between finite ends a profile or a draw can leave the range of a double
+    """The values of `init:` in the shape of the axes.
+
+    Random draws depend on the array's name only.
+    """
+    # a profile or a draw between finite limits can overflow
     with np.errstate(all="ignore"):
         values = _chosen(context, name, initializer, axes)
     refuse_infinite(context, f"`{name}`", values, initializer.place.value)
@@ -60,7 +63,7 @@ def _chosen(context: Context, name: str, initializer: Initializer, axes: tuple[A
 
 
 def _position(context: Context, name: str, shaped: Shaped, axes: tuple[Axis, ...]) -> int:
-    """The axis the values change along: the named one, by default the last."""
+    """The index of the axis along which the values change: the named axis, by default the last."""
     if shaped.along is None:
         return max(len(axes) - 1, 0)
     for position, axis in enumerate(axes):
@@ -73,7 +76,7 @@ def _position(context: Context, name: str, shaped: Shaped, axes: tuple[Axis, ...
 
 
 def _profile(shaped: Shaped, count: int) -> Array:
-    """The values from the first index to the last, x = 0 … 1; one element is the one named."""
+    """The values at x = 0 … 1, from first to last index. A single element is the named end."""
     x = np.arange(count) / max(count - 1, 1)
     match shaped:
         case ExpInitializer(first=first, rate=rate):
@@ -85,7 +88,7 @@ def _profile(shaped: Shaped, count: int) -> Array:
 
 
 def _of_index(context: Context, name: str, expression: Expression, axes: tuple[Axis, ...]) -> Array:
-    """A list fills the array in its order; a formula of the index aligns by name."""
+    """Evaluates a list, which fills the array in order, or an index formula, aligned by name."""
     found = evaluate(context, expression, _with_indices(context, name, axes, expression.span))
     if axes and found.axes and set(found.axes) <= set(axes):
         order = [found.axes.index(axis) for axis in axes if axis in found.axes]
@@ -97,9 +100,10 @@ def _of_index(context: Context, name: str, expression: Expression, axes: tuple[A
 
 
 def _with_indices(context: Context, array: str, axes: tuple[Axis, ...], span: Span) -> Environment:
-    """Constants, and the indices where the spec declares nothing of that name.
+    """The environment of an index formula: constants, and index names that the spec does not
+    declare.
 
-    What a sub-model declares has a dot in its name: there a bare one is always an index.
+    Names that a sub-model declares contain a dot, so a bare name in it is always an index.
     """
     plain = Environment(EnvironmentPart.CONSTANT)
     if not axes:
@@ -107,7 +111,7 @@ def _with_indices(context: Context, array: str, axes: tuple[Axis, ...], span: Sp
     builder = context.builder(plain)
     values = {
         index: builder.constant(np.arange(axis.size), (axis,))
-        # the first axes have an index each; the language names no more of them than these
+        # the language has index names for the first axes only
         for index, axis in zip(INDICES, axes, strict=False)
     }
     values[LENGTH] = builder.constant(axes[-1].size)
@@ -120,7 +124,7 @@ def _with_indices(context: Context, array: str, axes: tuple[Axis, ...], span: Sp
 
 
 def _from_file(context: Context, file: Located[str], axes: tuple[Axis, ...]) -> Array:
-    """The numbers of a file: one row for each index of the axes before the last."""
+    """Reads the values from a file with one row per index of the axes before the last."""
     try:
         numbers = read_numbers(file.value, file.span.file, context.numbers)
     except UnusableFileError as error:
@@ -130,8 +134,8 @@ def _from_file(context: Context, file: Located[str], axes: tuple[Axis, ...]) -> 
     rows = (int(np.prod(shape[:-1], dtype=int)), shape[-1]) if axes else (1, 1)
     # a vector may be written as one row or as one column
     if numbers.shape != rows and not (rows[0] == 1 and numbers.shape == rows[::-1]):
-        found, wanted = _described(numbers.shape), _described(rows)
-        reason = f"it has {found}, and {describe_axes(axes)} needs {wanted}"
+        found, needed = _described(numbers.shape), _described(rows)
+        reason = f"it has {found}, and {describe_axes(axes)} needs {needed}"
         context.findings.report(names.unusable_numbers(file.value, reason, file.span))
         raise LoweringFailed
     return numbers.reshape(shape)

@@ -1,4 +1,4 @@
-"""Reads a text file of numbers, written by anybody: one row a line, within fixed limits."""
+"""Reads a text file of numbers, one row per line, with limits on size since it is untrusted."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from compiler.ir.scalars.table import Array
 from spec_schema.reading.endless_files import is_near, refuse_endless
 
 LARGEST_FILE = 20_000_000
-"""Bytes; as many numbers as an array of a program can have are a few times fewer."""
+"""Maximum size in bytes; it holds several times more values than the largest array of a program."""
 
 _QUOTED = 40
-"""Characters of a cell that a message quotes."""
-# blanks beside a comma belong to it: `1, 2` has no empty number between
+"""Maximum number of characters of a cell that a message quotes."""
+# blanks next to a comma are part of the separator: `1, 2` has no empty cell
 _SEPARATOR = re.compile(r"\s*[,;]\s*|\s+")
 
 
 class UnusableFileError(Exception):
-    """The reason why a file gives no numbers, as the end of a sentence."""
+    """The file does not contain usable numbers; the message is the end of a sentence."""
 
 
 def read_numbers(path: str, beside: str, texts: Mapping[str, str]) -> Array:
-    """The numbers of a file as (rows, columns); a relative path starts at the folder of `beside`.
+    """Reads a file as an array (rows, columns). A relative path starts at the folder of `beside`.
 
-    Numbers of a row are separated by commas, semicolons or blanks; empty lines and what follows a
-    `#` are left out. `texts` has what was read before, by path. Raises UnusableFileError.
+    Commas, semicolons or blanks separate the values of a row. Empty lines and comments (`# …`) are
+    skipped. `texts` maps paths to contents that were read before. Raises UnusableFileError.
     """
     rows: list[list[float]] = []
     file = number_path(path, beside)
@@ -51,12 +51,14 @@ def read_numbers(path: str, beside: str, texts: Mapping[str, str]) -> Array:
 
 
 def number_path(path: str, beside: str) -> str:
-    """The file that a spec means, seen from where `beside` is."""
+    """The path of a file that a spec names; relative paths start at the folder of the spec,
+    `beside`.
+    """
     return os.path.normpath(Path(beside).parent / path)
 
 
 def number_text(path: str) -> str:
-    """Reads a file of numbers. Raises UnusableFileError."""
+    """Reads the text of a file. Raises UnusableFileError."""
     if "\0" in path:
         raise UnusableFileError("that is no path")
     file = Path(path)
@@ -67,7 +69,7 @@ def number_text(path: str) -> str:
         size = file.stat().st_size
         if size > LARGEST_FILE:
             raise UnusableFileError(f"it has {size:,} bytes, at most {LARGEST_FILE:,} are read")
-        # cut again, as a file can grow meanwhile; spreadsheets begin UTF-8 with a byte order mark
+        # limited again: the file may have grown; spreadsheets start UTF-8 with a byte order mark
         return file.read_bytes()[:LARGEST_FILE].decode("utf-8-sig")
     except UnicodeDecodeError:
         raise UnusableFileError("it is not UTF-8 text") from None

@@ -1,4 +1,4 @@
-"""Remembers where forward dynamics are computed: an integrator may solve for more than they do."""
+"""Records calls of forward dynamics, so that an implicit integrator can solve with more terms."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class DynamicsCall:
-    """ddq = M⁻¹ (τ − bias) in a graph: the node of τ, and how to solve with another matrix.
+    """ddq = M⁻¹ (τ − bias) in a graph: the node of τ, and a way to change M.
 
-    `with_diagonal(d)` is the node of (M + diag(d))⁻¹ (τ − bias), d along the joints.
+    `with_diagonal(d)` returns the node of (M + diag(d))⁻¹ (τ − bias), d along the joints.
     """
 
     torque: NodeId

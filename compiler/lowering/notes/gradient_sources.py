@@ -1,4 +1,4 @@
-"""Remembers which value each gradient was taken of."""
+"""Records the value that each gradient was taken of."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from compiler.ir.program import NodeId
 
 
 class GradientSources:
-    """The value that each gradient was taken of: of 3·x it is a number, and yet x was used."""
+    """The value that each gradient was taken of. The gradient of 3·x is a constant, but uses x."""
 
     def __init__(self) -> None:
-        # a node is a number of its graph: step and start count on their own, told apart by builder
+        # node ids are unique within a graph only: the builder distinguishes step and start
         self._sources: dict[tuple[int, NodeId], list[NodeId]] = {}
 
     def remember(self, builder: GraphBuilder, result: NodeId, value: NodeId) -> None:
-        """`result` is a gradient of `value`."""
+        """Records that `result` is a gradient of `value`."""
         self._sources.setdefault((id(builder), result), []).append(value)
 
     def made_of(self, builder: GraphBuilder, value: NodeId) -> set[NodeId]:
-        """The nodes that a value is made of, those included that a gradient in it cancelled."""
-        found: set[NodeId] = set()
+        """The nodes that a value depends on, including those that a gradient in it eliminated."""
+        reached: set[NodeId] = set()
         waiting = [value]
         while waiting:
             node = waiting.pop()
-            if node not in found:
-                found.add(node)
+            if node not in reached:
+                reached.add(node)
                 waiting += builder.node(node).args
                 waiting += self._sources.get((id(builder), node), ())
-        return found
+        return reached

@@ -1,4 +1,4 @@
-"""Collects the states that layers and calls keep between steps, one for each of their signals."""
+"""Collects the states of layers and calls, one state per layer and signal."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from compiler.ir.program import State
 
 
 class Memories:
-    """The memories of layers and calls; the same one on the same signal is the same memory."""
+    """The states of layers and calls. Equal calls on the same signal share a state."""
 
     def __init__(self) -> None:
         self._names: dict[tuple[str, tuple[Hashable, ...]], str] = {}
@@ -17,11 +17,11 @@ class Memories:
 
     @property
     def states(self) -> tuple[State, ...]:
-        """All of them, in the order of first use."""
+        """All states, in the order of first use."""
         return tuple(self._states.values())
 
     def name(self, owner: str, call: tuple[Hashable, ...]) -> str:
-        """Name of the state of a call: `h.state`, and `h.state2` on a second signal."""
+        """Name of the state of a call: `h.state`, and `h.state2` for a second signal."""
         key = (owner, call)
         if key not in self._names:
             number = self._calls[owner] = self._calls.get(owner, 0) + 1
@@ -29,5 +29,5 @@ class Memories:
         return self._names[key]
 
     def keep(self, state: State) -> None:
-        """A state with its next value and its start."""
+        """Adds a state with its next value and its start."""
         self._states[state.name] = state

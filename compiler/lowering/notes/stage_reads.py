@@ -1,4 +1,4 @@
-"""Notes what right-hand sides read at the stages of integrators."""
+"""Records the inputs and parameters that right-hand sides read at integrator stages."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True)
 class StageReads:
-    """Names with the sub-model before them whose states are integrated; "" for the model itself."""
+    """Pairs (sub-model whose states are integrated, name); the sub-model is "" for the model
+    itself.
+    """
 
     inputs: set[tuple[str, str]] = field(default_factory=set[tuple[str, str]])
-    """Those read after sample t, where an input that moves is not its sample."""
+    """Inputs read later than sample t, where an interpolated input differs from its sample."""
     parameters: set[tuple[str, str]] = field(default_factory=set[tuple[str, str]])

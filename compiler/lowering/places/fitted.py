@@ -1,4 +1,4 @@
-"""Brings a value to the axes of the place that it is for."""
+"""Broadcasts a value to the axes of the entry that it defines."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def fitted(
     expression: Expression,
     environment: Environment,
 ) -> NodeId:
-    """The value with exactly the axes of the type; a value without some of them is repeated.
+    """The value with exactly the axes of `type`; it is repeated along missing axes.
 
-    `node` is the value of the expression in this environment. A value whose unit is not known gets
-    the type's.
+    `node` is the value of the expression in this environment. A value without unit gets that of
+    `type`. Axes that the type lacks are reported; then it raises LoweringFailed.
     """
     builder = context.builder(environment)
     if not set(builder.type(node).axes) <= set(type.axes):

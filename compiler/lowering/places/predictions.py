@@ -1,4 +1,4 @@
-"""Relates outputs to what they predict, and gives them axes and unit from it."""
+"""Relates outputs to the signals that they predict, which define their axes and unit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LOGGED = (Kind.INPUT, Kind.TARGET, Kind.STATE)
 
 
 def prediction_of(context: Context, predicts: PredictionEntry, key: str) -> Prediction:
-    """The logged sample that a key, such as `predicts`, names; reports what is not logged."""
+    """The recorded sample that a key such as `predicts` names; reports a name without recording."""
     signal = predicts.signal
     declared = context.scope.get(signal.value)
     if declared is None:
@@ -41,14 +41,14 @@ def prediction_of(context: Context, predicts: PredictionEntry, key: str) -> Pred
 def as_predicted(
     context: Context, name: str, entry: OutputEntry, node: int, predicts: Prediction
 ) -> int:
-    """The output's node with the axes and, where it had none, the unit of what it predicts."""
+    """The node of an output with the axes, and if it had none the unit, of the predicted signal."""
     builder = context.builder(STEP)
     signal = context.scope[predicts.signal].entry
     assert isinstance(signal, SignalEntry | StateEntry)
-    wanted = context.axes_of(signal)
-    if not set(builder.type(node).axes) <= set(wanted):
+    target = context.axes_of(signal)
+    if not set(builder.type(node).axes) <= set(target):
         what = f"`{name}`, which predicts `{predicts.signal}`,"
-        report_surplus(context, what, node, wanted, entry.expr, STEP)
+        report_surplus(context, what, node, target, entry.expr, STEP)
         return node
     unit = signal.unit.value if signal.unit else None
     own = builder.type(node).unit
@@ -56,4 +56,4 @@ def as_predicted(
         builder.set_unit(node, unit)
     elif unit is not None and not same_unit(own, unit):
         report_declared_unit(context, name, own, unit, entry.expr.span)
-    return builder.broadcast(node, wanted)
+    return builder.broadcast(node, target)

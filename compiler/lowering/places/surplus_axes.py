@@ -1,4 +1,4 @@
-"""Reports a value with axes that its place does not have, at the operand that brings them."""
+"""Reports a value with too many axes, at the operand that adds them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from compiler.lowering.expressions import lower
 from spec_schema.errors import shapes
 from spec_schema.expressions.tree import Binary, Call, Compare, Expression, Name, Negate, Operator
 
-# of these alone the axes of a result are those of the operands: one of them is at fault
+# the axes of their results are those of their operands, so one operand is at fault
 _ELEMENTWISE = frozenset(
     {*SCALAR_FUNCTIONS, "min", "max", "clip", "where", "relu", "elu", "sech", "smooth_sign"}
 )
@@ -27,10 +27,10 @@ def report_surplus(
     expression: Expression,
     environment: Environment,
 ) -> None:
-    """Says that the expression, whose value the node is, has axes beside those that are wanted.
+    """Reports that an expression has axes other than `wanted`; `node` is its value.
 
-    Of a sum such as `bias + sum(q) + q` that is the last term: operands are looked through as long
-    as one of them alone brings such an axis.
+    The reported operand of `bias + sum(q) + q` is the last term. The search descends into operands
+    as long as exactly one of them adds such an axis.
     """
     builder = context.builder(environment)
     found = describe_axes(builder.type(node).axes)
@@ -53,14 +53,14 @@ def report_surplus(
 
 
 def _repair(axes: Sequence[Axis], wanted: Sequence[Axis]) -> str | None:
-    """The way by which a list gets the dimension that is wanted, which has as many elements."""
+    """The repair if a list lacks only the name of its dimension."""
     if len(axes) == len(wanted) == 1 and axes[0] == Axis(UNNAMED, wanted[0].size):
         return f"a list has no dim: declare it as a constant with `dims: {wanted[0].name}`"
     return None
 
 
 def _operands(context: Context, expression: Expression) -> tuple[Expression, ...]:
-    """The operands of an elementwise operation; none of others."""
+    """The operands of an elementwise operation; empty for other operations."""
     match expression:
         case Negate(operand=operand):
             return (operand,)

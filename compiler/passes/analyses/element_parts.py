@@ -1,4 +1,4 @@
-"""Emits parts of values: chosen elements of parameters, signals and nodes, zeros among them."""
+"""Adds nodes for selected elements of parameters, signals and other nodes."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from compiler.passes.analyses.kept_slices import Kept
 
 
 def size_along(node: Node, axis: str) -> int:
-    """The elements of a node along one of its axes."""
+    """Number of elements along one of the node's axes."""
     return node.type.axes[node.type.position(axis)].size
 
 
 def kept_axes(node: Node, chosen: Mapping[str, Kept]) -> tuple[Axis, ...]:
-    """The axes of a node of which the chosen elements are kept."""
+    """The axes of a node after selecting the chosen elements."""
     return tuple(
         Axis(axis.name, len(chosen[axis.name])) if axis.name in chosen else axis
         for axis in node.type.axes
@@ -26,7 +26,7 @@ def kept_axes(node: Node, chosen: Mapping[str, Kept]) -> tuple[Axis, ...]:
 
 
 def moved(kept: Kept, distance: int) -> Kept:
-    """The same elements, counted from another first one."""
+    """The same elements, with indices shifted by `distance`."""
     return tuple(index + distance for index in kept)
 
 
@@ -37,10 +37,10 @@ def read_parameter(
     chosen: Mapping[str, Kept],
     cuts: Mapping[tuple[str, int], Kept],
 ) -> NodeId:
-    """The chosen elements of a parameter, of which some may be cut from the weights already."""
+    """The chosen elements of a parameter; `cuts` are already removed from the weights."""
     named = [axis.name for axis in node.type.axes]
     cut = {axis: cuts[name, at] for at, axis in enumerate(named) if (name, at) in cuts}
-    # what is cut from the file of weights is not cut here again
+    # elements removed from the file of weights are not removed again
     found = builder.parameter(name, node.type.with_axes(kept_axes(node, cut)))
     return gathered(builder, found, {a: kept for a, kept in chosen.items() if a not in cut})
 
@@ -51,27 +51,27 @@ def read_samples(
     op: ops.ReadSignal | ops.ReadLog,
     chosen: Mapping[str, Kept],
 ) -> NodeId:
-    """Samples of a signal, read no farther back than they are needed."""
-    # between its oldest and newest needed sample a window stays without holes: ports are windows
+    """Samples of a signal, read over the shortest window that contains the chosen ones."""
+    # the window has no gaps between its oldest and newest sample, since ports are windows
     oldest, newest = chosen[WINDOW][0], chosen[WINDOW][-1]
     near = {WINDOW: tuple(range(oldest, newest + 1))}
-    # a window that reads less of the past needs less memory in what is exported
+    # a shorter window needs less memory in exports
     read = replace(op, first=op.first + oldest, last=op.first + newest)
     found = builder.emit(read, (), node.type.with_axes(kept_axes(node, near)), node.span)
     return gathered(builder, found, {**chosen, WINDOW: moved(chosen[WINDOW], -oldest)})
 
 
 def gathered(builder: GraphBuilder, value: NodeId, chosen: Mapping[str, Kept]) -> NodeId:
-    """The chosen elements of a whole value: slices of runs, side by side."""
+    """The chosen elements of a value: a concatenation of slices."""
     for axis, kept in chosen.items():
         parts = [builder.slice(value, axis, *run) for run in _runs(kept)]
         value = builder.concat(parts, axis) if len(parts) > 1 else parts[0]
     return value
 
 
-# zeros come back where a sum of nothing stands between others
+# zeros are inserted for sums without nonzero terms
 def spread(builder: GraphBuilder, value: NodeId, axis: str, wanted: Kept, kept: Kept) -> NodeId:
-    """The kept elements at their places among the wanted ones, zeros at the others."""
+    """The kept elements at their positions among the wanted ones, zeros elsewhere."""
     if wanted == kept:
         return value
     type = builder.type(value)
@@ -95,7 +95,7 @@ def spread(builder: GraphBuilder, value: NodeId, axis: str, wanted: Kept, kept: 
 
 
 def _runs(kept: Kept) -> list[tuple[int, int]]:
-    """Indices that follow each other, as the first of them and the end."""
+    """Splits indices into runs start … stop−1 of consecutive ones."""
     runs: list[tuple[int, int]] = []
     for index in kept:
         if runs and runs[-1][1] == index:

@@ -1,4 +1,4 @@
-"""Finds operations that are infinitely steep somewhere inside the ranges that a spec declares."""
+"""Finds operations with an infinite derivative within the ranges that a spec declares."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from spec_schema.errors import calculus as errors
 from spec_schema.late_dataclass import dataclass
 
 _Guard = tuple[NodeId, bool]
-"""A condition, and whether it holds."""
+"""A condition, and the value that it must have."""
 
 
 def infinite_slopes(program: Program) -> list[Diagnostic]:
-    """W0743 for each operation; the program is in window form.
+    """Returns W0743 for each such operation; the program is in window form.
 
-    Silent where the argument follows from no declared range, and where its own slope is 0 there:
-    the product is 0. What an integrator computes several times is looked at where its states are
-    as declared: a place warns if every computation of it does.
+    There is no warning if the argument is not bounded by declared ranges, or if its own derivative
+    is 0 there, so that the product is 0. An integrator evaluates a formula at several stages; it is
+    reported only if all evaluations are singular.
     """
     graph = program.step
     places: dict[Span, list[_Singular | None]] = {}
@@ -31,10 +31,9 @@ def infinite_slopes(program: Program) -> list[Diagnostic]:
     for node, made in graph:
         for argument, at in _arguments(graph, made, ranges):
             if made.span is None:
-                # without a place in the spec there is nothing to underline
+                # a node without a place in the spec cannot be reported
                 continue
-            # which conditions guard a node is a walk over the graph: most specs have nothing that
-            # is steep
+            # computed on demand: finding the guards visits the whole graph
             guards = _guards(program) if guards is None else guards
             reached = _reached(graph, argument, at, ranges, guards[node])
             found = None if reached is None else _Singular(made, at, reached)
@@ -42,8 +41,8 @@ def infinite_slopes(program: Program) -> list[Diagnostic]:
     warned: list[Diagnostic] = []
     for span, all_found in places.items():
         found = [one for one in all_found if one is not None]
-        # an integrator lowers a formula once a stage, and inner stages have no declared ranges: one
-        # computation that is harmless is enough to say nothing
+        # an integrator lowers a formula once per stage, and inner stages have no declared ranges:
+        # one harmless evaluation suppresses the warning
         if len(found) == len(all_found):
             warned.append(_said(found[0], program, span))
     return warned
@@ -51,7 +50,7 @@ def infinite_slopes(program: Program) -> list[Diagnostic]:
 
 @dataclass(frozen=True, slots=True)
 class _Singular:
-    """An operation, the values of its argument at which it is steep, and what that can be."""
+    """An operation, the singular values of its argument, and the interval of the argument."""
 
     node: Node
     at: tuple[float, ...]
@@ -61,7 +60,7 @@ class _Singular:
 def _arguments(
     graph: Graph, node: Node, ranges: ValueRanges
 ) -> Iterator[tuple[NodeId, tuple[float, ...]]]:
-    """The argument whose slope can be infinite, and where."""
+    """The arguments with a possibly infinite derivative, with their singular values."""
     match node.op:
         case ops.Divide():
             yield node.args[1], (0.0,)
@@ -71,10 +70,10 @@ def _arguments(
             yield node.args[0], (0.0,)
         case ops.Apply("pow") if not _is_flat(graph, node.args[0]):
             exponent = ranges.of(node.args[1])
-            # x^y is steep at 0 for y < 1; y = 0 is the constant 1
+            # x^y has an infinite derivative at 0 for y < 1; y = 0 is the constant 1
             if exponent.low < 1.0 and (exponent.low, exponent.high) != (0.0, 0.0):
                 yield node.args[0], (0.0,)
-        # what is clipped to where they are defined stands on the bound by chance alone
+        # a clipped argument is within the domain and reaches the bound only by chance
         case ops.Apply("asin" | "acos") if not isinstance(graph[node.args[0]].op, ops.Clamp):
             yield node.args[0], (-1.0, 1.0)
         case _:
@@ -82,7 +81,9 @@ def _arguments(
 
 
 def _is_flat(graph: Graph, node: NodeId) -> bool:
-    """Whether a value has slope 0 wherever it is 0: squares, magnitudes, relu, sums of these."""
+    """True if the value has derivative 0 wherever it is 0: squares, magnitudes, relu, their
+    sums.
+    """
     made = graph[node]
     match made.op:
         case ops.Apply("abs"):
@@ -90,11 +91,11 @@ def _is_flat(graph: Graph, node: NodeId) -> bool:
         case ops.Constant(values):
             return min(values, default=0.0) >= 0.0
         case ops.Maximum():
-            # a tie belongs to the first operand: relu(x) is max(0, x), and its slope at 0 is 0
+            # a tie belongs to the first operand: relu(x) is max(0, x), with derivative 0 at 0
             return _is_flat(graph, made.args[0])
         case ops.Multiply():
-            # x·x and |x|, scaled and summed: √ of them is steep at 0, but their own slope is 0
-            # there, and the product counts as 0 (decision 0184)
+            # x·x and |x|, scaled and summed: √ of them is singular at 0, but their own derivative
+            # is 0 there, and the product counts as 0 (decision 0184)
             left, right = made.args
             scaled = any(isinstance(graph[arg].op, ops.Constant) for arg in made.args)
             return left == right or (scaled and _is_flat(graph, left) and _is_flat(graph, right))
@@ -113,9 +114,9 @@ def _reached(
     ranges: ValueRanges,
     guards: Iterable[_Guard],
 ) -> Interval | None:
-    """The argument's interval, if that has a singular value and follows from declared ranges."""
+    """The argument's interval, if it has a singular value and follows from declared ranges."""
     found = ranges.of(argument)
-    # follows from no declared range: whatever is said would be a guess
+    # not bounded by declared ranges: a warning would be a guess
     if not found.of or not any(map(found.has, at)):
         return None
     given: dict[NodeId, Interval] = {}
@@ -127,19 +128,19 @@ def _reached(
 
 
 def _guards(program: Program) -> dict[NodeId, frozenset[_Guard]]:
-    """For each node the conditions without which nobody uses its value."""
+    """For each node the conditions that hold whenever its value is used."""
     graph = program.step
     results = [one.node for one in program.outputs] + [one.next for one in program.states]
     for loss in program.losses:
         results += loss.nodes
     found = dict.fromkeys(results, frozenset[_Guard]())
-    # users have larger numbers than what they use: backwards, all of a node's users are known
+    # users have larger ids: going backwards, all users of a node are known
     for node in reversed(range(len(graph))):
         made, own = graph[node], found.setdefault(node, frozenset())
         for position, arg in enumerate(made.args):
             chosen = isinstance(made.op, ops.Select) and position > 0
             here = own | {(made.args[0], position == 1)} if chosen else own
-            # of several users only what holds for all of them
+            # only conditions that all users share
             found[arg] = found[arg] & here if arg in found else here
     return found
 

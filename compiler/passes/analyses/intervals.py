@@ -1,6 +1,6 @@
-"""Computes with intervals that hold every element of a value, and with whose ranges they come from.
+"""Interval arithmetic for all elements of a value, with the declared ranges that it follows from.
 
-Of what nothing is known the interval has infinite ends and follows from nobody's range.
+An unknown value has infinite ends and follows from no range.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ class Interval:
     low: float = -math.inf
     high: float = math.inf
     of: frozenset[str] = frozenset()
-    """The names whose declared ranges it follows from."""
+    """The names whose declared ranges the interval follows from."""
     nonzero: bool = False
-    """Whether no element is 0 though 0 may be inside."""
+    """True if no element is 0 although 0 may be between the ends."""
 
     def has(self, value: float) -> bool:
-        """Whether an element can be this number."""
+        """True if an element can have this value."""
         return self.low <= value <= self.high and not (value == 0 and self.nonzero)
 
     def within(self, other: Interval) -> Interval:
-        """The interval where both hold."""
+        """The intersection with another interval."""
         low, high = max(self.low, other.low), min(self.high, other.high)
-        if low > high:  # nothing is in both: the declared ranges do not fit each other
+        if low > high:  # an empty intersection: the declared ranges contradict each other
             return self
         return Interval(low, high, self.of | other.of, self.nonzero or other.nonzero)
 
@@ -56,22 +56,22 @@ def total(a: Interval, b: Interval) -> Interval:
 
 
 def product(a: Interval, b: Interval) -> Interval:
-    # of the four products of ends the least and the largest are those of the intervals
+    # minimum and maximum of the four products of ends
     ends = [_times(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
     found = _between(ends, a, b)
-    # however large a factor can be: where the other one is 0 the product is
+    # the product is 0 if one factor is 0, however large the other
     zero = _of([one for one in (a, b) if one.has(0.0)])
     nonzero = not a.has(0.0) and not b.has(0.0)
     return replace(found, of=found.of or zero, nonzero=nonzero)
 
 
-# not `product(x, x)`: of −1 … 1 that would be −1 … 1, the square of one number is 0 … 1
+# not `product(x, x)`: for −1 … 1 that is −1 … 1, but a square is 0 … 1
 def square(x: Interval) -> Interval:
     return product(magnitude(x), magnitude(x))
 
 
 def quotient(a: Interval, b: Interval) -> Interval:
-    # a divisor that comes near 0 makes the quotient as large as one likes
+    # a divisor near 0 makes the quotient unbounded
     if b.low <= 0.0 <= b.high:
         return ANYTHING
     return product(a, _between([1.0 / b.low, 1.0 / b.high], b))
@@ -79,7 +79,7 @@ def quotient(a: Interval, b: Interval) -> Interval:
 
 def magnitude(x: Interval) -> Interval:
     ends = (abs(x.low), abs(x.high))
-    # 0 is the least magnitude where both signs are possible
+    # the minimum magnitude is 0 if both signs are possible
     low = 0.0 if x.low <= 0.0 <= x.high else min(ends)
     return replace(_between([low, max(ends)], x), nonzero=x.nonzero)
 
@@ -97,12 +97,12 @@ def clamped(x: Interval, low: Interval, high: Interval) -> Interval:
 
 
 def repeated(x: Interval, count: int) -> Interval:
-    """The sum of so many numbers in the interval."""
+    """The sum of `count` values in the interval."""
     return _between([_times(count, x.low), _times(count, x.high)], x)
 
 
 def of_function(function: str, x: Sequence[Interval]) -> Interval:
-    """The values of a scalar function."""
+    """The interval of a scalar function."""
     if function == "abs":
         return magnitude(x[0])
     if function == "pow":
@@ -110,7 +110,7 @@ def of_function(function: str, x: Sequence[Interval]) -> Interval:
     if function in _MONOTONE:
         low, high = _MONOTONE[function]
         meaning = SCALAR_FUNCTIONS[function].numpy
-        # ends outside are where the function is not defined: NaN is no value of the formula
+        # arguments outside the domain give NaN, which does not count as a value
         inside = [min(max(end, low), high) for end in (x[0].low, x[0].high)]
         with np.errstate(all="ignore"):
             ends = [float(meaning(np.float64(end))) for end in inside]
@@ -121,20 +121,20 @@ def of_function(function: str, x: Sequence[Interval]) -> Interval:
 
 
 def _wave(function: str, x: Interval) -> Interval:
-    """The interval of sine and cosine: their ends, and the extrema between them."""
-    # an interval without end has all phases
+    """The interval of sine and cosine: values at the ends, and extrema between them."""
+    # an infinite interval contains all phases
     if not math.isfinite(x.high - x.low):
         return Interval(-1.0, 1.0)
     ends = [float(SCALAR_FUNCTIONS[function].numpy(np.float64(end))) for end in (x.low, x.high)]
     for peak, value in ((_PEAKS[function], 1.0), (_PEAKS[function] + math.pi, -1.0)):
-        # the first such phase that is not before the interval
+        # the first such phase at or after the start of the interval
         next_one = peak + math.ceil((x.low - peak) / (2.0 * math.pi)) * 2.0 * math.pi
         ends += [value] if next_one <= x.high else []
     return _between(ends, x)
 
 
 _PEAKS = {"sin": math.pi / 2.0, "cos": 0.0}
-"""Where they are 1; half a turn on they are −1."""
+"""Arguments of a maximum 1; the minimum −1 is half a turn further."""
 
 
 _MONOTONE = {
@@ -150,20 +150,20 @@ _MONOTONE = {
     "asin": (-1.0, 1.0),
     "acos": (-1.0, 1.0),
 }
-"""Functions that rise, or fall, all along, and where they are defined."""
+"""Monotone functions and their domains."""
 
-# not monotone, and yet within limits whatever the argument
+# not monotone, but bounded for any argument
 _BOUNDED = {"atan2": (-math.pi, math.pi), "cosh": (1.0, math.inf)}
 
 
-# a power with an exponent that moves is only known to be at least 0 on a base that is
+# with a variable exponent, a power of a nonnegative base is known to be ≥ 0 only
 def _power(base: Interval, exponent: Interval) -> Interval:
-    # x^y of a base below 0 is NaN for most y: nothing can be said
+    # x^y of a negative base is NaN for most y
     if exponent.low != exponent.high:
         return Interval(low=0.0) if base.low >= 0.0 else ANYTHING
     y = exponent.low
     if base.low < 0.0:
-        # an even power is that of the magnitude; of other exponents a negative base has none
+        # an even power depends on the magnitude only; other exponents are not analysed
         even = y > 0.0 and y % 2.0 == 0.0
         return _power(magnitude(base), exponent) if even else ANYTHING
     with np.errstate(all="ignore"):
@@ -171,15 +171,15 @@ def _power(base: Interval, exponent: Interval) -> Interval:
     return _between(ends, base)
 
 
-# 0 · ∞ is NaN in IEEE arithmetic; here an infinite end says `however large`
+# 0 · ∞ is NaN in IEEE arithmetic; here an infinite end means arbitrarily large
 def _times(a: float, b: float) -> float:
-    """0 times whatever is 0: infinite ends stand for large numbers."""
+    """a · b, with 0 · ∞ = 0."""
     return 0.0 if a == 0.0 or b == 0.0 else a * b
 
 
 def _between(ends: Sequence[float], *made_of: Interval) -> Interval:
-    """From the least end to the largest; a value without end follows from nobody's range."""
-    # ∞ − ∞: nothing is known of the end
+    """The interval from the minimum to the maximum end; an unbounded one follows from no range."""
+    # ∞ − ∞: the end is unknown
     if any(math.isnan(end) for end in ends):
         return ANYTHING
     low, high = min(ends), max(ends)

@@ -1,4 +1,4 @@
-"""Says what is kept of learned arrays of which slices are left out."""
+"""Describes learned arrays of which slices were removed."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from spec_schema.late_dataclass import dataclass
 
 FloatArray = NDArray[np.float64]
 Kept = tuple[int, ...]
-"""Indices along an axis, in order."""
+"""Indices along an axis that are kept, in ascending order."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """The slice that is kept of an array along one of its axes."""
+    """The indices that are kept of an array along one of its axes."""
 
     parameter: str
     position: int
-    """Of the axis."""
+    """Index of the axis."""
     size: int
-    """How many elements there are."""
+    """Length of the axis before the cut."""
     kept: Kept
 
 
 def cut_weights(cuts: Collection[Cut], weights: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """The weights with what the cuts keep of them."""
+    """The weights after applying the cuts."""
     found = dict(weights)
     for cut in cuts:
         if cut.parameter in found:

@@ -1,4 +1,4 @@
-"""Finds operations that have no slope, or one that jumps, inside the ranges of a spec."""
+"""Finds operations that are not differentiable somewhere within the ranges of a spec."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from compiler.passes.analyses.value_ranges import ValueRanges
 
 @dataclass(frozen=True, slots=True)
 class Kink:
-    """An operation that bends sharply where a quantity is 0, and what that quantity can be."""
+    """An operation that is not smooth where a quantity is 0, and the interval of that quantity."""
 
     node: NodeId
     word: str
-    """What it is called in a spec."""
+    """The operation's name in a spec."""
     distance: Interval
 
 
 def kinks(program: Program) -> dict[NodeId, Kink]:
-    """The kinks of a step by their nodes.
+    """The kinks of a step, by node.
 
-    Those whose distance follows from no declared range are not among them, nor those that the
-    declared ranges do not reach.
+    Kinks are omitted if their quantity is not bounded by declared ranges, or cannot be 0 within
+    them.
     """
     graph, ranges = program.step, ValueRanges(program)
     found: dict[NodeId, Kink] = {}
     for index, node in graph:
         for word, distance in _distances(graph, node, ranges):
-            # √ has its kink at the end of where it is defined, all others between two sides
+            # √ has its kink at the end of its domain, all others have values on both sides
             touches = distance.low <= 0.0 if word == "sqrt" else distance.low < 0.0
             if distance.of and touches and distance.high > 0.0:
                 found.setdefault(index, Kink(index, word, distance))
@@ -39,9 +39,9 @@ def kinks(program: Program) -> dict[NodeId, Kink]:
 
 
 def compared(graph: Graph, condition: NodeId) -> tuple[NodeId, NodeId] | None:
-    """The two values of which a condition says which is larger."""
+    """The two values that a condition compares; None for other conditions."""
     node = graph[graph.unrepeated(condition)]
-    # a value compared with itself decides nothing by its size
+    # a comparison of a value with itself tests for NaN
     if not isinstance(node.op, ops.Compare) or node.args[0] == node.args[1]:
         return None
     left, right = node.args
@@ -49,7 +49,7 @@ def compared(graph: Graph, condition: NodeId) -> tuple[NodeId, NodeId] | None:
 
 
 def _distances(graph: Graph, node: Node, ranges: ValueRanges) -> Iterator[tuple[str, Interval]]:
-    """The quantities at whose 0 the operation has a kink."""
+    """The quantities at whose zero the operation has a kink."""
     args = node.args
     match node.op:
         case ops.Apply("abs" | "sign" | "sqrt" as function):
@@ -62,7 +62,7 @@ def _distances(graph: Graph, node: Node, ranges: ValueRanges) -> Iterator[tuple[
                 yield "clip", _difference(ranges, args[0], bound)
         case ops.Select():
             sides = compared(graph, args[0])
-            # two equal branches make no jump, whichever is taken
+            # two equal branches have no discontinuity
             if sides is not None and args[1] != args[2]:
                 yield "where", _difference(ranges, *sides)
         case _:

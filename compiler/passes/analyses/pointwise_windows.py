@@ -1,4 +1,4 @@
-"""Finds values that are the same function of every sample of a buffer, and writes that function."""
+"""Finds values that apply the same function to each sample of a buffer."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sampled:
-    """The samples of a buffer's window that a value is made of, the oldest of them 0."""
+    """The samples of a buffer's window that a value depends on; index 0 is the oldest."""
 
     buffer: str
     first: int
     count: int
     with_newest: bool
-    """Whether it is made of the window with the newest sample, not of what the buffer keeps."""
+    """True if it reads the window with the newest sample, not only the buffer."""
     calls: bool = False
-    """Whether a function of the language is called for each sample."""
+    """True if it calls a scalar function for each sample."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Samplewise:
 
     sampled: dict[NodeId, Sampled]
     fixed: frozenset[NodeId]
-    """Nodes that depend on numbers, and on parameters where these count as fixed."""
+    """Nodes that depend on constants only, or also on parameters if these count as fixed."""
 
 
 def samplewise(graph: Graph, buffers: frozenset[str], *, parameters: bool) -> Samplewise:
@@ -44,8 +44,7 @@ def samplewise(graph: Graph, buffers: frozenset[str], *, parameters: bool) -> Sa
             case ops.Constant():
                 fixed.add(index)
             case ops.ReadParameter():
-                # a parameter that training still moves would have to move what the buffer remembers
-                # too
+                # while training changes a parameter, stored values f(x) would become outdated
                 if parameters:
                     fixed.add(index)
             case ops.Window(name) | ops.ReadState(name):
@@ -57,8 +56,7 @@ def samplewise(graph: Graph, buffers: frozenset[str], *, parameters: bool) -> Sa
                         count=count,
                         with_newest=isinstance(node.op, ops.Window),
                     )
-            # a log is not shifted by the step: what is made of it is no function of buffered
-            # samples
+            # the log is not a buffer that the step shifts
             case ops.ReadSamples():
                 pass
             case _ if all(arg in fixed for arg in node.args):
@@ -79,9 +77,9 @@ def at_samples(
     count: int | None,
     work: Samplewise,
 ) -> NodeId:
-    """The node's function of other samples: of one, or of a window of `count`.
+    """Applies the node's function to other samples: to one, or to a window of `count`.
 
-    `copies` tells where the fixed nodes are in the builder's graph; missing ones are copied.
+    `copies` maps fixed nodes to the builder's graph; missing ones are copied.
     """
     made: dict[NodeId, NodeId] = {}
     for index in _ancestors(graph, [node], work):
@@ -89,7 +87,7 @@ def at_samples(
         axes = tuple(axis for axis in found.type.axes if axis.name != WINDOW)
         if count is not None and found.type.window is not None:
             axes = (*axes, Axis(WINDOW, count))
-        # a number repeated for each sample was broadcast to the old window: take it before that
+        # a fixed value was broadcast to the old window: use it before the broadcast
         if index in work.fixed:
             repeated = found.type.window is not None
             fixed = _copied(builder, graph, found.args[0] if repeated else index, copies)
@@ -97,7 +95,7 @@ def at_samples(
         elif isinstance(found.op, ops.Window | ops.ReadState):
             made[index] = samples
         elif isinstance(found.op, ops.Slice) and found.op.axis == WINDOW:
-            # which samples a slice takes is said by `Sampled`, not by the function of one sample
+            # `Sampled` describes the slice; the function of one sample has none
             made[index] = made[found.args[0]]
         elif isinstance(found.op, ops.Broadcast):
             made[index] = builder.broadcast(made[found.args[0]], axes)
@@ -109,13 +107,13 @@ def at_samples(
 
 
 def _ancestors(graph: Graph, wanted: list[NodeId], work: Samplewise) -> list[NodeId]:
-    """The nodes that one is made of, up to the fixed ones and the samples, operands first."""
+    """The nodes that the wanted ones depend on, up to fixed ones and samples, operands first."""
     found = set[NodeId]()
     while wanted:
         index = wanted.pop()
         if index not in found:
             found.add(index)
-            # fixed nodes and windows are ends: what they are made of is not asked for
+            # the search ends at fixed nodes and windows
             if index not in work.fixed and not isinstance(graph[index].op, ops.Window):
                 wanted += graph[index].args
     return sorted(found)
@@ -124,7 +122,7 @@ def _ancestors(graph: Graph, wanted: list[NodeId], work: Samplewise) -> list[Nod
 def _copied(
     builder: GraphBuilder, graph: Graph, wanted: NodeId, copies: dict[NodeId, NodeId]
 ) -> NodeId:
-    """The node in the builder's graph, with all that it is made of."""
+    """The node in the builder's graph; copies it with its operands if needed."""
     missing, waiting = set[NodeId](), [wanted]
     while waiting:
         index = waiting.pop()
@@ -149,7 +147,7 @@ def _sampled(
         case ops.Elementwise() | ops.Broadcast():
             return _of_operands(graph, node, sampled, fixed)
         case ops.Sum(axis) | ops.Contract(axis):
-            # a sum over the window mixes samples; one over another axis stays within each
+            # a sum over the window mixes samples; one over another axis does not
             return None if axis == WINDOW else _of_operands(graph, node, sampled, fixed)
         case ops.Leaf() | ops.Window() | ops.Structure():
             return None
@@ -160,10 +158,10 @@ def _sampled(
 def _of_operands(
     graph: Graph, node: Node, sampled: dict[NodeId, Sampled], fixed: set[NodeId]
 ) -> Sampled | None:
-    """The samples that all operands are made of, besides what is the same for every sample."""
+    """The samples that all operands depend on, apart from fixed operands."""
     found = [sampled[arg] for arg in node.args if arg in sampled]
     others = [arg for arg in node.args if arg not in sampled]
-    # x[t-1] + x[t] is made of two samples: only operands with the same samples make f(x)
+    # x[t-1] + x[t] depends on two samples: f(x) requires operands with the same samples
     spans = {replace(operand, calls=False) for operand in found}
     if len(spans) != 1 or not all(arg in fixed and _repeated(graph, arg) for arg in others):
         return None
@@ -172,9 +170,9 @@ def _of_operands(
 
 
 def _repeated(graph: Graph, index: NodeId) -> bool:
-    """Whether a value is the same for every sample of a window."""
+    """True if the value is equal for every sample of a window."""
     node = graph[index]
     if node.type.window is None:
         return True
-    # weights of a window differ from sample to sample: moved, they would meet other samples
+    # weights along a window differ per sample, so they cannot move before the buffer
     return isinstance(node.op, ops.Broadcast) and graph[node.args[0]].type.window is None

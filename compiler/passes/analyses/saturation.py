@@ -1,4 +1,4 @@
-"""Keeps a state's next value inside its range, and finds what it would be without that."""
+"""Limits a state's next value to its range, and finds the value before that limit."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from compiler.ir.program import Graph, NodeId, Program, State
 def saturated(
     builder: GraphBuilder, following: NodeId, before: NodeId, limits: tuple[float, float]
 ) -> NodeId:
-    """clip(following, low, high), or `before` where `following` is NaN.
+    """clip(following, low, high), or `before` if `following` is NaN.
 
-    On the bounds the slope is 1, beyond them 0.
+    The derivative is 1 on the bounds, 0 beyond them.
     """
     unit = builder.type(before).unit
     low, high = (builder.constant(limit, unit=unit) for limit in limits)
@@ -22,9 +22,9 @@ def saturated(
 
 
 def unsaturated(program: Program) -> dict[str, NodeId]:
-    """The next value that each saturated state would have without its range.
+    """The next value of each saturated state before the limit.
 
-    A state is not in it where the step cannot make its next value NaN: it is a number of the spec.
+    States whose next value is a constant, and so never NaN, are omitted.
     """
     found: dict[str, NodeId] = {}
     for state in program.states:

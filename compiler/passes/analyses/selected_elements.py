@@ -1,4 +1,4 @@
-"""Builds a graph again with those elements of its values that somebody needs."""
+"""Rebuilds a graph with only those elements of its values that are needed."""
 
 from __future__ import annotations
 
@@ -25,16 +25,18 @@ from compiler.passes.analyses.kept_slices import Kept
 from compiler.passes.analyses.zero_slices import contracted_zeros, renamed, zero_slices
 
 Selection = frozenset[tuple[str, Kept]]
-"""What is needed of the axes that it names; all of the others."""
+"""The needed indices along the listed axes; other axes are needed as a whole."""
 
 Asked = dict[tuple[str, int], set[Kept | None]]
-"""What of each axis of a parameter is needed at all places; None for the whole of it."""
+"""By parameter and axis index, the requested indices at all reads; None for the whole axis."""
 
 WHOLE: Selection = frozenset()
 
 
 class SelectedElements:
-    """One graph, from its roots: which selections of each node are needed, and their nodes."""
+    """Finds the needed selections of each node of a graph, starting at its roots, and rebuilds
+    it.
+    """
 
     def __init__(
         self,
@@ -48,24 +50,24 @@ class SelectedElements:
         self._needed: list[dict[Selection, None]] = [{} for _ in graph.nodes]
         for root in roots:
             self._needed[root][WHOLE] = None
-        # backwards: all users of a node have asked when it passes the question on
+        # backwards: all users of a node have made their requests before it is visited
         for index in reversed(range(len(graph))):
             for selection in self._needed[index]:
                 self._ask(index, selection, asked)
         self._copies: dict[NodeId, NodeId] = {}
 
     def rebuilt(self, cuts: Mapping[tuple[str, int], Kept]) -> tuple[Graph, dict[NodeId, NodeId]]:
-        """The graph, parameters with the cuts, and where the whole values are in it."""
+        """The graph with cut parameters, and the new ids of values that are needed as a whole."""
         builder = GraphBuilder()
         made: dict[tuple[NodeId, Selection], NodeId] = {}
         for index, node in self._graph:
             for selection in self._needed[index]:
                 operands = self._operands(index, selection)
-                # a sum without terms that count asks for no operand: it is made of none
+                # a sum without nonzero terms needs no operands
                 args = [made[key] for key in zip(node.args, operands, strict=False)]
                 with builder.at(node.span):
                     found = self._built(builder, index, selection, args, cuts)
-                # a part of a value is not the value that the spec names
+                # a label names the whole value, not a part
                 if selection == WHOLE and node.label and builder.type(found) == node.type:
                     builder.name(found, node.label)
                 made[index, selection] = found
@@ -73,7 +75,7 @@ class SelectedElements:
         return builder.graph(), self._copies
 
     def expected(self, entries: Iterable[Expected]) -> tuple[Expected, ...]:
-        """Ranges of values that are there as a whole."""
+        """The expected ranges of values that are needed as a whole."""
         return tuple(
             replace(entry, node=self._copies[entry.node])
             for entry in entries
@@ -93,7 +95,9 @@ class SelectedElements:
             self._needed[arg][operand] = None
 
     def _operands(self, index: NodeId, selection: Selection) -> list[Selection]:
-        """The elements of each operand that a selection of a node needs; none where it is 0."""
+        """The selection of each operand that a selection of a node needs; empty for a sum that
+        is 0.
+        """
         node, graph = self._graph[index], self._graph
         match node.op:
             case ops.Reduction(axis):
@@ -114,8 +118,7 @@ class SelectedElements:
                 return [frozenset((old[axis], kept) for axis, kept in selection)]
             case ops.Slice(axis, start, _):
                 shifted = {a: moved(kept, start) if a == axis else kept for a, kept in selection}
-                # the slice takes its part of the operand: wanted elements are counted from the
-                # operand's first
+                # indices of the operand are shifted by the start of the slice
                 return [frozenset(shifted.items())]
             case ops.Concat(axis):
                 return self._parts(node, axis, selection)
@@ -123,12 +126,12 @@ class SelectedElements:
                 return [WHOLE for _ in node.args]
 
     def _terms(self, index: NodeId) -> Kept | None:
-        """The terms of a sum that are not 0; None where all count."""
+        """The nonzero terms of a sum; None if there are no zeros."""
         zero = contracted_zeros(self._graph, index, self._zeros)
         return None if zero is None else tuple(np.flatnonzero(~zero).tolist())
 
     def _rows(self, index: NodeId, selection: Selection) -> Selection:
-        """The elements of a sum that are wanted and not 0, where none of them is left None."""
+        """The needed nonzero elements of a sum along each axis that has zeros."""
         chosen = dict(selection)
         for axis, zero in self._zeros[index].items():
             before = chosen.get(axis, tuple(range(len(zero))))
@@ -146,8 +149,8 @@ class SelectedElements:
         for arg in node.args:
             size = size_along(self._graph[arg], axis)
             own = tuple(i - begin for i in kept if begin <= i < begin + size)
-            # a part of which nothing is kept is asked whole, and then left out of the new array:
-            # its shape is not that of nothing
+            # a part without kept elements is requested whole and later omitted, since an empty
+            # selection has no shape
             whole = len(own) in (0, size)
             found.append(rest if whole else rest | {(axis, own)})
             begin += size
@@ -191,12 +194,12 @@ class SelectedElements:
     def _reduced(
         self, builder: GraphBuilder, index: NodeId, selection: Selection, args: Sequence[NodeId]
     ) -> NodeId:
-        """A sum of the terms that are not 0, with zeros where all of its terms are."""
+        """A sum of the nonzero terms, with zeros for elements without any."""
         node, chosen = self._graph[index], dict(selection)
         axes = kept_axes(node, chosen)
         zero = builder.constant(0.0, unit=node.type.unit)
         rows = dict(self._rows(index, selection))
-        # a sum without terms is 0, and there is no operation for it
+        # a sum without terms is the constant 0
         if not args or not all(rows.values()):
             return builder.broadcast(zero, axes)
         found = builder.emit(

@@ -1,4 +1,4 @@
-"""Bounds the values of a step by the ranges that the spec declares for inputs and states."""
+"""Bounds the values of a step from the ranges that the spec declares."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from compiler.ir.program import Graph, History, Node, NodeId, Parameter, Program
 from compiler.passes.analyses import intervals
 from compiler.passes.analyses.intervals import ANYTHING, Interval
 
-# bounds are raw variables' limits: a sigmoid reaches them at ∞ only
+# a sigmoid of the raw variable reaches the bounds at ∞ only
 _OPEN = 1e-9
-"""Bounds of learned parameters are not reached: they end so far before, relatively."""
+"""Relative margin of the bounds of learned parameters, which are never reached."""
 
 
 class ValueRanges:
-    """The intervals of the nodes of a program's step, in window form, each looked at once."""
+    """The intervals of the nodes of a program's step in window form; each is computed once."""
 
     def __init__(self, program: Program) -> None:
         self._graph = program.step
@@ -30,14 +30,16 @@ class ValueRanges:
         self._known: dict[NodeId, Interval] = {}
 
     def of(self, node: NodeId, given: Mapping[NodeId, Interval] | None = None) -> Interval:
-        """The interval of a node; where something else is `given`, as by a `where`, with that."""
+        """The interval of a node; `given` are additional bounds, such as those in a branch of
+        `where`.
+        """
         known = self._known if not given else {}
         return self._found(node, given or {}, known)
 
     def _found(
         self, wanted: NodeId, given: Mapping[NodeId, Interval], known: dict[NodeId, Interval]
     ) -> Interval:
-        # a stack of its own: expressions are deeper than Python lets functions nest
+        # an explicit stack: expressions are deeper than Python's recursion limit
         waiting = [wanted]
         while waiting:
             node = waiting[-1]
@@ -64,7 +66,7 @@ class ValueRanges:
             case ops.ReadSignal(name) | ops.ReadLog(name):
                 return self._signals.get(name, ANYTHING)
             case ops.ReadState(name):
-                # a buffer holds samples of its source: they are in the same range
+                # samples in a buffer have the range of its source
                 return self._signals.get(self._buffers[name], ANYTHING)
             case ops.Window(name):
                 past = self._signals.get(self._buffers[name], ANYTHING)
@@ -114,8 +116,8 @@ class ValueRanges:
 def holding(
     graph: Graph, condition: NodeId, ranges: ValueRanges, *, holds: bool
 ) -> dict[NodeId, Interval]:
-    """The intervals of a comparison's operands where it holds, or where it does not."""
-    # a condition is repeated where its branches have more axes
+    """The intervals of a comparison's operands if it is true, or if it is false."""
+    # a condition is broadcast if its branches have more axes
     node = graph[graph.unrepeated(condition)]
     if not isinstance(node.op, ops.Compare):
         return {}
@@ -126,28 +128,28 @@ def holding(
     strict = relation in (ops.Relation.LESS, ops.Relation.GREATER)
     most, fewest = ranges.of(right).high, ranges.of(left).low
     found: dict[NodeId, Interval] = {}
-    # strictly less: the largest number before the other one
+    # strictly less: the largest float below the other bound
     _add(graph, found, left, Interval(high=math.nextafter(most, -math.inf) if strict else most))
     _add(graph, found, right, Interval(low=math.nextafter(fewest, math.inf) if strict else fewest))
     return found
 
 
-# for numbers; of NaN neither relation holds, and NaN follows from no range
+# without NaN, for which neither relation holds; declared ranges exclude it
 _OTHERWISE = {
     ops.Relation.LESS: ops.Relation.GREATER_EQUAL,
     ops.Relation.LESS_EQUAL: ops.Relation.GREATER,
     ops.Relation.GREATER: ops.Relation.LESS_EQUAL,
     ops.Relation.GREATER_EQUAL: ops.Relation.LESS,
 }
-"""Where a relation of numbers does not hold the other one does."""
+"""The relation that holds if the key does not."""
 
 
 def _add(graph: Graph, found: dict[NodeId, Interval], node: NodeId, known: Interval) -> None:
-    """Adds what is known of a node, and what follows from it for its operands."""
+    """Adds bounds of a node, and the bounds of its operands that follow."""
     found[node] = known.within(found.get(node, ANYTHING))
     made = graph[node]
     if isinstance(made.op, ops.Broadcast):
-        # what holds of repeated values holds of the value
+        # bounds of a broadcast value are bounds of its operand
         _add(graph, found, made.args[0], known)
     even = isinstance(made.op, ops.Multiply) and made.args[0] == made.args[1]
     if known.low > 0.0 and (made.op == ops.Apply("abs") or even):
@@ -164,7 +166,7 @@ def _of_range(name: str, range: tuple[float, float]) -> Interval:
 
 
 def _source(name: str, origin: object) -> str:
-    """Whose samples a state keeps."""
+    """The name whose samples a state stores."""
     match origin:
         case History(source) | Tape(source):
             return source
@@ -173,9 +175,9 @@ def _source(name: str, origin: object) -> str:
 
 
 def _of_parameter(parameter: Parameter) -> Interval:
-    """Its bounds, which are open, else its initial value: it is declared for the time being."""
+    """The bounds of a learned parameter, otherwise its initial value."""
     if not parameter.learn or (parameter.minimum is None and parameter.maximum is None):
-        # training may move it, but a check before training knows no better number
+        # training may change it, but before training the initial value is the best guess
         return _of_numbers(parameter.initial)
     low = -math.inf if parameter.minimum is None else parameter.minimum
     high = math.inf if parameter.maximum is None else parameter.maximum
@@ -187,5 +189,5 @@ def _of_numbers(values: tuple[float, ...]) -> Interval:
     numbers = np.asarray(values, float)
     if not numbers.size or np.isnan(numbers).any():
         return ANYTHING
-    # 0 lies between −1 and 2 without being one of them
+    # 0 is between −1 and 2 although no element is 0
     return Interval(float(numbers.min()), float(numbers.max()), nonzero=bool(numbers.all()))

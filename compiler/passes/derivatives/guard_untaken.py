@@ -1,4 +1,4 @@
-"""Keeps the branch that a `Select` does not take from spoiling derivatives with 0 · ∞ = NaN."""
+"""Prevents NaN = 0 · ∞ in derivatives from the branch that a `Select` does not take."""
 
 from __future__ import annotations
 
@@ -12,38 +12,39 @@ from compiler.ir.program import Graph, Node, NodeId, Program
 from compiler.ir.types import Axis
 
 SINGULAR = frozenset({"sqrt", "log", "pow", "asin", "acos", "atan2", "exp", "sinh", "cosh"})
-"""Functions whose value or slope is infinite or NaN somewhere; division is the other operation."""
+"""Functions with an infinite or NaN value or derivative somewhere; division is handled
+separately."""
 
 SAFE = 0.5
-"""An argument at which all of them, and 1/x, have a finite value and slope."""
+"""An argument at which all of them, and 1/x, have a finite value and derivative."""
 
-# dropping a condition leaves a guard that holds more often, which is safe
+# without a condition the guard holds more often, which is safe
 LONGEST = 8
-"""Conditions that are kept of a deeper nest, the inner ones, so that the pass stays linear."""
+"""Maximum number of conditions of nested branches, the inner ones, so that the pass is linear."""
 
 
 @dataclass(frozen=True, slots=True)
 class BranchCondition:
-    """A bool node without its broadcasts, and which of its values the branch belongs to."""
+    """A bool node, without its broadcasts, and the value that it has in the branch."""
 
     node: NodeId
     holds: bool
 
 
 Guard = tuple[BranchCondition, ...]
-"""All of these are true wherever anything uses the value; the outermost comes first."""
+"""Conditions that are true wherever the value is used, outermost first."""
 
 
 def guard_untaken(program: Program) -> Program:
-    """Gives divisions and singular functions a harmless argument where no branch takes their value.
+    """Gives divisions and singular functions a harmless argument where their branch is not taken.
 
-    Before: any form. After: the same values; in reverse mode the untaken branch sends 0 · finite.
-    A value that is also used outside of the branch stays as it is.
+    Before: any form. After: the same values; in reverse mode the untaken branch contributes 0 ·
+    finite. A value that is also used outside the branch does not change.
 
         where(x > 0, sqrt(x), 0)
         where(x > 0, sqrt(where(x > 0, x, 0.5)), 0)
     """
-    # start and step are graphs of their own: what guards the one says nothing of the other
+    # start and step are separate graphs with separate guards
     roots = [output.node for output in program.outputs]
     roots += [state.next for state in program.states]
     roots += [node for loss in program.losses for node in loss.nodes]
@@ -54,7 +55,7 @@ def guard_untaken(program: Program) -> Program:
 
 
 def guarded(graph: Graph, roots: Iterable[NodeId]) -> tuple[GraphBuilder, dict[NodeId, NodeId]]:
-    """The guarded nodes that the roots are made of, and where each of them is now."""
+    """The guarded nodes that the roots depend on, and their new ids."""
     roots = list(roots)
     guards = _guards(graph, roots)
     builder = GraphBuilder()
@@ -62,7 +63,7 @@ def guarded(graph: Graph, roots: Iterable[NodeId]) -> tuple[GraphBuilder, dict[N
     for index in _order(graph, guards, roots):
         node, guard = graph[index], guards[index]
         args = tuple(copies[arg] for arg in node.args)
-        # only what can be infinite: a guard costs an operation, and 0 times a finite slope is 0
+        # only singular operations: a guard costs an operation, and 0 times a finite derivative is 0
         if guard and _is_singular(node.op):
             conditions = [(copies[condition.node], condition.holds) for condition in guard]
             args = _harmless(builder, node, args, conditions)
@@ -82,7 +83,7 @@ def _harmless(
     for arg in args[len(kept) :]:
         type = builder.type(arg)
         safe = builder.broadcast(builder.constant(SAFE), type.axes)
-        # from the inner condition to the outer one: each chooses between what the one inside leaves
+        # from the innermost condition to the outermost, each selects from the previous result
         for condition, holds in reversed(conditions):
             wide = builder.broadcast(condition, type.axes)
             branches = (arg, safe) if holds else (safe, arg)
@@ -92,37 +93,36 @@ def _harmless(
 
 
 def _guards(graph: Graph, roots: list[NodeId]) -> list[Guard | None]:
-    """For each node the conditions that hold at all its uses, None where nothing uses it."""
+    """For each node the conditions that hold at all its uses; None if it is unused."""
     guards: list[Guard | None] = [None] * len(graph)
     for root in roots:
-        # a root is used unconditionally: nothing above it guards it
+        # a root is used unconditionally
         guards[root] = ()
     for index in reversed(range(len(graph))):
         node, guard = graph[index], guards[index]
-        # nothing that counts is made of it
+        # no root depends on it
         if guard is None:
             continue
         for place, arg in enumerate(node.args):
             under = guard
             if isinstance(node.op, ops.Select) and place > 0:
-                # an operand of a `where` is used where the condition holds, or where it does not
+                # a branch of a `where` is used where the condition holds, or where it does not
                 condition = BranchCondition(graph.unrepeated(node.args[0]), place == 1)
-                # the same condition again, further in, decides: the outer one is contradicted or
-                # repeated
+                # an inner use of the same condition replaces the outer one
                 under = (*(c for c in guard if c.node != condition.node), condition)[-LONGEST:]
             under = tuple(
                 c for c in under if _reaches(graph[c.node].type.axes, node.op, graph[arg].type.axes)
             )
             before = guards[arg]
-            # of several uses only the conditions that all share are true wherever the value is used
+            # only conditions that all uses share are true wherever the value is used
             guards[arg] = under if before is None else tuple(c for c in before if c in under)
     return guards
 
 
 def _reaches(condition: tuple[Axis, ...], op: ops.Op, operand: tuple[Axis, ...]) -> bool:
-    """Whether a condition on the elements of a value is one on those of its operand too."""
+    """True if a condition on the elements of a value also applies to those of its operand."""
     match op:
-        # after a reshape the elements of a condition with axes stand elsewhere
+        # a reshape moves the elements of a condition with axes
         case ops.Reshape():
             return not condition
         case ops.Slice(axis) | ops.Concat(axis):
@@ -138,15 +138,15 @@ def _is_singular(op: ops.Op) -> bool:
 def _order(graph: Graph, guards: list[Guard | None], roots: list[NodeId]) -> list[NodeId]:
     """Needed nodes, each after its operands and the conditions of its guard.
 
-    There is such an order. Were c computed from a node that c′ guards, and c′ from one that c
-    guards, then every `Select` by c would lie in a branch of one by c′ and the other way round; the
-    last of them in the graph's order cannot.
+    Such an order exists. Suppose c depended on a node that c′ guards, and c′ on one that c guards.
+    Then every `Select` by c would be in a branch of one by c′ and vice versa. That is impossible
+    for the last of them in the order of the graph.
     """
     order: list[NodeId] = []
     placed = [False] * len(graph)
     for root in roots:
-        # a stack of its own, as graphs are deeper than Python nests; a node is ready when it is met
-        # again
+        # an explicit stack, as graphs are deeper than Python's recursion limit; a node is ready at
+        # its second visit
         stack = [(root, False)]
         while stack:
             index, ready = stack.pop()

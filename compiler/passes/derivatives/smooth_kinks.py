@@ -1,4 +1,4 @@
-"""Rounds off kinks, for solvers that take second derivatives."""
+"""Smooths kinks, for solvers that need second derivatives."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from compiler.passes.analyses.intervals import Interval
 from compiler.passes.analyses.kinks import Kink, compared, kinks
 
 WIDTH = 1e-3
-"""Of a rounded kink, relative to the largest magnitude of what is 0 at it."""
+"""Width of a smoothed kink, relative to the maximum magnitude of the quantity that is 0 there."""
 
 _SINGULAR = frozenset({"log", "pow", "asin", "acos"})
 
 
 def smooth_kinks(program: Program) -> Program:
-    """Gives operations a smooth form where the declared ranges reach their kinks.
+    """Replaces operations by a smooth form if the declared ranges include their kinks.
 
-    With d the quantity that is 0 at the kink, w = `WIDTH` times its largest magnitude by the
-    declared ranges (`WIDTH` where these leave it open), and |d|ₛ = √(d² + w²):
+    Let d be the quantity that is 0 at the kink, and w = `WIDTH` times its maximum magnitude in the
+    declared ranges (`WIDTH` if unbounded). With |d|ₛ = √(d² + w²):
 
         abs(d)               |d|ₛ
         sign(d)              d / |d|ₛ
@@ -34,17 +34,19 @@ def smooth_kinks(program: Program) -> Program:
         sqrt(d)              d / √|d|ₛ, below 0 too
         where(a > b, y, z)   z + (y − z) (1 + (a − b) / |a − b|ₛ) / 2
 
-    A `where` stays as it is where only one of its branches has a division by what can be 0, log,
-    pow, asin, acos or a root that is not smooth: beyond the kink it may be infinite or NaN.
+    A `where` does not change if exactly one branch contains a singular operation: a division by a
+    value that can be 0, log, pow, asin, acos or a root that is not smooth. That branch may be
+    infinite or NaN beyond the kink.
 
-    Before: any form. After: other values, by about w near kinks; fuzzy sets sum to 1 but for that.
+    Before: any form. After: other values, by about w near kinks; fuzzy sets sum to 1 up to this
+    error.
     """
     graph, found = program.step, kinks(program)
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
     for index, node in graph:
         made: NodeId | None = None
-        # smooth where the kink is in reach; anything else keeps its bits
+        # smooth only reachable kinks; all other nodes keep their bits
         if index in found and not (
             isinstance(node.op, ops.Select) and _is_kept(graph, node, found)
         ):
@@ -60,7 +62,7 @@ def smooth_kinks(program: Program) -> Program:
 
 
 def sharp_kinks(program: Program) -> dict[NodeId, Kink]:
-    """The kinks that `smooth_kinks` leaves as they are."""
+    """The kinks that `smooth_kinks` does not change."""
     graph, found = program.step, kinks(program)
     return {
         index: kink
@@ -92,14 +94,14 @@ def _smoothed(
             condition = graph[graph.unrepeated(node.args[0])].op
             assert isinstance(condition, ops.Compare)
             left, right = (copies[side] for side in sides)
-            # `left > right` chooses the first branch: other relations are turned round
+            # `left > right` selects the first branch: swap the operands of other relations
             if condition.relation in (ops.Relation.LESS, ops.Relation.LESS_EQUAL):
                 left, right = right, left
             made = smooth.chosen(left, right, args[1], args[2])
         case _:
             return None
     b = smooth.builder
-    # units of squares and roots are not those of the operation
+    # squares and roots have other units than the operation
     return made if b.type(made) == node.type else b.emit(ops.Reshape(), (made,), node.type)
 
 
@@ -110,7 +112,7 @@ def _width(distance: Interval) -> float:
 
 
 def _is_kept(graph: Graph, node: Node, found: Container[NodeId]) -> bool:
-    """Whether one branch of a `where` alone can be infinite."""
+    """True if exactly one branch of a `where` can be infinite."""
     divisors = GraphBuilder(graph).infinite_values
     then, otherwise = (needed(graph, [branch]) for branch in node.args[1:])
 
@@ -126,7 +128,7 @@ def _is_kept(graph: Graph, node: Node, found: Container[NodeId]) -> bool:
             case _:
                 return False
 
-    # one in both branches is computed whatever is chosen: smoothing makes nothing worse there
+    # a singular operation in both branches is used in any case
     return any(
         first != second and is_singular(index)
         for index, (first, second) in enumerate(zip(then, otherwise, strict=True))
@@ -135,7 +137,7 @@ def _is_kept(graph: Graph, node: Node, found: Container[NodeId]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Smooth:
-    """Smooth forms of one width, of values with these axes."""
+    """Smooth forms with one width, for values with these axes."""
 
     builder: GraphBuilder
     axes: tuple[Axis, ...]
@@ -143,7 +145,7 @@ class _Smooth:
 
     def magnitude(self, x: NodeId) -> NodeId:
         b = self.builder
-        # √(d² + w²) is never 0, so that its slopes are finite everywhere
+        # √(d² + w²) is never 0, so its derivatives are finite
         squares = b.add(b.multiply(x, x), self._number(self.width * self.width))
         return b.apply("sqrt", squares)
 
@@ -164,10 +166,10 @@ class _Smooth:
         return b.multiply(self._number(0.5), b.subtract(b.add(left, right), apart))
 
     def chosen(self, left: NodeId, right: NodeId, then: NodeId, otherwise: NodeId) -> NodeId:
-        """`then` where left > right."""
+        """Smooth form of `then` if left > right, else `otherwise`."""
         b = self.builder
         ahead = b.broadcast(b.subtract(left, right), self.axes)
-        # half of 1 + sign: 0 far on the one side, 1 far on the other, and 1/2 on the edge
+        # (1 + sign) / 2: 0 far on one side, 1 far on the other, 1/2 at the kink
         share = b.multiply(self._number(0.5), b.add(self._number(1.0), self.sign(ahead)))
         return b.add(otherwise, b.multiply(share, b.subtract(then, otherwise)))
 

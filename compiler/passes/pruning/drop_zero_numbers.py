@@ -1,4 +1,4 @@
-"""Leaves out single learned numbers that are exactly 0, and all that only they make use of."""
+"""Removes learned parameters that are exactly 0, and all nodes that only they use."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from compiler.passes.simplify.drop_unused import drop_unused
 
 
 def drop_zero_numbers(program: Program, names: Collection[str]) -> Program:
-    """Products with the parameters `names`, which are 0 as a whole, are 0, and sums go without.
+    """Removes the parameters `names`, which are entirely 0: products are 0, sums lose the term.
 
-    The new program has the same outputs wherever the values that met the zeros are finite: 0 · ∞
-    is left out too.
+    The new program has the same outputs if all values that are multiplied by 0 are finite: 0 · ∞ is
+    also removed.
 
     Before: window form. After: the same form.
 
         %2: scalar = %k * %x                       # k is 0
         %4: scalar = %3 + %2
 
-        %3: scalar = …                             # stands where %4 stood
+        %3: scalar = …                             # replaces %4
     """
     if not names:
         return program
@@ -45,7 +45,7 @@ def _dropped(graph: Graph, names: Collection[str]) -> tuple[Graph, dict[NodeId, 
             args = tuple(copies[arg] for arg in node.args)
             match node.op:
                 case ops.Add() if any(of):
-                    # one operand left: an addition of 0 could only turn −0 to +0
+                    # one operand remains: adding 0 would only change −0 to +0
                     copies[index] = args[of.index(False)]
                 case ops.Subtract() if any(of):
                     copies[index] = args[0] if of[1] else builder.negate(args[1])
@@ -55,14 +55,14 @@ def _dropped(graph: Graph, names: Collection[str]) -> tuple[Graph, dict[NodeId, 
 
 
 def _is_zero(node: Node, of: list[bool], names: Collection[str]) -> bool:
-    """Whether a value is 0 since parameters are, given which of its operands are."""
+    """True if a value is 0 because parameters are 0; `of` flags its zero operands."""
     match node.op:
         case ops.ReadParameter(name):
             return name in names
-        # every term of a contraction has a factor from the array, which is 0 as a whole
+        # every term of a contraction has a factor from the array, which is entirely 0
         case ops.Multiply() | ops.Contract():
             return any(of)
-        # 0/x is 0, also where x could be 0: finite values are assumed
+        # 0/x is 0, even if x can be 0: values are assumed finite
         case ops.Divide():
             return of[0]
         case (

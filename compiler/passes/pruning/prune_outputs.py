@@ -1,4 +1,4 @@
-"""Reduces a program to what some of its outputs need: the deployed part of a model."""
+"""Reduces a program to the deployed part of a model: some outputs and their dependencies."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from compiler.passes.simplify.drop_unused import drop_unused
 
 
 def prune_outputs(program: Program, names: Iterable[str]) -> Program:
-    """The program with the named outputs only, the states that they need, and no losses.
+    """The program with only the named outputs and the states they depend on, without losses.
 
-    Exporting the controller of a closed loop drops the plant with all that only it or a loss reads:
-    a discrete state that a sub-model moves, of which none of the outputs needs a value in the same
-    step, is measured from now on. It becomes an input of the same name (R13).
+    Exporting the controller of a closed loop removes the plant and all that only the plant or a
+    loss reads. A discrete state may depend on a sub-model that no output needs in the same step. It
+    is then measured: it becomes an input of the same name (R13).
 
     Before and after: any form. Raises KeyError for a name that no output has.
 
@@ -28,13 +28,13 @@ def prune_outputs(program: Program, names: Iterable[str]) -> Program:
         if name not in known:
             raise KeyError(name)
     outputs = tuple(output for output in program.outputs if output.name in wanted)
-    # by what the spec says a value needs, not by nodes: passes may have shared these with others
+    # uses the dependencies of the spec, since passes may have merged nodes
     kept = {submodel for output in outputs for submodel in output.needs}
-    # a state whose `next` needs a sub-model that no output keeps cannot be stepped any more
+    # a state whose `next` needs a removed sub-model cannot be stepped
     measured = {state.name: state for state in program.states if not kept.issuperset(state.needs)}
     pruned = drop_unused(replace(program, outputs=outputs, losses=()))
     ports = [measured[state.name] for state in pruned.states if state.name in measured]
-    # once more: what only the next values of measured states needed is unused now
+    # again: dependencies of the next values of measured states are now unused
     return drop_unused(_with_ports(pruned, ports)) if ports else pruned
 
 

@@ -1,4 +1,4 @@
-"""Leaves out slices of learned arrays that are exactly 0, and all that only they make use of."""
+"""Removes slices of learned arrays that are exactly 0, and all nodes that only they use."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Pruned:
-    """A smaller program, and what of the arrays it needs."""
+    """A smaller program, and the parts of the arrays that it needs."""
 
     program: Program
     cuts: tuple[Cut, ...]
@@ -32,11 +32,11 @@ class Pruned:
 def prune_zero_slices(
     program: Program, weights: Mapping[str, FloatArray], arrays: Collection[str]
 ) -> Pruned:
-    """Sums run over what is not 0, and values whose elements nobody needs are made without them.
+    """Removes zero terms from sums, and elements of values that are no longer needed.
 
-    A slice of one of the `arrays` counts where every number in it is 0 exactly, and an array, such
-    as a single number, that is 0 as a whole (`drop_zero_numbers`). The new program has
-    the same outputs wherever the values that met the zeros are finite: 0 · ∞ is left out too.
+    A slice of one of the `arrays` counts if all its elements are exactly 0, as does an array that
+    is entirely 0 (`drop_zero_numbers`). The new program has the same outputs if all values that are
+    multiplied by 0 are finite: 0 · ∞ is also removed.
 
     Before: window form, no losses. After: the same form.
 
@@ -54,7 +54,7 @@ def prune_zero_slices(
     asked: Asked = {}
     step = SelectedElements(program.step, values, _roots(program), asked)
     start = SelectedElements(program.start, values, [s.start for s in program.states], asked)
-    # an array is cut where all of its readers agree: a file of weights has one shape
+    # an array is cut only if all its readers agree: a file of weights has one shape
     cuts = {
         place: next(iter(kept))
         for place, kept in asked.items()
@@ -65,9 +65,9 @@ def prune_zero_slices(
     small = with_step(small, *step.rebuilt(chosen))
     small = with_start(small, *start.rebuilt(chosen))
     parameters = tuple(_cut(parameter, chosen) for parameter in program.parameters)
-    # expected values of a graph that is built anew are those that are still whole
+    # only values that are still whole keep their expected ranges
     small = replace(small, parameters=parameters, expected=step.expected(program.expected))
-    # zeros that were spread may meet what folds them away
+    # inserted zeros may now be folded
     small = drop_unused(share_common(fold_constants(small)))
     left = {parameter.name for parameter in small.parameters}
     found = [

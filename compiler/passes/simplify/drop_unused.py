@@ -1,4 +1,4 @@
-"""Removes what no output and no loss needs."""
+"""Removes nodes, states, parameters and signals that no output and no loss depends on."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from compiler.ir.program import Graph, Node, NodeId, Output, Program, Role
 def drop_unused(program: Program) -> Program:
     """Removes nodes, states, parameters and signals that no output and no loss depends on.
 
-    A state is needed where something needed reads it. While the program has losses, the targets and
-    the signals that outputs predict stay too: validation compares with them. An output whose
-    predicted signal goes no longer says that it predicts it. A fit needs its signals, and goes with
-    its layer or with the losses; the range of an equation goes with what needs its value.
+    A program with losses keeps targets and the signals that outputs predict, as validation compares
+    with them. Without its predicted signal an output is no longer marked as predicting. A fit keeps
+    its signals; it is removed with its layer or with the losses. The range of an equation is
+    removed with the users of its value.
 
     Before and after: any form.
 
@@ -24,17 +24,17 @@ def drop_unused(program: Program) -> Program:
     """
     live, names = _live(program)
     states = tuple(state for state in program.states if state.name in names)
-    # after the states: a start of one that is gone needs nothing
+    # after the states: starts of removed states are not needed
     started = needed(program.start, [state.start for state in states])
     step, now = _kept(program.step, live)
     start, first = _kept(program.start, started)
     read = _signals_read(step) | _signals_read(start)
     if program.losses:
         read |= {out.predicts.signal for out in program.outputs if out.predicts}
-        # without losses a program is deployed, and has no use for targets
+        # a program without losses is deployed and needs no targets
         read |= {signal.name for signal in program.signals if signal.role is Role.TARGET}
     used = parameters_read(step) | parameters_read(start)
-    # by what the graphs still read: a layer of which an array is gone is no filter any more
+    # a fit needs all arrays of its layer
     fits = [fit for fit in program.fits if program.losses and _sets_only(fit, used)]
     for fit in fits:
         read |= {*_signals_read(fit.argument), fit.target.signal}
@@ -61,7 +61,7 @@ def drop_unused(program: Program) -> Program:
 
 
 def _sets_only(fit: Fit, used: frozenset[str]) -> bool:
-    """Whether all arrays of the layer are still there."""
+    """True if the program still has all arrays of the layer."""
     return all(f"{fit.layer}.{array}" in used for array in fit.array_names)
 
 

@@ -1,4 +1,4 @@
-"""Computes at compile time what depends on numbers of the spec only."""
+"""Evaluates constant nodes at compile time."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from compiler.ir.graph_copy import copy_node, with_start, with_step
 from compiler.ir.program import Graph, Node, NodeId, Program
 
 LARGEST_FOLDED = 4096
-"""Elements of the largest value that is computed; beyond it the program stays smaller as it is."""
+"""Maximum number of elements of a folded value; larger ones would make the program larger."""
 
 
 def fold_constants(program: Program) -> Program:
     """Replaces nodes that depend on constants only by their float64 value in the interpreter.
 
-    A `Select` whose condition is known becomes the operand that it chooses. Kept as they are:
-    values that are not finite or too large, bools, and a constant that is only repeated.
+    A `Select` with a constant condition becomes the selected operand. Not folded are values that
+    are not finite or too large, bools, and broadcast constants.
 
     Before and after: any form. Nodes that lose their users are left for `drop_unused`.
 
@@ -36,16 +36,17 @@ def fold_constants(program: Program) -> Program:
 def folded(
     graph: Graph, *, exact: int = 0, largest: int = LARGEST_FOLDED
 ) -> tuple[Graph, dict[NodeId, NodeId]]:
-    """One graph with its constants folded, and where each node is in it now.
+    """The graph with its constants folded, and the new node ids.
 
-    The first `exact` nodes stay as they are; `largest` is the elements of a value that is computed.
+    The first `exact` nodes do not change; `largest` limits the number of elements of a folded
+    value.
     """
     builder = GraphBuilder()
     copies: dict[NodeId, NodeId] = {}
     known: list[Any] = []
     for index, node in graph:
         value = _value(graph, node, known, largest)
-        # known also where the node stays, so that what is made of it can be folded
+        # stored even if the node stays, so that its users can be folded
         known.append(value)
         chosen = _chosen(node, known) if index >= exact else None
         if chosen is not None:
@@ -60,7 +61,7 @@ def folded(
 
 
 def _value(graph: Graph, node: Node, known: list[Any], largest: int) -> Array | None:
-    """The node's value, (1, *shape), where it depends on constants only."""
+    """The node's value, (1, *shape), if it depends on constants only."""
     if isinstance(node.op, ops.Read | ops.Window) or node.type.size > largest:
         return None
     if any(known[arg] is None for arg in node.args):
@@ -72,12 +73,12 @@ def _value(graph: Graph, node: Node, known: list[Any], largest: int) -> Array | 
 
 
 def _chosen(node: Node, known: list[Any]) -> NodeId | None:
-    """The operand that a `Select` with a known condition is."""
+    """The operand that a `Select` with a constant condition selects."""
     if not isinstance(node.op, ops.Select):
         return None
     condition, then, otherwise = node.args
     holds = known[condition]
-    # elements whose conditions differ still need the selection
+    # conditions that differ between elements need the selection
     if holds is None or holds.any() != holds.all():
         return None
     return then if holds.all() else otherwise
@@ -86,8 +87,8 @@ def _chosen(node: Node, known: list[Any]) -> NodeId | None:
 def _replaces(graph: Graph, node: Node, value: Array) -> bool:
     if isinstance(node.op, ops.Constant) or node.type.kind != "real":
         return False
-    # repeated numbers are stored once, and read repeatedly
+    # a broadcast constant is stored once
     if isinstance(node.op, ops.Broadcast) and graph[node.args[0]].type.size < node.type.size:
         return False
-    # what is not finite stays as an operation, which `never_finite` warns of at its place
+    # a value that is not finite stays an operation, for which `never_finite` warns
     return bool(np.isfinite(value).all())

@@ -1,4 +1,4 @@
-"""Puts the values of parameters in the place of their reads."""
+"""Replaces parameters by constants."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from compiler.ir.program import Graph, Node, NodeId, Program
 
 
 def inline_parameters(program: Program, weights: Mapping[str, ArrayLike]) -> Program:
-    """The program of a model whose weights are known: each parameter is a constant of its name.
+    """Replaces each parameter by a constant of its name, with the value from the weights.
 
     A parameter without a weight has its initial value.
 
@@ -35,7 +35,7 @@ def _inlined(
     graph: Graph, values: Mapping[str, tuple[float, ...]]
 ) -> tuple[Graph, dict[NodeId, NodeId]]:
     nodes = tuple(_known(node, values) for node in graph.nodes)
-    # node for node, so that whatever holds numbers of nodes goes on doing so
+    # replaces nodes one by one, so that node ids stay valid
     return Graph(nodes), {index: index for index in range(len(nodes))}
 
 

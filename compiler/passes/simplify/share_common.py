@@ -1,4 +1,4 @@
-"""Computes equal values once."""
+"""Merges equal values (common subexpression elimination)."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from compiler.ir.program import Graph, NodeId, Program
 
 
 def share_common(program: Program) -> Program:
-    """Merges nodes of equal operation, operands and type; the first one's place and name stay.
+    """Merges nodes of equal operation, operands and type; the place and label of the first one
+    stay.
 
-    Reshapes in a row become one, and none where that leaves the type as it is. What is `Named` is
-    its operand again. Before: any form. After: any form without `Named`.
+    Consecutive reshapes become one, or none if the type does not change. A `Named` node becomes its
+    operand. Before: any form. After: any form without `Named`.
 
         %1: scalar m = %0 * %0
         %2: scalar m = %0 * %0
@@ -35,7 +36,7 @@ def _shared(graph: Graph) -> tuple[Graph, dict[NodeId, NodeId]]:
         unchanged = isinstance(node.op, Reshape) and builder.type(args[0]) == node.type
         if unchanged or isinstance(node.op, Named):
             copies[index] = args[0]
-            # a name can have brought a declared unit, which its operand lacks
+            # the name may have a declared unit, which its operand lacks
             builder.set_unit(args[0], node.type.unit)
             if node.label is not None:
                 builder.name(args[0], node.label)
