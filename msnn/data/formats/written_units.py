@@ -1,4 +1,4 @@
-"""Reads units as loggers write them: `F [N]`, `F (N)`, `°C`, `m/s²`, a line of units."""
+"""Reads units in the spellings of data loggers: `F [N]`, `F (N)`, `°C`, `m/s²`, a line of units."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from spec_schema.units.spellings import is_doubtful, without_doubtful
 from spec_schema.units.unit import Unit, UnitError
 
 MISSING = frozenset(("", "na", "n/a", "#n/a", "nan", "null", "-"))
-"""Words for a value that was not measured, in small letters."""
+"""Texts that mark a missing value, in lower case."""
 
 # lazy up to the last brackets; what stands in these has none of their kind itself
 _INSIDE = r"(?:[^()]|\([^()]*\))*"
-"""The text in parentheses, which may contain further ones, as in `(J/(kg K))`."""
+"""The text in parentheses, which may contain nested ones, as in `(J/(kg K))`."""
 _BRACKETS = re.compile(rf"(.*?)\s*(?:\[([^\[\]]*)\]|\(({_INSIDE})\))\s*", re.DOTALL)
 _COLUMN_AND_UNIT = re.compile(rf"(.*\S)(?:\s*\[([^\[\]]*)\]|\s+\(({_INSIDE})\))\s*", re.DOTALL)
 _AROUND = re.compile(rf"\[(.*)\]|\(({_INSIDE})\)")
@@ -39,16 +39,16 @@ _WHOLE_TEXTS = {
     "degrees_north": "deg",
     "degrees_east": "deg",
 }
-"""Words of CF and of loggers that are no symbols."""
+"""Words of CF and of loggers that are not unit symbols."""
 _DEGREES = re.compile(
     r"(?<![a-z])(?:[°º]|deg(?:ree)?s?|grad)[ _.]*(C|F|celsius|fahrenheit)(?![a-z])", re.IGNORECASE
 )
-"""Temperatures, of which blanks are no products."""
+"""Temperature units, in which a blank does not mean a product."""
 _NOT_AN_INDEX = re.compile(r"[^\W\d_]|[%‰°℃℉㍱-㏟-]")
 
 
 def plain_label(label: str) -> tuple[str, str]:
-    """A header without the brackets at its end, and what stands in them."""
+    """A header without the brackets at its end, and the text in these brackets."""
     found = _BRACKETS.fullmatch(label)
     if found is None or not found[1]:
         return label, ""
@@ -56,9 +56,9 @@ def plain_label(label: str) -> tuple[str, str]:
 
 
 def column_and_unit(label: str) -> tuple[str, Unit | CapitalUnit | None]:
-    """The column that a header such as `F [N]` or `F (N)` names, and its unit.
+    """The column name and the unit in a header such as `F [N]` or `F (N)`.
 
-    What no unit stands in is the name as it is: `x[1]`, `f(x)`, `v (filtered)`.
+    If the brackets contain no unit, they belong to the name: `x[1]`, `f(x)`, `v (filtered)`.
     """
     found = _COLUMN_AND_UNIT.fullmatch(label)
     text = "" if found is None else found[2] or found[3] or ""
@@ -67,7 +67,7 @@ def column_and_unit(label: str) -> tuple[str, Unit | CapitalUnit | None]:
 
 
 def written_unit(text: str) -> Unit | CapitalUnit | None:
-    """The unit that a text means, spellings of loggers included; None where it means none."""
+    """The unit of a text, including spellings of loggers; None if it is not a unit."""
     # the only powers that loggers write as letters; behind `⁻` the parser knows them
     text = _SUPERSCRIPT.sub(lambda found: f"^{_DIGITS[found.group()]}", text.strip())
     text = "1" if text == "-" else _DEGREES.sub(_degrees, text)
@@ -86,17 +86,17 @@ def _degrees(found: re.Match[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class UnknownUnit:
-    """A text where a file states a unit that is none; `meant` is one that is like it."""
+    """A unit text of a file that is not a known unit; `meant` is a similar known one."""
 
     text: str
     meant: str | None
     scale: float = 1.0
-    """By which numbers are multiplied to be in `meant`."""
+    """Factor that converts values to `meant`."""
 
 
 @dataclass(frozen=True, slots=True)
 class TwoUnits:
-    """Different units that a file states of one column: in its name, and apart from it."""
+    """Conflicting units that a file states for one column: in its name, and separately."""
 
     named: Unit
     stated: Unit
@@ -105,19 +105,18 @@ class TwoUnits:
 
 @dataclass(frozen=True, slots=True)
 class ShownUnit:
-    """The unit with which a workbook shows cells, or None; the first of these cells, and how many
-    they are."""
+    """A display unit of a workbook's cells (or None), the first such cell, and their count."""
 
     unit: Unit | CapitalUnit | UnknownUnit | None
     cell: str
     count: int
     thousands: int = 0
-    """How often their numbers are divided by 1000 to be shown in that unit."""
+    """The number of divisions by 1000 in the display."""
 
 
 @dataclass(frozen=True, slots=True)
 class MixedUnits:
-    """Units with which a workbook shows the cells of one column."""
+    """Several display units within one column of a workbook."""
 
     shown: tuple[ShownUnit, ...]
 
@@ -126,7 +125,7 @@ StatedUnit: TypeAlias = Unit | CapitalUnit | UnknownUnit | TwoUnits | MixedUnits
 
 
 def joint_unit(label: str, stated: StatedUnit | None) -> StatedUnit | None:
-    """The unit of a column with this header, of which the file states another unit apart."""
+    """The unit of a column from its header and from a separate statement; they may conflict."""
     named = column_and_unit(label)[1]
     return (stated or unknown_unit(label)) if named is None else one_unit(named, stated)
 
