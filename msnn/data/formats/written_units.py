@@ -131,7 +131,7 @@ def joint_unit(label: str, stated: StatedUnit | None) -> StatedUnit | None:
 
 
 def one_unit(first: StatedUnit | None, second: StatedUnit | None) -> StatedUnit | None:
-    """The unit on which two statements of a file agree, or both; a known one before others."""
+    """Merges two statements of a unit in one file: equal units, a known one, or a conflict."""
     match first, second:
         case (None, found) | (found, None):
             return found
@@ -152,9 +152,9 @@ def one_unit(first: StatedUnit | None, second: StatedUnit | None) -> StatedUnit 
 
 
 def unit_of_cells(shown: Sequence[ShownUnit], stated: StatedUnit | None) -> StatedUnit | None:
-    """The unit of cells that a workbook shows, with that which the file states of the column.
+    """The unit of a workbook's cells from their display units and the column's stated unit.
 
-    Cells that are shown without a unit are in the stated one.
+    Cells displayed without a unit have the stated one.
     """
     known = stated if isinstance(stated, Unit | CapitalUnit) else None
     different: list[ShownUnit] = []
@@ -175,9 +175,9 @@ def unit_of_cells(shown: Sequence[ShownUnit], stated: StatedUnit | None) -> Stat
 def _thousandth(
     unit: Unit | CapitalUnit | UnknownUnit | None, times: int
 ) -> Unit | CapitalUnit | UnknownUnit | None:
-    """The unit of cells that are divided by 1000 so many times to be shown in `unit`.
+    """The unit of the stored values if `times` divisions by 1000 give `unit` on display.
 
-    N for kN and g for kg; a text of no unit where none with a prefix is that.
+    N for kN and g for kg; an UnknownUnit if no prefix fits.
     """
     if not times or unit is None or isinstance(unit, UnknownUnit):
         return unit
@@ -208,23 +208,23 @@ def _readings(unit: Unit | CapitalUnit) -> tuple[Unit, ...]:
 def with_case(
     unit: StatedUnit | None, labels: Sequence[str], texts: Sequence[str]
 ) -> StatedUnit | None:
-    """The unit, which knows then whether a file with these headers and units keeps case."""
+    """The unit, with `is_as_written` set from the other units and headers of the file."""
     if not isinstance(unit, CapitalUnit):
         return unit
     return replace(unit, is_as_written=is_case_kept(unit, labels, texts))
 
 
 def is_case_kept(unit: CapitalUnit, labels: Sequence[str], texts: Sequence[str]) -> bool:
-    """True if a unit means its capitals in a file with these headers and other units."""
+    """True if capitals of a unit are intended in a file with these headers and other units."""
     plain = [plain_label(label) for label in labels]
     units = [text for text in (*texts, *(unit for _, unit in plain)) if text]
     return keeps_case(unit.text, units, (name for name, _ in plain))
 
 
 def stated_unit(text: str) -> Unit | CapitalUnit | UnknownUnit | None:
-    """The unit in a file's own field for it, such as `km/h`, `m s-1` or `seconds since 1970-01-01`.
+    """The unit in a file's unit field, such as `km/h`, `m s-1` or `seconds since 1970-01-01`.
 
-    None where the field says nothing: empty, or a word for a missing value.
+    None if the field is empty or a marker for a missing value.
     """
     text = text.strip()
     # of times that CF counts from a date; products stand side by side there and in UDUNITS
@@ -237,7 +237,7 @@ def stated_unit(text: str) -> Unit | CapitalUnit | UnknownUnit | None:
 
 
 def unknown_unit(label: str) -> UnknownUnit | None:
-    """The text in the brackets of a header where a unit would stand, and none does."""
+    """The text in the brackets of a header if it should be a unit but is not one."""
     found = _COLUMN_AND_UNIT.fullmatch(label)
     text = "" if found is None else (found[2] or found[3] or "").strip()
     if not _NOT_AN_INDEX.search(text) or text.lower() in MISSING or written_unit(text) is not None:
@@ -246,7 +246,7 @@ def unknown_unit(label: str) -> UnknownUnit | None:
 
 
 def _unknown(text: str, plain: str) -> UnknownUnit:
-    """A text of no unit, with one that is like it: `rpm` for numbers of `krpm` times 1000."""
+    """An unknown unit and a similar known one: `rpm` with factor 1000 for `krpm`."""
     scale = 1.0
     plain = without_doubtful(plain)
     for _ in range(MOST_REPAIRS):
@@ -261,22 +261,22 @@ def _unknown(text: str, plain: str) -> UnknownUnit:
 
 
 def is_unit(cell: str) -> bool:
-    """Whether a cell is empty or a unit, with or without brackets around it."""
+    """True if a cell is empty or a unit, with or without brackets."""
     text = without_brackets(cell)
     return not text or written_unit(text) is not None
 
 
 def without_brackets(cell: str) -> str:
-    """The text of a cell without the brackets around it: `N` of `[N]`, but not of `J/(kg K)`."""
+    """The text of a cell without enclosing brackets: `N` of `[N]`, but `J/(kg K)` unchanged."""
     text = cell.strip()
     found = _AROUND.fullmatch(text)
     return text if found is None else found[1] or found[2] or ""
 
 
 def units_line(cells: Sequence[str]) -> tuple[str, ...] | None:
-    """The texts of a line in which every cell is a unit or empty and none is a number.
+    """The texts of a line of units: every cell is a unit or empty, and none is a number.
 
-    None for any other line; one of words for missing values alone is a row without values.
+    None for any other line. A line with only markers for missing values is a data row.
     """
     if any(map(is_number, cells)) or not all(map(is_unit, cells)):
         return None
@@ -286,7 +286,7 @@ def units_line(cells: Sequence[str]) -> tuple[str, ...] | None:
 
 
 def is_number(text: str) -> bool:
-    """Whether a cell holds a number; NaN and infinities count, `1_000` does not."""
+    """True if a cell is a number; NaN and infinities are numbers, `1_000` is not."""
     try:
         float(text)
     except ValueError:
