@@ -1,1 +1,1 @@
-"""Runs exported files against the numpy judge: do they compute what the model means?"""
+"""Runs exported files against the numpy interpreter: do they compute the same model?"""

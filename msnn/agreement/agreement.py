@@ -1,4 +1,4 @@
-"""Holds how far what was written for one target is from its judge."""
+"""Defines the result of comparing one export target with the reference interpreter."""
 
 from __future__ import annotations
 
@@ -8,32 +8,39 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """The deviation of one target from the judge, relative to each signal's largest magnitude."""
+    """Errors of one target, relative to each signal's largest magnitude."""
 
     target: str
     dtype: str
     steps: int
     one_step: float | None
-    """The worst of the start and of all steps, each from the judge's state; None where states
-    cannot be set."""
+    """Maximum error of the start and of single steps from reference states.
+
+    None if states cannot be set.
+    """
     free_run: float
-    """The worst of a free run of at most 1,000 steps; grows where the model is unstable."""
+    """Maximum error of a simulation of at most 1,000 steps; it grows for unstable models."""
     jacobian: float | None
-    """The worst of a Jacobian; None where it has none, or where bits are promised: at a kink the
-    slopes of two precisions have nothing in common."""
+    """Maximum error of a Jacobian; None without a Jacobian, or if identical bits are promised.
+
+    At a kink, derivatives in two precisions may be unrelated.
+    """
     bits: int | None
-    """Values whose bits differ from the judge's in the same arithmetic, where bits are promised."""
+    """Number of values whose bits differ from the reference in the same arithmetic, if promised."""
     faults: tuple[Fault, ...]
-    """Where the target breaks its promise: of bits where it has one, else of near numbers."""
+    """Violations of the promise: of identical bits if promised, else of the error limit."""
     undecided: dict[str, int]
-    """Steps at which rounding decides what a value is, where there are any: at these it is compared
-    with what each choice gives, and the other columns leave them out."""
+    """Number of steps at which rounding decides a branch, by value.
+
+    There a value is compared with the results of both branches; the other columns exclude these
+    steps.
+    """
     untried: tuple[str, ...]
-    """The values of which all steps are so."""
+    """Values for which rounding decides a branch at all steps."""
     rounding: dict[str, float]
-    """What single precision costs the interpreter itself, of outputs where that is much."""
+    """Errors of the interpreter itself in single precision, for outputs where they are large."""
 
     @property
     def agrees(self) -> bool:
-        """Whether the target keeps what it promises."""
+        """True if the target keeps its promise."""
         return not self.faults

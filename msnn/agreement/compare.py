@@ -1,4 +1,4 @@
-"""Compares a loaded export with the judge: start, single steps, a free run, slopes, and bits."""
+"""Compares a loaded export with the reference: start, single steps, simulation, Jacobian, bits."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ FREE_STEPS = 1000
 
 
 def compare(subject: Subject, loaded: Loaded, record: AgreementRecord) -> Agreement:
-    """Runs a loaded export along the record.
+    """Runs a loaded export on recorded inputs, and compares it with the reference.
 
-    One that promises bits is judged by those of the judge in its arithmetic: how far these are from
-    float64 is a property of the model, which is told and not judged. Where it is proved how far a
-    step can be, as in fixed point, the judge itself is held to it.
+    An export that promises identical bits is compared with the reference in its own arithmetic. Its
+    difference from float64 is a property of the model, and is reported only. With a proven error
+    bound, as in fixed point, the reference itself is checked against it.
     """
     exact = subject.is_exact
     assert exact or loaded.step is not None, "without single steps there is nothing to be near to"
@@ -82,11 +82,11 @@ def _free_run(loaded: Loaded, judged: Judgement, most_steps: int) -> Arrays:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Single:
-    """The deviations of the states before the first step, and of single steps."""
+    """Errors of initial states and of single steps."""
 
     measured: Deviations
     costs: Mapping[str, float]
-    """What the interpreter in single precision is off, at all steps."""
+    """Errors of the interpreter in single precision, over all steps."""
     undecided: Mapping[str, int]
     untried: tuple[str, ...] = ()
     faults: tuple[Fault, ...] = ()
@@ -99,7 +99,7 @@ def _start_and_steps(
     wanted: Judgement,
     record: AgreementRecord,
 ) -> _Single:
-    """The states before the first step, and single steps from those of the judge."""
+    """Compares initial states, and single steps from reference states."""
     if loaded.step is None or loaded.start is None:
         return _Single(measured=NOTHING, costs={}, undecided={})
     # each step from the judge's state: errors do not add up
@@ -150,7 +150,7 @@ def _start_and_steps(
 
 
 def _far(subject: Subject, measured: Deviations) -> tuple[Fault, ...]:
-    """The values that are farther from the judge than rounding explains."""
+    """Faults of values whose error exceeds the effect of rounding."""
     found = measured.deviations
     limits = {name: step_limit(subject.dtype, measured.rounding[name]) for name in found}
     return tuple(
@@ -162,7 +162,9 @@ def _far(subject: Subject, measured: Deviations) -> tuple[Fault, ...]:
 
 
 def _costly(subject: Subject, wanted: Judgement, errors: Mapping[str, float]) -> dict[str, float]:
-    """The outputs that single precision gets wrong in the interpreter too, of targets in it."""
+    """Outputs with large errors in single precision in the interpreter itself, for float32
+    targets.
+    """
     if subject.dtype != "float32":
         return {}
     outputs = {name: errors[name] for name in labelled(wanted.outputs, {}) if name in errors}

@@ -1,4 +1,4 @@
-"""Measures how far two sets of arrays are apart: relative to the judge's magnitude, in bits."""
+"""Measures the difference between two sets of arrays: relative, and in bits."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from msnn.agreement.judging.judgement import Arrays
 def worst_deviation(found: Arrays, wanted: Arrays) -> float:
     """max |a − b| / max(|b|, s) over all arrays, s = the largest magnitude of each one in `wanted`.
 
-    Arrays are (steps, *shape); those found may have fewer steps. NaN and infinities must stand at
-    equal places, else the deviation is infinite.
+    Arrays are (steps, *shape); those in `found` may have fewer steps. The result is infinite if NaN
+    or infinities are at different positions.
     """
     return max(deviations(found, wanted).values(), default=0.0)
 
@@ -26,7 +26,7 @@ def deviations(found: Arrays, wanted: Arrays) -> dict[str, float]:
 
 
 def bits_of_each(found: Arrays, wanted: Arrays) -> dict[str, int]:
-    """The count of values of each array that differ in any bit; all NaNs count as equal."""
+    """Number of values per array that differ in any bit; all NaNs count as equal."""
     counts: dict[str, int] = {}
     for name, values in wanted.items():
         a, b = np.ascontiguousarray(found[name]), np.ascontiguousarray(values)

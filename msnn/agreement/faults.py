@@ -1,4 +1,4 @@
-"""Names the ways in which a target breaks its promise, and says each in words."""
+"""Defines the kinds of faults of a target, and describes each in words."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class FarStep:
-    """An output, state or matrix of which a step is farther from the judge than rounding is."""
+    """An output, state or matrix whose single step differs by more than rounding."""
 
     of: str
     deviation: float
-    """Relative to the largest magnitude."""
+    """Error relative to the largest magnitude."""
     limit: float
 
     @property
@@ -29,11 +29,11 @@ class FarStep:
 
 @dataclass(frozen=True, slots=True)
 class OtherBits:
-    """An output or matrix that has other bits than the judge, where these are promised."""
+    """An output or matrix whose bits differ, although identical bits are promised."""
 
     of: str
     bits: int
-    """Values whose bits differ."""
+    """Number of values whose bits differ."""
 
     @property
     def difference(self) -> str:
@@ -42,14 +42,13 @@ class OtherBits:
 
 @dataclass(frozen=True, slots=True)
 class BeyondProof:
-    """An output or state in fixed point of which a step is off by more than is proved."""
+    """A fixed-point output or state whose single step exceeds the proven error bound."""
 
     of: str
     step: int | None
-    """Along the record, from 0; the worst. None for one of the steps beside it at which words are
-    chosen so that comparisons are equal."""
+    """Worst step, from 0; None for one of the additional steps with equal sides of a comparison."""
     error: float
-    """In the unit of the value."""
+    """Error in the unit of the value."""
     bound: float
 
     @property
@@ -67,13 +66,13 @@ class BeyondProof:
 
 @dataclass(frozen=True, slots=True)
 class NoChoice:
-    """An output or state that is none of the choices of a condition which rounding decides."""
+    """An output or state that matches no branch of an undecided condition."""
 
     of: str
     step: int
-    """Along the record, from 0; the worst."""
+    """Worst step, from 0."""
     error: float
-    """From the nearest choice, in the unit of the value."""
+    """Difference to the nearest branch, in the unit of the value."""
 
     @property
     def difference(self) -> str:
@@ -85,7 +84,7 @@ class NoChoice:
 
 @dataclass(frozen=True, slots=True)
 class NotOptimal:
-    """Plans of a controller that are called solved and do not meet the optimality conditions."""
+    """Plans of a controller that are reported as solved but violate the optimality conditions."""
 
     of: str
     residual: float
@@ -101,11 +100,11 @@ class NotOptimal:
 
 @dataclass(frozen=True, slots=True)
 class SelfTestFails:
-    """A self-test of an export that finds something wrong where it was built."""
+    """A self-test of an export that fails in the build on this machine."""
 
     of: str
     returned: int
-    """What it returned; the comment of the function says what its bits mean."""
+    """Its return value; a comment of the C function explains the bits."""
 
     @property
     def difference(self) -> str:
@@ -116,14 +115,15 @@ Fault = FarStep | OtherBits | BeyondProof | NoChoice | NotOptimal | SelfTestFail
 
 
 def other_bits(counts: Mapping[str, int]) -> tuple[Fault, ...]:
-    """The values of which some bits differ."""
+    """Faults for values with differing bits."""
     return tuple(OtherBits(name, count) for name, count in counts.items() if count)
 
 
 def beyond_proof(proof: Proof | None) -> tuple[Fault, ...]:
-    """The values of the judge itself that are not as near to real numbers as is proved.
+    """Faults for values of the fixed-point reference that exceed the proven error bound.
 
-    Bits that agree with the judge's are as wrong as these: what makes the integers of both is one.
+    Without this check, an export could agree with an equally wrong reference, because both use the
+    same integer program.
     """
     if proof is None:
         return ()

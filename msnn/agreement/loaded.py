@@ -1,6 +1,6 @@
-"""Says what a loaded export can do: a free run, and where it shows its states, more of it.
+"""Defines what a loaded export can do: simulate, and execute single steps if states are visible.
 
-It is all that comparing, and running data through an export, ask of a target.
+This interface is sufficient to compare a target and to run data through it.
 """
 
 from __future__ import annotations
@@ -15,16 +15,18 @@ from msnn.agreement.judging.judgement import Arrays, Beginning
 from spec_schema.late_dataclass import dataclass
 
 Start: TypeAlias = Callable[[Beginning], Arrays]
-"""The states before the first step, (1, *shape) each."""
+"""Computes the initial states, (1, *shape) each."""
 Run: TypeAlias = Callable[[Beginning, Arrays, int], Arrays]
-"""Outputs (steps, *shape) of a run from a beginning, for inputs (steps, *shape)."""
+"""Simulates inputs (steps, *shape) from a beginning; returns outputs (steps, *shape)."""
 Step: TypeAlias = Callable[[Arrays, Arrays, int], tuple[Arrays, Arrays]]
-"""Outputs and next states of steps side by side, for inputs and states; all (steps, *shape)."""
+"""Executes independent single steps: inputs and states to outputs and next states, (steps,
+*shape).
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class ExportedSlopes:
-    """The Jacobian that an export computes: what its matrices are, and their values."""
+    """The Jacobian that an export computes: the structure of its matrices, and their values."""
 
     jacobian: Jacobian
     at: Callable[[Arrays, Arrays, int], Arrays]
@@ -32,27 +34,27 @@ class ExportedSlopes:
 
 
 def no_slopes() -> ExportedSlopes | None:
-    """The slopes of an export without a Jacobian, or of a vast one."""
+    """None: the export has no Jacobian, or a very large one."""
     return None
 
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """An export that was loaded from its files, without the program that they came from."""
+    """An export loaded from its files, independent of the original program."""
 
     run: Run
     start: Start | None = None
-    """None where states are not seen."""
+    """None if states are not visible."""
     step: Step | None = None
-    """None where states cannot be set: such a target can promise bits only."""
+    """None if states cannot be set; such a target can only promise identical bits."""
     slopes: Callable[[], ExportedSlopes | None] = no_slopes
-    """Asked for where they are compared: to derive a step takes longer than to run it."""
+    """Called only if Jacobians are compared, because they take longer than a step."""
 
 
 def loaded_by_steps(
     start: Start, step: Step, slopes: Callable[[], ExportedSlopes | None] = no_slopes
 ) -> Loaded:
-    """An export with explicit states, which is run step by step."""
+    """An export with explicit states, simulated by single steps."""
 
     def run(beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
         states = start(beginning)
@@ -67,5 +69,5 @@ def loaded_by_steps(
 
 
 def stacked(steps: list[Arrays]) -> Arrays:
-    """Arrays of single steps as arrays (steps, *shape)."""
+    """Stacks arrays of single steps to arrays (steps, *shape)."""
     return {name: np.stack([step[name] for step in steps]) for name in steps[0]}

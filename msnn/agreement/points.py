@@ -1,4 +1,4 @@
-"""Draws points at which Jacobians are compared: singular ones among them."""
+"""Selects points for comparing Jacobians, including singular ones."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from compiler.ir.program import History, Program, Tape
 from msnn.agreement.judging.judgement import Arrays, Judgement
 
 MOST_STEPS = 200
-"""Along the record."""
+"""Maximum number of recorded steps."""
 _MIXTURES = 40
 TINY = 1e-9
-"""A hair above 0."""
+"""A value slightly above 0."""
 
 _Range: TypeAlias = tuple[float, float]
 _Draw: TypeAlias = Callable[[NDArray[Any], _Range, bool], NDArray[Any]]
-"""A value out of those along the record, within a range, of an input or else of a state."""
+"""(recorded values, range, is input) → a value within the range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +35,12 @@ class Points:
 
 
 def points(program: Program, judged: Judgement) -> Points:
-    """The first steps along the record, then drawn ones, the same every time (Philox).
+    """The first recorded steps, then generated ones, always the same (Philox).
 
-    Drawn are: all 0; inputs 0 and states a hair above; every range at its lower, at its upper
-    limit; and mixtures, each quantity of which is one of these, drawn from its range, or what it is
-    somewhere along the record. All are within their ranges; one that has none stays within its
-    largest magnitude along the record, or within 1 where it never leaves 0.
+    Generated points are: all 0; inputs 0 and states slightly above; every range at its lower and at
+    its upper limit; and mixtures. In a mixture, each quantity is one of these, random within its
+    range, or a recorded value. Without a range, a quantity stays within its largest recorded
+    magnitude, or within 1 if it is always 0.
     """
     # a generator whose numbers are the same on every machine and version
     random = np.random.Generator(np.random.Philox(0))
@@ -85,7 +85,7 @@ def points(program: Program, judged: Judgement) -> Points:
 def log_of(
     program: Program, inputs: Arrays, count: int, dtype: DTypeLike
 ) -> tuple[Mapping[str, NDArray[Any]], NDArray[np.int64]]:
-    """A log, and its rows at which a step sees the inputs of each point."""
+    """A log, and its rows at which a step reads the inputs of each point."""
     ports = step_interface(program).inputs
     back = max([0, *(-port.first for port in ports)])
     span = back + max([0, *(port.last for port in ports)]) + 1
@@ -107,7 +107,7 @@ def _samples(port: Port, values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _finite(range: _Range, seen: NDArray[Any]) -> _Range:
-    """The range, with an end that follows what is seen along the record where it has none."""
+    """The range, with infinite ends replaced by the largest recorded magnitude."""
     largest = float(np.abs(np.where(np.isfinite(seen), seen, 0.0)).max(initial=0.0))
     span = largest if largest > TINY else 1.0
     low, high = range
@@ -118,7 +118,7 @@ def _finite(range: _Range, seen: NDArray[Any]) -> _Range:
 
 
 def _ranges(program: Program) -> dict[str, _Range]:
-    """The ranges of inputs and states; a remembered signal keeps its range."""
+    """The ranges of inputs and states; a delayed signal has the signal's range."""
     known = {signal.name: signal.range for signal in program.signals}
     anything = (-math.inf, math.inf)
     found = {name: range or anything for name, range in known.items()}

@@ -1,4 +1,4 @@
-"""Reports how well the exports of a model agree with the judge: table, messages, JSON."""
+"""Reports the agreement of exports with the reference interpreter: table, messages, JSON."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A target whose comparison came to no end, and why."""
+    """A target whose comparison failed, with the error."""
 
     target: str
     dtype: str
     error: Exception
 
     def cells(self, place: int) -> tuple[str, ...]:
-        """Its row of the table, which says in a column what is the matter."""
+        """Its row of the table, with the reason in a column."""
         missing = isinstance(self.error, MissingExtraError)
         why = "not compared" if missing else f"FAILED: {type(self.error).__name__}"
         return self.target, self.dtype, *([""] * (place - 2)), why
@@ -29,22 +29,22 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class AgreementReport:
-    """The result of each target's comparison, and the reasons why others were not compared."""
+    """Results of the compared targets, and reasons why others were not compared."""
 
     origin: str
-    """The record along which they were compared."""
+    """Origin of the inputs of the comparison."""
     rows: tuple[Agreement, ...]
     failures: tuple[Failure, ...]
 
     @property
     def missing(self) -> tuple[MissingExtraError, ...]:
-        """The missing packages that kept targets from being compared."""
+        """Missing packages because of which targets were not compared."""
         errors = (failure.error for failure in self.failures)
         return tuple(error for error in errors if isinstance(error, MissingExtraError))
 
     @property
     def first_error(self) -> Exception | None:
-        """The error that ended the comparison of a target although everything it needs is there."""
+        """The first error that is not a missing package."""
         errors = (failure.error for failure in self.failures)
         return next((e for e in errors if not isinstance(e, MissingExtraError)), None)
 
@@ -54,7 +54,9 @@ class AgreementReport:
 
 
 def agreement_table(report: AgreementReport) -> str:
-    """One row a target, failed ones last; deviations are relative to the largest of each signal."""
+    """One row per target, failed ones last; errors are relative to the largest value of each
+    signal.
+    """
     some = any(row.undecided for row in report.rows)
     rows = [_cells(row, with_undecided=some) for row in report.rows]
     rows += [failure.cells(8 if some else 7) for failure in report.failures]
@@ -84,7 +86,7 @@ def _cells(row: Agreement, *, with_undecided: bool) -> tuple[str, ...]:
 
 
 def agreement_diagnostics(report: AgreementReport) -> list[Diagnostic]:
-    """Reports targets that break their promise, and values that float32 cannot hold well."""
+    """Diagnostics for broken promises, and for values with poor accuracy in float32."""
     found: list[Diagnostic] = []
     for row in report.rows:
         found += [

@@ -1,4 +1,4 @@
-"""Compares the Jacobian of a loaded export with the interpreter's, at singular points too."""
+"""Compares the Jacobian of an export with the interpreter's, at singular points too."""
 
 from __future__ import annotations
 
@@ -29,22 +29,23 @@ from msnn.agreement.subject import NOTHING, Deviations, Subject
 _LIMIT = STEP_LIMIT["float64"]
 
 _STEEP = 1e12
-"""Times the scale of an entry: what stands for an infinite slope is beyond it.
+"""Factor over the scale of an entry beyond which a value represents an infinite derivative.
 
-CasADi has 1e30 in its place, times other slopes (decision 0184)."""
+CasADi uses 1e30 instead, times other derivatives (decision 0184).
+"""
 
 
 def measured_slopes(
     subject: Subject, slopes: ExportedSlopes | None, judged: Judgement
 ) -> Deviations:
-    """Every matrix at steps along the record and at drawn points.
+    """Compares every matrix at recorded steps and at generated points.
 
-    Errors are relative to the largest entry of the matrix. Where all terms of a slope cancel, its
-    entries are rounding alone: they are relative to s/c then, c the largest value of the column and
-    s the terms of which the row's value is the sum (its bound of rounding over the unit roundoff,
-    decision 0180), since a slope that c turns into rounding of s is none. A column that is 0 at all
-    points has no c: its entries are relative to the terms of which they are the sums themselves.
-    Bits are those of the judge in the arithmetic of the export.
+    Errors are relative to the largest entry of the matrix. If all terms of a derivative cancel, its
+    entries consist of rounding errors. They are then relative to s/c: c is the largest value of the
+    column, and s the size of the terms of the row's value (its rounding bound over the unit
+    roundoff, decision 0180). A derivative that c turns into a rounding error of s is negligible. If
+    a column is 0 at all points, its entries are relative to the terms of the entries themselves.
+    Bits are compared with the reference in the arithmetic of the export.
     """
     if slopes is None:
         return NOTHING
@@ -100,17 +101,23 @@ def measured_slopes(
 
 @dataclass(frozen=True, slots=True)
 class _Judge:
-    """The values with which the entries of one matrix are compared."""
+    """The reference values for the entries of one matrix."""
 
     wanted: NDArray[np.float64]
-    """(points, rows, columns); NaN where nothing is compared: in rows of values that are not
-    finite, and where infinite slopes cancel on two paths and none is right (decision 0184)."""
+    """(points, rows, columns); NaN where nothing is compared.
+
+    That is in rows of non-finite values, and where infinite derivatives cancel on two paths, so
+    that no result is correct (decision 0184).
+    """
     scale: NDArray[np.float64]
-    """What errors are relative to, (points, rows, columns)."""
+    """Scale of errors, (points, rows, columns)."""
     undefined: NDArray[np.bool_]
-    """Points at which the interpreter has a NaN in any matrix, (points, 1, 1), as a value inside is
-    infinite. CasADi differentiates all outputs at once and has 0 times it, a NaN, in other entries
-    too, for example next to a gaussian set of width 0."""
+    """Points at which the interpreter has a NaN in any matrix, (points, 1, 1), from an infinite
+    value.
+
+    CasADi differentiates all outputs at once, and has 0 times infinity = NaN in other entries too,
+    e.g. near a gaussian set of width 0.
+    """
 
     @staticmethod
     def of(
@@ -121,7 +128,9 @@ class _Judge:
         own: NDArray[np.float64] | None,
         undefined: NDArray[np.bool_],
     ) -> _Judge:
-        """Makes a judge of its entries; `largest` is of each column, `own` the entries' terms."""
+        """Builds the reference for a matrix; `largest` is per column, `own` the terms of the
+        entries.
+        """
         count = len(judged)
         finite = np.isfinite(_flat(matrix.rows, rows.values, count))
         # where the value itself is not finite its slope means nothing
@@ -132,9 +141,9 @@ class _Judge:
         return _Judge(wanted, np.maximum(natural, largest_entry), undefined)
 
     def error(self, found: NDArray[Any], explanation: _Explanation | None = None) -> float:
-        """The largest; infinite where an entry is not finite and the judge's is.
+        """The largest error; infinite if an entry is not finite where the reference is finite.
 
-        Where the judge's slope is infinite, one that is very steep in the same direction is meant.
+        Where the reference is infinite, a very large derivative of the same sign is accepted.
         """
         found, wanted = found.astype(np.float64), self.wanted
         # `STEEP` of the guards, times other slopes, stands for an infinite one
@@ -146,41 +155,41 @@ class _Judge:
         return float(np.where(np.isfinite(errors), errors, math.inf).max(initial=0.0))
 
     def error_where_finite(self, found: NDArray[Any]) -> float:
-        """The same, of entries that are finite."""
+        """The largest error of finite entries."""
         return self.error(np.where(np.isfinite(found), found, self.wanted))
 
 
 @dataclass(frozen=True, slots=True)
 class _Explanation:
-    """What explains that entries of a matrix are not the judge's, (points, rows, columns)."""
+    """Accepted deviations of entries of a matrix, (points, rows, columns)."""
 
     stand_in: NDArray[Any]
-    """The judge's matrix of the program with guards: what is there for infinite slopes."""
+    """The reference Jacobian of the guarded program, which replaces infinite derivatives."""
     rounding: NDArray[np.float64]
-    """How far two programs that compute an entry in float64 can be apart."""
+    """Maximum difference of two float64 programs that compute an entry."""
 
     def of(self, found: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """The entries that stand for an infinite one, or are as right as float64 can be."""
+        """Mask of entries that replace an infinite one, or are within rounding."""
         near = np.abs(found - self.stand_in) <= _LIMIT * np.abs(self.stand_in)
         finite = np.isfinite(wanted) & np.isfinite(found)
         rounded = finite & (np.abs(found - wanted) <= self.rounding)
         return np.isinf(wanted) & near | rounded
 
     def unbounded(self, found: NDArray[np.float64], wanted: NDArray[np.float64]) -> int:
-        """Points at which an infinite bound lets anything pass, so that nothing was compared."""
+        """Number of points with an infinite bound, which accepts any value."""
         apart = np.isinf(self.rounding) & (np.abs(found - wanted) > 0.0)
         return int(np.any(apart, axis=(1, 2)).sum())
 
 
 def _guarded(program: Program) -> Jacobian:
-    """The Jacobian as libraries get it that differentiate by themselves (decision 0184)."""
+    """The Jacobian in the form for libraries that differentiate themselves (decision 0184)."""
     return jacobian_of(guard_infinite_slopes(guard_untaken(program)), parameters=True)
 
 
 def _roundings(
     subject: Subject, slopes: Jacobian, matrices: Sequence[Matrix], drawn: Points
 ) -> list[NDArray[np.float64]]:
-    """The bound of each entry's rounding, twice: that of the judge and that of the export."""
+    """Twice the rounding bound of each entry: for the reference and the export."""
     wanted = [node for matrix in matrices for node in matrix.nodes]
     graph, found = _bounds(subject, slopes.graph, wanted, drawn)
     spreads = {node: 2.0 * found[node].spread(graph.unit) for node in wanted}
@@ -190,17 +199,17 @@ def _roundings(
 
 
 def _largest(vector: Vector, values: Arrays, drawn: Points) -> NDArray[np.float64]:
-    """The largest magnitude of each number of a vector."""
+    """The largest magnitude of each element of a vector."""
     return _magnitude(_flat(vector, values, drawn.count)).max(axis=0, initial=0.0)
 
 
 def _magnitude(values: NDArray[Any]) -> NDArray[np.float64]:
-    """|values|, 0 where they are not finite."""
+    """|values|, 0 for non-finite ones."""
     return np.abs(np.where(np.isfinite(values), values, 0.0))
 
 
 def _flat(vector: Vector, values: Arrays, count: int) -> NDArray[np.float64]:
-    """The numbers of a vector at every point, (points, size)."""
+    """The elements of a vector at every point, (points, size)."""
     parts = [np.zeros((count, 0))]
     for member in vector.members:
         value = values[member.name].astype(np.float64)
@@ -210,7 +219,7 @@ def _flat(vector: Vector, values: Arrays, count: int) -> NDArray[np.float64]:
 
 
 def _values(subject: Subject, drawn: Points) -> dict[str, Arrays]:
-    """The values of columns by their vectors, (points or 1, *shape) each."""
+    """The values of columns by vector, (points or 1, *shape) each."""
     weights = physical_weights(subject.program, subject.weights)
     parameters = {name: values[np.newaxis] for name, values in weights.items()}
     return {"x": drawn.states, "u": drawn.inputs, "p": parameters}
@@ -218,7 +227,7 @@ def _values(subject: Subject, drawn: Points) -> dict[str, Arrays]:
 
 @dataclass(frozen=True, slots=True)
 class _Sums:
-    """Values of next states or outputs, and of how large terms they are made."""
+    """Values of next states or outputs, and the size of their terms."""
 
     values: Arrays
     terms: Arrays
@@ -244,7 +253,7 @@ def _sums(subject: Subject, drawn: Points) -> dict[str, _Sums]:
 def _terms_of_slopes(
     subject: Subject, jacobian: Jacobian, drawn: Points
 ) -> dict[str, NDArray[np.float64]]:
-    """The size of the terms of each entry, (points, rows, columns); 0 where nothing bounds it."""
+    """The size of the terms of each entry, (points, rows, columns); 0 without a bound."""
     _, terms = _bounded(subject, jacobian.graph, jacobian.roots, drawn)
     return {
         matrix.name: _magnitude(matrix.filled(terms, drawn.count, np.dtype(np.float64)))
@@ -255,7 +264,7 @@ def _terms_of_slopes(
 def _bounded(
     subject: Subject, nodes: Graph, wanted: Sequence[NodeId], drawn: Points
 ) -> tuple[dict[NodeId, NDArray[Any]], dict[NodeId, NDArray[Any]]]:
-    """Values of nodes at the points, and their bounds of rounding over the unit roundoff."""
+    """Values of nodes at the points, and their rounding bounds over the unit roundoff."""
     graph, found = _bounds(subject, nodes, wanted, drawn)
     return (
         {node: found[node].value for node in wanted},
@@ -266,7 +275,7 @@ def _bounded(
 def _bounds(
     subject: Subject, nodes: Graph, wanted: Sequence[NodeId], drawn: Points
 ) -> tuple[BoundedGraph, list[Bounded]]:
-    """Nodes at the points with bounds of their rounding, and the graph that has its unit."""
+    """Nodes at the points with rounding bounds, and the graph with its unit roundoff."""
     log, rows = log_of(subject.program, drawn.inputs, drawn.count, np.float64)
     states = {name: exact(values.astype(np.float64)) for name, values in drawn.states.items()}
     weights = physical_weights(subject.program, subject.weights)

@@ -1,4 +1,4 @@
-"""Says what is compared with a judge, and what comparing its values with the judge's gives."""
+"""Defines what is compared with the reference interpreter, and the result of a comparison."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from msnn.data.dataset import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """An export's program and weights, and what it promises."""
+    """An export's program and weights, and the accuracy that it promises."""
 
     target: str
     dtype: NumberType
@@ -21,25 +21,25 @@ class Subject:
     promise: Promise
     judge: Judge
     restarts: bool
-    """Whether it takes states with `on_range: reset` back."""
+    """True if it resets states with `on_range: reset`."""
 
     @property
     def is_exact(self) -> bool:
-        """Whether it promises bits."""
+        """True if it promises identical bits."""
         return self.promise is Promise.BITS
 
 
 @dataclass(frozen=True, slots=True)
 class Deviations:
-    """The distances of values from the judge's, by their names in messages."""
+    """Differences between values and the reference, by their names in messages."""
 
     deviations: Mapping[str, float]
     rounding: Mapping[str, float]
-    """What the interpreter in single precision is off."""
+    """Errors of the interpreter in single precision."""
     bits: Mapping[str, int]
-    """Values that differ from that interpreter's, where bits are promised."""
+    """Number of values whose bits differ from the interpreter's, if identical bits are promised."""
     undecided: Mapping[str, int] = field(default_factory=dict[str, int])
-    """Steps at which nothing bounds the rounding of a value, so that it was not compared."""
+    """Number of steps without a bound of rounding errors, at which a value was not compared."""
 
 
 NOTHING = Deviations({}, {}, {})

@@ -1,1 +1,3 @@
-"""Reads measured data: files become records, records become episodes, episodes give starts."""
+"""Reads measured data: files become recordings, recordings become episodes, episodes have start
+rows.
+"""

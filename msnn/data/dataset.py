@@ -1,4 +1,4 @@
-"""Holds measured data: one series a signal, rows that belong to records, sets and episodes."""
+"""Holds measured data: one series per signal, and its rows by recording, set and episode."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ BoolArray = NDArray[np.bool_]
 UNASSIGNED = -1
 
 BETWEEN_ROWS = -1
-"""What resampling puts at a moment for which a file has no row."""
+"""The row index of a resampled time that lies between the rows of the file."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimeUnit:
-    """The column of the times of a file, as a spec names it, and the unit in which it was read."""
+    """The time column of a file as named in the spec, and the unit in which it was read."""
 
     column: str
     unit: Unit
@@ -33,31 +33,34 @@ class TimeUnit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileRows:
-    """The rows start … stop−1 of the series, all from one file, and which rows they are there."""
+    """The rows start … stop−1 of the series, all from one file, and their row indices in that
+    file.
+    """
 
     file: str
     start: int
     stop: int
     rows: range | IntArray
-    """The file's row of each, counted from 0 below the header; BETWEEN_ROWS where it has none."""
+    """Row in the file for each row, counted from 0 below the header; BETWEEN_ROWS if resampled."""
     time: FloatArray | None
-    """Seconds of each as the file has them; None where it has no time."""
+    """Time of each row in seconds, from the file; None if the file has no time."""
     time_begins: float = 0.0
-    """Where time 0 of the file is on the clock of its record, in seconds: not 0 if files are joined
-    by their dates."""
+    """Time 0 of the file on the clock of its recording, in s; non-zero if files are joined by
+    date.
+    """
     time_unit: TimeUnit | None = None
-    """None where the spec names no column of time, or its times are dates."""
+    """None if the spec names no time column, or if the times are dates."""
 
     def moved(self, by: int) -> FileRows:
-        """The same rows of the file, later in the series."""
+        """The same rows of the file, shifted by `by` rows in the series."""
         return replace(self, start=self.start + by, stop=self.stop + by)
 
     def row(self, row: int) -> int:
-        """The row of the file that a row of the series was."""
+        """The row in the file of a row of the series."""
         return int(self.rows[row - self.start])
 
     def shared_with(self, other: FileRows) -> int:
-        """The count of rows that are among those of another choice of the same file."""
+        """The number of rows that both selections of the same file contain."""
         mine, others = np.asarray(self.rows), np.asarray(other.rows)
         if (mine == BETWEEN_ROWS).any() or (others == BETWEEN_ROWS).any():
             # moments between rows: those within the time of the other
@@ -67,34 +70,34 @@ class FileRows:
         return len(np.intersect1d(mine, others))
 
     def file_rows(self, first: int, stop: int) -> IntArray:
-        """The rows of the file that rows of the series were."""
+        """Rows in the file, (stop−first,), of the rows first … stop−1 of the series."""
         return np.asarray(self.rows[first - self.start : stop - self.start], np.int64)
 
     def times(self, first: int, stop: int, sample_time: float | None) -> FloatArray | None:
-        """Seconds of rows of the series on the clock of their record: that of its first file.
+        """Times of the rows first … stop−1 in seconds, on the clock of the recording's first file.
 
-        Those of a file without time count from its row 0.
+        Without a time column, time is 0 at the file's row 0. None if times cannot be derived.
         """
         if self.time is not None:
             return self.time[first - self.start : stop - self.start] + self.time_begins
         if sample_time is None or not isinstance(self.rows, range):
             return None
-        # rows that `every:` leaves are one sample apart
+        # rows selected by `every:` are one sample apart
         return self.file_rows(first, stop) / self.rows.step * sample_time
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """The rows start … stop−1 of the series: one file, or several that follow in time."""
+    """The rows start … stop−1 of the series: one file, or several consecutive in time."""
 
     file: str
     start: int
     stop: int
     pieces: tuple[FileRows, ...]
-    """The rows of each of its files, in their order."""
+    """The rows of each file, in the order of the files."""
 
     def piece(self, row: int) -> FileRows:
-        """The file that a row of the series is from."""
+        """The file that contains a row of the series."""
         return next(piece for piece in self.pieces if piece.start <= row < piece.stop)
 
     def place(self, row: int) -> str:
@@ -107,24 +110,24 @@ class Record:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dataset:
-    """All records one after the other; memory is that of the signals, windows are never stored."""
+    """All recordings one after the other. Windows are views of the series and are never stored."""
 
     series: Mapping[str, FloatArray]
-    """(rows, *shape) a signal, in the signal's unit; NaN where a value is missing."""
+    """(rows, *shape) per signal, in the signal's unit; NaN if a value is missing."""
     records: tuple[Record, ...]
     sets: tuple[str, ...]
     set_of_row: NDArray[np.int8]
-    """Index in `sets`, UNASSIGNED for rows of no set."""
+    """Index in `sets`; UNASSIGNED for rows that belong to no set."""
     continues: BoolArray
-    """Whether a row is one sample after the row before it: same record, no time gap."""
+    """True for a row one sample after the previous row: same recording, no time gap."""
     usable: BoolArray
-    """Whether a row has all inputs."""
+    """True for a row in which no input is missing."""
     warnings: tuple[Diagnostic, ...] = ()
     measured: Mapping[str, BoolArray] = field(default_factory=dict[str, BoolArray])
-    """The rows with a measured value, of signals that have values of resampling in others."""
+    """Masks of measured rows, for signals whose other rows hold interpolated values."""
 
     def measured_values(self, name: str) -> FloatArray:
-        """(rows, *shape) of a signal: NaN where a value was not measured but drawn between some."""
+        """(rows, *shape) of a signal, with NaN instead of interpolated values."""
         values = self.series[name]
         if name not in self.measured:
             return values
@@ -137,7 +140,7 @@ class Dataset:
         return len(self.continues)
 
     def record_of(self, row: int) -> Record:
-        """The record that a row belongs to."""
+        """The recording that a row belongs to."""
         return next(record for record in self.records if record.start <= row < record.stop)
 
     def place(self, row: int) -> str:
@@ -145,7 +148,7 @@ class Dataset:
         return self.record_of(row).place(row)
 
     def has(self, name: str) -> bool:
-        """Whether any row belongs to the set."""
+        """True if any row belongs to the set."""
         return bool(self.in_set(name).any())
 
     def in_set(self, name: str) -> BoolArray:
@@ -156,18 +159,20 @@ class Dataset:
 
     @property
     def is_on_disk(self) -> bool:
-        """Whether the series are files, as they may be larger than memory."""
+        """True if the series are files on disk, which may be larger than memory."""
         return any(isinstance(values, DiskArray) for values in self.series.values())
 
     def episodes(self, name: str) -> IntArray:
-        """(count, 2): start and stop of the maximal runs of one set without gap (rule R10)."""
+        """(count, 2): start and stop of the maximal intervals of one set without a gap (rule
+        R10).
+        """
         if name not in self.sets:
             return np.zeros((0, 2), np.int64)
         code = self.sets.index(name)
         return self._runs(lambda rows: (self.set_of_row[rows] == code) & self.usable[rows])
 
     def stretches(self) -> IntArray:
-        """(count, 2): start and stop of the maximal runs without gap, whatever the set."""
+        """(count, 2): start and stop of the maximal intervals without a gap, regardless of sets."""
         return self._runs(lambda rows: self.usable[rows])
 
     def _runs(self, wanted: Callable[[slice], BoolArray]) -> IntArray:

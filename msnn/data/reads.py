@@ -1,4 +1,4 @@
-"""Finds the signals that values read of the log, directly or through all that they are made of."""
+"""Finds the recorded signals that values depend on, directly or through other nodes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from compiler.ir.program import Graph, NodeId, Program, Role, Signal
 
 
 def reads(graph: Graph, wanted: Iterable[NodeId]) -> dict[str, Extent]:
-    """The samples around t that the wanted values depend on, by signal."""
+    """The samples relative to t that the nodes depend on, by signal."""
     marked = needed(graph, wanted)
     found: dict[str, Extent] = {}
     for index, node in graph:
@@ -27,17 +27,17 @@ def reads(graph: Graph, wanted: Iterable[NodeId]) -> dict[str, Extent]:
 
 
 def compared_signals(program: Program) -> frozenset[str]:
-    """The signals of which predictions are compared with one row at a time, and all targets."""
+    """Signals that predictions are compared with, one row at a time, and all targets."""
     targets = {signal.name for signal in program.signals if signal.role is Role.TARGET}
     compared = {o.predicts.signal for o in program.outputs if o.predicts is not None} | targets
     return frozenset(compared.union(*_sides(program)))
 
 
 def signals_only_compared(program: Program) -> frozenset[str]:
-    """Those of `compared_signals` that no step reads: only their measured values are needed.
+    """The `compared_signals` that no step reads; only their measured values are needed.
 
-    A loss that reads several rows of a signal, as for its derivative, needs the values between
-    those that were measured; so does an initial state. Of a target it may read one row.
+    A loss that reads several rows of a signal, e.g. for a derivative, needs interpolated values
+    too, and so does an initial state. A target may be read at one row only.
     """
     targets = {signal.name for signal in program.signals if signal.role is Role.TARGET}
     nodes = [output.node for output in program.outputs]
@@ -51,21 +51,23 @@ def signals_only_compared(program: Program) -> frozenset[str]:
 
 
 def measured_beside(whole: Program, program: Program) -> tuple[Signal, ...]:
-    """The signals that outputs of a model predict and a program made of it does not read."""
+    """The signals that outputs of `whole` predict and that a part of it, `program`, does not
+    read.
+    """
     read = {signal.name for signal in program.signals}
     predicted = {out.predicts.signal for out in whole.outputs if out.predicts is not None}
     return tuple(s for s in whole.signals if s.name in predicted - read)
 
 
 def _sides(program: Program) -> list[dict[str, Extent]]:
-    """The samples around t that the target of each loss reads."""
+    """The samples relative to t that the target of each loss reads."""
     return [
         reads(program.step, [loss.target]) for loss in program.losses if loss.target is not None
     ]
 
 
 def span(extents: Iterable[Extent]) -> Extent | None:
-    """The samples from the first to the last of all extents, None if there are none."""
+    """The smallest extent that contains all extents; None if there are none."""
     extents = tuple(extents)
     if not extents:
         return None

@@ -1,4 +1,4 @@
-"""Finds the evaluations that count by their rows: those whose targets are rows that do."""
+"""Selects the evaluations that contribute to losses: all rows of their targets must be usable."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def rows_that_count(
     skip_rows: int = 0,
     measured: Iterable[BoolArray] = (),
 ) -> BoolArray:
-    """For every row t whether all of t+first … t+last belong to the set, any for None.
+    """Mask of rows t for which all rows t+first … t+last belong to the set (None: any set).
 
-    The first `skip_rows` rows of each record do not count, nor do those that are not among the
-    `measured` ones.
+    The first `skip_rows` rows of each recording are excluded, and rows that are false in one of the
+    `measured` masks.
     """
     member = np.ones(dataset.rows, dtype=np.bool_) if name is None else dataset.in_set(name)
     for record in dataset.records if skip_rows else ():
@@ -42,7 +42,7 @@ def rows_that_count(
 def scored_rows(
     dataset: Dataset, name: str | None, program: Program, skip_rows: int = 0
 ) -> Mapping[str, BoolArray]:
-    """For every loss of the program the rows t at which its target counts."""
+    """For every loss of the program, the mask of rows t at which its target counts."""
     return {
         loss.name: rows_that_count(
             dataset,
@@ -56,14 +56,15 @@ def scored_rows(
 
 
 def has_unmeasured(dataset: Dataset, program: Program) -> bool:
-    """Whether a loss of the program compares with a row that has no measured value."""
+    """True if a loss of the program uses a target row without a measured value."""
     return any(_lacking(dataset, program.step, loss) for loss in program.losses)
 
 
 def _lacking(dataset: Dataset, step: Graph, loss: Loss) -> list[str]:
-    """The signals that the target of a loss reads and that have no measured value in some rows.
+    """The signals read by a loss's target that have no measured value in some rows.
 
-    A target that reads several rows, as a derivative does, is one of the values between them too.
+    Empty for a target that reads several rows, such as a derivative: it also uses interpolated
+    values.
     """
     if loss.target is None or not dataset.measured:
         return []
@@ -75,7 +76,7 @@ def _lacking(dataset: Dataset, step: Graph, loss: Loss) -> list[str]:
 
 
 def target_extent(step: Graph, loss: Loss) -> Extent:
-    """The samples around t that the target of a loss reads; t itself where there is none."""
+    """The samples relative to t that the target of a loss reads; t itself if there is no target."""
     if loss.target is None:
         return Extent(0, 0)
     return span(reads(step, [loss.target]).values()) or Extent(0, 0)

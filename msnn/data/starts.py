@@ -1,4 +1,4 @@
-"""Finds where rollouts may start, so that nothing they read leaves its episode (R2)."""
+"""Finds the start rows of rollouts, such that all rows they read are in one episode (R2)."""
 
 from __future__ import annotations
 
@@ -14,35 +14,37 @@ from msnn.data.reads import reads, span
 from spec_schema.late_dataclass import dataclass
 
 Horizon = int | Literal["episode", "record"]
-"""Evaluations of the step in one rollout; `record` runs over all rows and scores those of a set."""
+"""Steps per rollout; `record` simulates all rows of a recording and scores those of a set."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Rows around t that a step reads from the log, and rows around t0 that the start reads."""
+    """Rows relative to t that a step reads from the data, and rows after t0 that the start
+    reads.
+    """
 
     back: int
     ahead: int
     start_ahead: int
 
     def rows(self, steps: int) -> int:
-        """Rows that a rollout of `steps` steps needs."""
+        """Number of rows that a rollout of `steps` steps needs."""
         # R2: rows t0 − A … max(t0 + N − 1 + B, t0 + B0)
         return self.back + max(steps + self.ahead, self.start_ahead + 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Runs:
-    """Rollouts side by side: `steps[i]` evaluations from row `t0[i]`."""
+    """Rollouts that run in parallel: `steps[i]` evaluations from row `t0[i]`."""
 
     t0: IntArray
     steps: IntArray
     skipped: int
-    """Episodes that are too short for one rollout."""
+    """Number of episodes that are too short for one rollout."""
     longest: int
     """Rows of the longest episode."""
     uniform: bool = field(init=False, repr=False, compare=False)
-    """Whether all have as many steps."""
+    """True if all rollouts have the same number of steps."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "uniform", not np.any(self.steps != self.steps[:1]))
@@ -51,7 +53,7 @@ class Runs:
         return len(self.t0)
 
     def begin_as(self, other: Runs) -> bool:
-        """Whether these are the same rollouts in the same order."""
+        """True if both are the same rollouts in the same order."""
         return np.array_equal(self.t0, other.t0) and np.array_equal(self.steps, other.steps)
 
     def take(self, members: IntArray) -> Runs:
@@ -59,9 +61,9 @@ class Runs:
 
 
 def reach(program: Program, also: Extent | None = None) -> Reach:
-    """The samples around t that the step, losses, `predicts` and the start of a program read.
+    """The samples relative to t that the step, losses, `predicts` and the start of a program read.
 
-    `also` are further samples that somebody reads, such as the target of a metric.
+    `also` are further samples to include, such as the target of a metric.
     """
     wanted = [output.node for output in program.outputs]
     wanted += [state.next for state in program.states]
@@ -69,7 +71,7 @@ def reach(program: Program, also: Extent | None = None) -> Reach:
     around = span(reads(program.step, wanted).values()) or Extent(0, 0)
     for output in program.outputs:
         if output.predicts is not None:
-            # a prediction is scored against the log, so that its row has to be there
+            # a prediction is compared with the data, so its row must exist
             around = around.union(Extent(0, output.predicts.ahead))
     if also is not None:
         around = around.union(also)
@@ -83,10 +85,10 @@ def reach(program: Program, also: Extent | None = None) -> Reach:
 def rollouts(
     episodes: IntArray, reach: Reach, horizon: Horizon, stride: int, *, rest: bool = False
 ) -> Runs:
-    """All rollouts in the episodes (start, stop), in their order; cost is linear in their number.
+    """All rollouts in the episodes (start, stop), in order; the cost is linear in their number.
 
-    With `rest` a last, shorter rollout covers the samples that no full one reaches; this wants
-    `stride` = horizon.
+    With `rest`, a last, shorter rollout covers the samples that no full rollout reaches; this
+    requires `stride` = horizon.
     """
     lengths = episodes[:, 1] - episodes[:, 0]
     longest = int(lengths.max(initial=0))

@@ -1,4 +1,4 @@
-"""Runs what was written for every target along a record of the model, beside its judge."""
+"""Runs the files of every target on recorded inputs, and compares them with the reference."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from msnn.exports.target import AnyPlan, Weights, Written
 from msnn.model.model import Model
 
 _DRAWN = "drawn samples"
-"""What targets are compared along that have no record: plans have references, data have none."""
+"""Origin of inputs for targets that are not compared on data."""
 
 
 def check_exports(
@@ -25,11 +25,11 @@ def check_exports(
     weights: Weights,
     data_folder: Path,
 ) -> AgreementReport:
-    """Compares the written files of every plan with its judge along a record of the model.
+    """Compares the written files of every plan with its reference on recorded inputs.
 
-    Relative data paths start in `data_folder`. A target that needs something which is not
-    installed, or that fails, does not keep the others from being compared: the report has the
-    error, and it is for the caller to raise it when the report is printed.
+    Relative data paths start in `data_folder`. If a target fails or needs a missing package, the
+    others are still compared. The report contains the error, and the caller raises it after
+    printing.
     """
     rows: list[Agreement] = []
     failures: list[Failure] = []
@@ -48,8 +48,10 @@ def check_exports(
 
 
 def _named(plan: AnyPlan, error: Exception) -> Exception:
-    """What a runtime does not implement is no fault of the export: onnxruntime lacks operators for
-    some types, CasADi's interface some calls. They name it alike.
+    """The error; operations that a runtime does not implement become a NotRunHereError.
+
+    They are not faults of the export: onnxruntime lacks operators for some types, CasADi's
+    interface some calls.
     """
     if type(error).__name__ not in ("NotImplementedError", "NotImplemented"):
         return error
@@ -61,9 +63,9 @@ def _named(plan: AnyPlan, error: Exception) -> Exception:
 def check_export(
     plan: AnyPlan, weights: Weights, written: Written, record: AgreementRecord | None
 ) -> Agreement:
-    """The same of one target; one that draws its samples itself (`compare`) needs no record.
+    """Compares one target; a target with `compare` needs no recorded inputs.
 
-    MissingExtraError where it needs what is not installed.
+    Raises MissingExtraError if a required package is not installed.
     """
     target, weights = plan.target, plan.of(weights)
     if target.compare is not None:

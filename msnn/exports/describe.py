@@ -1,4 +1,4 @@
-"""Describes the ports of each export to the person who will connect them."""
+"""Describes the ports of each export, for the user who connects them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from spec_schema.diagnostics.diagnostic import Findings, SpecError
 
 
 def exports_text(model: Model) -> str:
-    """A table of ports for each target of the spec, or for all where it names none.
+    """A table of ports for each target of the spec, or for all if it names none.
 
-    Raises SpecError where an entry of `export:` does not fit the model.
+    Raises SpecError if an entry of `export:` does not fit the model.
     """
     findings = Findings()
     plans = plan_exports(
@@ -55,7 +55,7 @@ def _type(type: Type) -> tuple[str, str]:
 
 
 def range_text(bounds: tuple[float, float] | None) -> str:
-    """`low … high`, or nothing."""
+    """`low … high`; empty without a range."""
     return "" if bounds is None else f"{bounds[0]:g} … {bounds[1]:g}"
 
 

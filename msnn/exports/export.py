@@ -1,4 +1,4 @@
-"""Plans and writes the exports of a model, of every target in the table alike."""
+"""Plans and writes the exports of a model, with the same code for all targets."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from spec_schema.sections.exports import Export, TargetEntry
 
 
 def target_named(name: str) -> AnyTarget:
-    """The target of the table that has this name, loaded from its file."""
+    """The target with this name, imported from its module."""
     assert name in NAMES, name
     target: AnyTarget = listed(name).load()
     return target
@@ -28,11 +28,10 @@ def target_named(name: str) -> AnyTarget:
 def target_names(
     names: Sequence[str], export: Export | None, *, sections: Collection[str] = ()
 ) -> tuple[str, ...]:
-    """The targets that a command line names; by default those of the spec, else all of them.
+    """The targets named on a command line; by default those of the spec, else all suitable ones.
 
-    All are those that the spec has something for: controllers need one of its `sections` of
-    features, `mpc` or `estimator`. Raises SpecError for a name that is no target, and for one of
-    which the spec has nothing.
+    A target is suitable if the spec has the required sections: controllers need `mpc` or
+    `estimator` among `sections`. Raises SpecError for an unknown target and for an unsuitable one.
     """
     faults = [commands.unknown_target(n, NAMES) for n in names if n not in (*NAMES, "all")]
     every = tuple(name for name in NAMES if listed(name).suits(sections))
@@ -47,7 +46,7 @@ def target_names(
 
 
 def _asked(names: Sequence[str], export: Export | None) -> tuple[str, ...]:
-    """The targets that somebody names, on the command line or in the spec; none for all."""
+    """The targets named on the command line or in the spec; empty for all."""
     if "all" in names:
         return ()
     asked = names or (() if export is None else export.asked)
@@ -57,10 +56,10 @@ def _asked(names: Sequence[str], export: Export | None) -> tuple[str, ...]:
 def writable_targets(
     names: Sequence[str], export: Export | None, *, sections: Collection[str] = ()
 ) -> tuple[tuple[str, ...], tuple[ListedTarget, ...]]:
-    """The targets to write, and those left out because what writes them is not installed.
+    """The targets to write, and the omitted ones whose packages are not installed.
 
-    One that the command line or the spec names is not left out: MissingExtraError. Raises
-    SpecError for a name that is no target.
+    A target named on the command line or in the spec is not omitted: MissingExtraError. Raises
+    SpecError for an unknown target.
     """
     targets = [listed(name) for name in target_names(names, export, sections=sections)]
     for name in _asked(names, export):
@@ -78,10 +77,10 @@ def plan_exports(
     extras: Collection[str] = (),
     weights: Weights | None = None,
 ) -> list[AnyPlan]:
-    """Plans the export to each target; mistakes in its entry go to `findings`.
+    """Plans the export to each target; errors in its entry go to `findings`.
 
-    `extras` are for targets that have any, besides those of the spec. Where the `weights` are
-    known, slices of them that a penalty took to 0 are left out.
+    `extras` are added to those of the spec, for targets that support them. If the `weights` are
+    known, slices that a penalty set to 0 are omitted.
     """
     plans: list[AnyPlan] = []
     for target in map(target_named, targets):
@@ -101,9 +100,9 @@ def _entry(export: Export | None, target: AnyTarget) -> TargetEntry | None:
 def write_export(plan: AnyPlan, weights: Weights, folder: Path) -> Written:
     """Writes the files of one target into the folder.
 
-    They appear there when all of them are written: a command that is killed leaves what was there.
-    Raises SpecError (E1054) where they would replace files that no export has written, and E1134
-    for weights that its numbers do not hold.
+    They are written atomically: an interrupted command leaves the old files. Raises SpecError
+    (E1054) if files of other origin would be replaced, and E1134 for weights outside the range of
+    the dtype.
     """
     from backends.files.atomic_write import replacing_files  # `check` plans exports without it
     from msnn.exports.foreign_files import spare_foreign_files
@@ -133,9 +132,9 @@ def _refuse_infinite(plan: AnyPlan, weights: Weights) -> None:
 
 
 def load_export(plan: AnyPlan, written: Written) -> AbstractContextManager[Loaded]:
-    """Loads what was written, to run it.
+    """Loads the written files, to run them.
 
-    Raises MissingExtraError where it needs a package or a tool that is not installed.
+    Raises MissingExtraError if a required package or tool is not installed.
     """
     name = plan.target.name
     listed(name).require_runner()

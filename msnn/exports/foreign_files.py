@@ -1,4 +1,4 @@
-"""Keeps a command from replacing files of somebody else under names that the user did not write."""
+"""Prevents a command from replacing other people's files under names that it chose itself."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from msnn.errors.commands import foreign_file
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _READ = 1 << 20
-"""Bytes of a file in which the sign is looked for."""
+"""Number of bytes of a file that are searched for the sign."""
 _SIGN = b"msnn"
-"""In comments and descriptions of what msnn writes; in each export it is in some file at least."""
+"""A text in comments and descriptions of msnn; at least one file of each export contains it."""
 
 
 def spare_foreign_files(places: Iterable[Path], sign: bytes = _SIGN) -> None:
-    """Raises SpecError (E1054) where files are in these places, and none of them has the sign.
+    """Raises SpecError (E1054) if these files exist and none of them contains the sign.
 
-    An export that is there already is replaced as a whole, with what was changed in it.
+    An existing export is replaced as a whole, including manual changes.
     """
     there = [path for path in places if path.is_file()]
     if there and not any(sign in _beginning(path) for path in there):

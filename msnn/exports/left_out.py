@@ -1,4 +1,4 @@
-"""Says which slices of learned arrays an export is written without."""
+"""Describes which slices of learned arrays are omitted from an export."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from msnn.exports.target import AnyPlan
 
 
 def left_out(plan: AnyPlan) -> str:
-    """One line; empty where everything is there."""
+    """One line; empty if nothing is omitted."""
     if not plan.cuts:
         return ""
     kept = ", ".join(f"{len(cut.kept)} of {cut.size} in {cut.parameter}" for cut in plan.cuts)

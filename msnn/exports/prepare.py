@@ -1,4 +1,4 @@
-"""Prepares a model for a target as most of them want it: loops closed, pruned, in step form."""
+"""Prepares a model for most targets: loops closed, unused outputs removed, in step form."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from spec_schema.fields.located import Located
 from spec_schema.sections.exports import FloatTargetEntry, TargetEntry
 
 MOST_ENTRIES = 250_000
-"""Of a matrix of a Jacobian: a megabyte in single precision."""
+"""Maximum number of entries in a Jacobian matrix: a megabyte in single precision."""
 
 
 def float_plan(
@@ -31,7 +31,7 @@ def float_plan(
     entry: FloatTargetEntry | None,
     prefix: Located[str] | None = None,
 ) -> ExportPlan[Options] | None:
-    """The plan of a target in floating point that needs nothing else of its entry."""
+    """The plan of a floating-point target without further settings."""
     step = step_program(request, entry)
     if step is None:
         return None
@@ -50,7 +50,7 @@ def name_prefix(request: Request, given: Located[str] | None) -> str:
 
 
 def c_options(plan: ExportPlan[COptions]) -> COptions:
-    """The options of a plan in C, with what it says of names and numbers."""
+    """The options of a C plan, with its number format and prefix."""
     return replace(plan.options, dtype=plan.float_type, prefix=plan.prefix)
 
 
@@ -61,11 +61,11 @@ def step_program(
     *,
     keeps_arrays: bool = False,
 ) -> Program | None:
-    """The model's program with its loops closed and pruned to the outputs of the entry.
+    """The model's program with closed loops, reduced to the outputs of the entry.
 
-    It is late by as many samples as it reads the inputs of `delay` ahead. Slices of penalised
-    arrays that are 0 are left out of it, unless it `keeps_arrays` as callers know them. None where
-    a loop cannot be closed; what is wrong with the entry is reported.
+    It is delayed by the number of samples that it reads ahead of the inputs in `delay`. Zero slices
+    of penalised arrays are omitted, unless `keeps_arrays` because callers use their shapes. None if
+    a loop cannot be closed; errors in the entry are reported.
     """
     program = _closed(request, entry)
     if program is None:
@@ -85,7 +85,7 @@ def step_program(
 
 
 def _late(request: Request, program: Program, delay: Sequence[Located[str]]) -> int:
-    """The most samples after t that the step reads of an input that it is to wait for."""
+    """Maximum number of samples after t that the step reads of an input in `delay`."""
     if not delay:
         return 0
     # `delay:` of an input that is not read ahead would make the step late for nothing
@@ -98,7 +98,7 @@ def _late(request: Request, program: Program, delay: Sequence[Located[str]]) -> 
 
 
 def loop_fault(error: LoopError, place: Span | None) -> Diagnostic:
-    """Reports a signal that cannot be fed back, at the place that asks for it or where it fails."""
+    """The diagnostic for a signal that cannot be fed back, at the request or at the cause."""
     return not_closable(error.signal, place or error.span, error.reason)
 
 
@@ -114,7 +114,7 @@ def _closed(request: Request, entry: TargetEntry | None) -> Program | None:
 
 
 def _outputs(request: Request, entry: TargetEntry | None) -> list[str]:
-    """The names of what a target computes; equations only where its entry names them."""
+    """The names of a target's outputs; equations only if its entry names them."""
     model = request.model
     known = [output.name for output in model.program.outputs]
     if entry is None or entry.outputs is None:

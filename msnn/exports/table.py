@@ -1,4 +1,4 @@
-"""Lists the targets of exports: a line each, so that help texts name them without loading one."""
+"""Lists the export targets, one line each, so that help texts need not import them."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from spec_schema.late_dataclass import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ListedTarget:
-    """The facts of a target before it is loaded."""
+    """The properties of a target that are known without importing it."""
 
     name: str
-    """On the command line, in `export:`, and of its folder."""
+    """Name on the command line, in `export:`, and of its folder."""
     title: str
     about: str
     sections: tuple[str, ...] = ()
-    """The spec must have one of these sections of features; any spec will do for ()."""
+    """The spec must have one of these sections; () means any spec."""
     extras: tuple[str, ...] = ()
-    """What `--with` and the spec's `with:` may name beside the step."""
+    """Extras for `--with` and the spec's `with:`."""
     writer: OptionalPackage | None = None
-    """What must be installed to write it."""
+    """Package required for writing."""
     runner: OptionalPackage | None = None
-    """What must be installed besides to run what was written."""
+    """Additional package required for running."""
 
     place: LateObject | None = None
-    """Its record, if it is that of a feature; else it is in `msnn/exports/targets/<name>.py`."""
+    """Location of its record if a feature provides it; else `msnn/exports/targets/<name>.py`."""
 
     def load(self) -> Any:
         """The record of the target, imported with its backend."""
@@ -37,28 +37,28 @@ class ListedTarget:
         return (self.place or own).value
 
     def suits(self, sections: Collection[str]) -> bool:
-        """True if it writes something of a spec that has these sections of features."""
+        """True if the target applies to a spec with these sections."""
         return not self.sections or not set(self.sections).isdisjoint(sections)
 
     @property
     def can_be_written(self) -> bool:
-        """Whether it needs nothing that is not installed."""
+        """True if all packages for writing are installed."""
         return self.writer is None or self.writer.is_installed
 
     @property
     def left_out(self) -> str:
-        """Says that it is not written, and what would change that."""
+        """The message that it is omitted, with the install command."""
         assert self.writer is not None
         missing = f"{self.writer.name} is not installed; {self.writer.install}"
         return f"{self.name} is left out: {missing}"
 
     def require_writer(self) -> None:
-        """Raises MissingExtraError where what writes it is not installed."""
+        """Raises MissingExtraError if the package for writing is not installed."""
         if self.writer is not None:
             self.writer.require(f"writes {self.title} exports")
 
     def require_runner(self) -> None:
-        """Raises MissingExtraError where what runs it is not installed."""
+        """Raises MissingExtraError if the package for running is not installed."""
         if self.runner is not None:
             self.runner.require(f"runs {self.title} models")
 
@@ -100,9 +100,9 @@ TARGETS = (
 NAMES = tuple(target.name for target in TARGETS)
 _TARGETS_BY_NAME = {target.name: target for target in TARGETS}
 EXTRAS = tuple(extra for target in TARGETS for extra in target.extras)
-"""In the order in which they are written."""
+"""Extras in the order in which they are written."""
 
 
 def listed(name: str) -> ListedTarget:
-    """The line of the table that has this name."""
+    """The target with this name."""
     return _TARGETS_BY_NAME[name]

@@ -1,4 +1,4 @@
-"""Defines what an export target is to the product: a record, made in a file of its own."""
+"""Defines the interface of an export target: a record of functions in a module of its own."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ class Request:
 
     model: Model
     findings: Findings
-    """Takes what is wrong with the target's entry."""
+    """Collects errors in the target's entry."""
     extras: Collection[str] = ()
-    """What the command line asks for, of any target, beside the step."""
+    """Extras requested on the command line, for any target."""
     weights: Weights | None = None
-    """Those to be written, where they are known: slices of them that are 0 are left out."""
+    """The weights to be written, if known; slices that are 0 are omitted."""
     cuts: list[Cut] = field(default_factory=list["Cut"])
-    """Takes what is kept of arrays with such slices."""
+    """Collects the remaining slices of such arrays."""
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """The files that an export wrote into a folder, which may hold others."""
+    """The files that an export wrote into a folder; the folder may contain others."""
 
     folder: Path
     files: Sequence[Path]
@@ -51,75 +51,75 @@ class Written:
 def interpreted(
     plan: AnyPlan, weights: Weights, record: AgreementRecord, dtype: NumberType
 ) -> Judgement:
-    """The values of the interpreter, the judge of targets that compute in floating point."""
+    """The values of the interpreter, the reference of floating-point targets."""
     from msnn.agreement.judging.judge import judge
 
     return judge(plan.program, weights, record, dtype, restarts=plan.target.is_deployed)
 
 
 def no_faults(plan: AnyPlan) -> tuple[Diagnostic, ...]:
-    """The faults of targets whose plan says all: none."""
+    """No diagnostics, for targets without additional checks."""
     del plan
     return ()
 
 
 def nothing_to_tell(plan: AnyPlan, folder: Path) -> str:
-    """The remark of targets whose files speak for themselves: none."""
+    """No remark about the written files."""
     del plan, folder
     return ""
 
 
 def within_rounding(dtype: NumberType) -> Promise:
-    """The promise of targets whose libraries round as they like."""
+    """The promise of targets whose libraries determine rounding: errors within rounding."""
     del dtype
     return Promise.ROUNDING
 
 
 def bits_in_single(dtype: NumberType) -> Promise:
-    """The promise of targets whose C computes in single precision as the interpreter does."""
+    """The promise of C targets: identical bits in single precision, else errors within rounding."""
     return Promise.BITS if dtype == "float32" else Promise.ROUNDING
 
 
 @dataclass(frozen=True, kw_only=True)
 class Target(Generic[OwnEntry, Options]):
-    """One target. Libraries that take long to load are imported inside its functions."""
+    """One target. Libraries that are slow to import are imported inside its functions."""
 
     name: str
     entry: type[OwnEntry]
-    """What the spec's `export:` says of it."""
+    """Class of its entry in the spec's `export:`."""
     dtype: NumberType
-    """What it computes in unless the spec says otherwise."""
+    """Default number format."""
     options: Options
-    """Its choices where the spec makes none."""
+    """Default options."""
     promise: Callable[[NumberType], Promise] = within_rounding
-    """What an export that computes in this keeps of what the judge does."""
+    """The promised accuracy for a number format."""
     is_deployed: bool = False
-    """Whether it is code of a device, which acts on `on_range: reset`."""
+    """True for deployed code, which implements `on_range: reset`."""
     is_verified: bool = False
-    """Whether `msnn verify` checks what it writes."""
+    """True if `msnn verify` checks its files."""
     prepare: Callable[[Request, OwnEntry | None], ExportPlan[Options] | None]
-    """Closes loops, prunes, and takes the options; None where what is wrong is reported."""
+    """Closes loops, removes unused outputs and reads options; None after reporting errors."""
     write: Callable[[ExportPlan[Options], Weights, Path], tuple[Path, ...]]
-    """Writes its files into an empty folder. SpecError for what the target cannot hold."""
+    """Writes its files into an empty folder. SpecError if the target cannot represent the model."""
     load: Callable[[ExportPlan[Options], Written], AbstractContextManager[Loaded]]
-    """Loads them. MissingExtraError where they need a tool that is not installed."""
+    """Loads the files. MissingExtraError if a required tool is not installed."""
     judge: Callable[[ExportPlan[Options], Weights, AgreementRecord, NumberType], Judgement] = (
         interpreted
     )
-    """What it ought to do along a record: in float64, and in what it computes in."""
+    """The reference values for recorded inputs, in float64 or in the target's number format."""
     faults: Callable[[ExportPlan[Options]], tuple[Diagnostic, ...]] = no_faults
-    """What `msnn check` finds by trying."""
+    """Diagnostics that `msnn check` finds by trying the export."""
     without_section: Callable[[], Diagnostic] | None = None
-    """The mistake of whoever names it for a spec without the sections that it needs."""
+    """The diagnostic if the spec lacks the sections that the target needs."""
     compare: Callable[[ExportPlan[Options], Weights, Written], Agreement] | None = None
-    """How what was written is compared with the judge; None: along a record, by `load`."""
+    """Compares the files with a reference; None to compare on recorded inputs with `load`."""
     tell: Callable[[ExportPlan[Options], Path], str] = nothing_to_tell
-    """What the writer wants to be said of the files in a folder."""
+    """A remark for the user about the files in a folder."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportPlan(Generic[Options]):
-    """The plan of a target's files: the program in step form, the beginning of its names."""
+    """The plan of a target's files: the program in step form, and the prefix of names."""
 
     target: Target[Any, Options]
     program: Program
@@ -127,12 +127,12 @@ class ExportPlan(Generic[Options]):
     dtype: NumberType
     options: Options
     cuts: tuple[Cut, ...] = ()
-    """What the program keeps of arrays with slices of 0."""
+    """The remaining slices of arrays in which slices of 0 are omitted."""
     platforms: tuple[str, ...] = ()
-    """Kinds of machines that get a binary beside this one's; nothing that runs here needs it."""
+    """Platforms for additional binaries, which are not needed to run the export here."""
 
     def of(self, weights: Weights) -> Weights:
-        """The weights as the program has them."""
+        """The weights in the form that the program uses."""
         return cut_weights(self.cuts, weights)
 
     @property
@@ -143,5 +143,5 @@ class ExportPlan(Generic[Options]):
 
 
 AnyTarget: TypeAlias = Target[Any, Any]
-"""A target of the table: its functions take its own entry and options only."""
+"""A target with erased types: its functions accept only its own entry and options."""
 AnyPlan: TypeAlias = ExportPlan[Any]

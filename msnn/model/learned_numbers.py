@@ -1,4 +1,4 @@
-"""Tells which parameters the stages of a spec move, and how many numbers these are."""
+"""Determines which parameters the training stages change, and counts their elements."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from spec_schema.sections.training.training import Stage
 
 
 def is_frozen(name: str, stage: Stage) -> bool:
-    """Whether a stage holds a parameter at the value with which the stage begins."""
+    """True if a stage keeps the parameter at the value with which the stage begins."""
     return any(fnmatchcase(name, pattern.value) for pattern in stage.freeze)
 
 
 def learned_numbers(program: Program, stages: Sequence[Stage]) -> int:
-    """The count of numbers that training moves: what all stages hold is as good as a constant.
+    """The number of elements that training changes; a parameter frozen in all stages is a constant.
 
-    A spec without stages leaves training to others, which may move all that it lets them.
+    Without stages, every parameter with `learn` counts, because another tool may train it.
     """
     return sum(
         Type(parameter.axes).size
@@ -28,6 +28,6 @@ def learned_numbers(program: Program, stages: Sequence[Stage]) -> int:
 
 
 def _moves(name: str, stage: Stage) -> bool:
-    # of several factors the last one that is written counts; what has the rate 0 stays as it is
+    # the last matching factor counts; a parameter with learning rate 0 stays as it is
     factors = [each.value for pattern, each in stage.lr.items() if fnmatchcase(name, pattern)]
     return not is_frozen(name, stage) and (not factors or factors[-1] != 0.0)

@@ -27,15 +27,15 @@ def load_model(
     text: str | None = None,
     unsaved: Mapping[str, str] | None = None,
 ) -> Model:
-    """The model in a spec (`.yaml`, `.json`), a program file (`….program.json`) or a run's folder.
+    """Loads a spec (`.yaml`, `.json`), a program file (`….program.json`) or the folder of a run.
 
-    With `text`, that is the spec, as if it stood in a file at `path`; `unsaved` are texts of other
-    specs that hold in place of their files, by their real paths. `settings` such as
-    `train.0.epochs=5` replace values of the spec. Raises SpecError with everything that is wrong;
-    `strict_units` makes warnings about units errors.
+    `text` is used as the content of the spec at `path`, which is then not read. `unsaved` maps real
+    paths of other specs to texts that replace their files, as an editor has them. `settings` such
+    as `train.0.epochs=5` override values of the spec. `strict_units` turns warnings about units
+    into errors. Raises SpecError with all errors found.
     """
     path = Path(path)
-    # the text of an editor is what is meant, even in the folder of a run
+    # the text of an editor takes precedence, even in the folder of a run
     run = run_of(path) if text is None else None
     if run is not None:
         return _of_run(run, settings, strict_units)
@@ -58,7 +58,7 @@ def with_engine(model: Model, engine: Literal["auto", "native", "torch"]) -> Mod
 
 
 def with_seed(model: Model, seed: int) -> Model:
-    """The model with `seed` added to that of every stage."""
+    """The model with `seed` added to the seed of every stage."""
     # nothing is set then: such a run has the hash and settings of a plain one
     if not seed:
         return model
@@ -71,7 +71,7 @@ def with_seed(model: Model, seed: int) -> Model:
 
 
 def _of_run(run: Path, settings: Sequence[str], strict_units: bool) -> Model:
-    """The model that a run has kept, with the settings of the run before those given here."""
+    """The model saved in a run; settings of the run apply first, then `settings`."""
     kept = kept_spec(run)
     # those given here come last, so that they win
     settings = (*kept.settings, *settings)

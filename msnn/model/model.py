@@ -27,10 +27,9 @@ PROGRAM_SUFFIX = ".program.json"
 
 @dataclass(frozen=True, slots=True, repr=False, kw_only=True)
 class Model:
-    """A program in window form with the spec that says how to train, validate and export it.
+    """A program in window form and the spec that defines its training, validation and export.
 
-    `sources` are the texts that diagnostics may point into; `warnings` is what reading and
-    compiling had to say.
+    `sources` are the texts that diagnostics point into; `warnings` come from reading and compiling.
     """
 
     program: Program
@@ -41,30 +40,30 @@ class Model:
     sources: tuple[SourceText, ...]
     warnings: tuple[Diagnostic, ...]
     read: ReadResult
-    """The spec and its sub-models as their files have them; `spec` is both in one."""
+    """The spec and its sub-models as separate files; `spec` is the merged form."""
     problems: Mapping[str, SectionProblem] = field(default_factory=dict[str, SectionProblem])
     """The compiled sections of features, such as `mpc`, with the parameters of the spec, by key."""
     types: Mapping[str, Type] = field(default_factory=dict[str, Type])
-    """Of one sample of every equation and output of a spec; empty for a program file."""
+    """The type of one sample of every equation and output; empty for a program file."""
     remarks: tuple[Diagnostic, ...] = ()
-    """What compiling found worth a thought: `msnn check` says it, no other command does."""
+    """Remarks of the compiler that only `msnn check` prints."""
     parts: tuple[SubmodelFile, ...] = ()
-    """Its sub-models, those of sub-models too."""
+    """The files of all sub-models, including nested ones."""
     part_weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, FloatArray]])
-    """The arrays that their `weights:` have; empty for a program file."""
+    """The arrays from the `weights:` of sub-models; empty for a program file."""
     settings: tuple[str, ...] = ()
-    """Values that were replaced: `train.0.epochs=5`."""
+    """Overridden values, such as `train.0.epochs=5`."""
     run: Path | None = None
-    """The run that has kept it."""
+    """The run from whose folder the model was loaded; None for a spec or a program file."""
     trained_in: str | None = None
-    """The folder of its spec when that run began, where it is not here."""
+    """The folder of the spec when the run began, if it does not exist here."""
 
     @property
     def name(self) -> str:
         return self.program.name
 
     def of(self, kind: type[P]) -> P | None:
-        """The problem of this class; None if no section of the spec has one."""
+        """The compiled section of this class; None if the spec has no such section."""
         return problem_of_class(self.problems, kind)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""Reads the data and weights that somebody gives with a model, as its spec says."""
+"""Reads the measured data of a model, and weights that the caller supplies."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def read_data(
     purpose: str,
     program: Program | None = None,
 ) -> Dataset:
-    """The measured data of the spec, for the signals of `program` (default: all of the model).
+    """The measured data of the spec, for the signals of `program` (default: the whole model).
 
-    Signals that the model predicts and `program` does not read are read where a file has them.
+    Predicted signals that `program` does not read are loaded if a file has a column for them.
     """
     from msnn.data.reading.load import load_data
     from msnn.data.reading.row_filter import row_filters
@@ -37,7 +37,7 @@ def read_data(
     if model.spec.data is None:
         raise SpecError([no_data_section(purpose)])
     folder = data_folder(model, data_root)
-    # the inner one adds a note to what is wrong, the outer one the lines that are shown
+    # the inner context adds a note to the error, the outer one the lines of the spec
     with sources_of(model), told_where_they_were(model, data_root):
         signals = program or model.program
         filters = row_filters(model.spec)
@@ -49,7 +49,7 @@ def read_data(
 
 
 MOST_ROWS = 5_000_000
-"""Rows on disk of which a command holds its results in memory."""
+"""Maximum number of rows from files on disk for a command that holds its results in memory."""
 
 
 def _too_many_rows(purpose: str, rows: int) -> Diagnostic:
@@ -60,7 +60,10 @@ def _too_many_rows(purpose: str, rows: int) -> Diagnostic:
 
 @contextmanager
 def told_where_they_were(model: Model, data_root: str | Path | None) -> Generator[None]:
-    """Adds to errors of data that a run has not kept the place where the run has read them."""
+    """Adds the original folder of the data to errors about missing data of a run.
+
+    A run does not copy its data. Errors pass unchanged if the caller names `data_root`.
+    """
     try:
         yield
     except SpecError as error:
@@ -71,7 +74,7 @@ def told_where_they_were(model: Model, data_root: str | Path | None) -> Generato
 
 
 def _elsewhere(found: Sequence[Diagnostic], trained_in: str) -> list[Diagnostic]:
-    """The errors of data that a run has not kept, with the place where they were."""
+    """The errors with a note that names the folder from which the run read its data."""
     note = f"the run does not keep its data: it read them from {trained_in}"
     help = "say where they are: `--data-root FOLDER`"
     return [replace(each, notes=(*each.notes, note), help=help) for each in found]
@@ -84,7 +87,7 @@ def data_folder(model: Model, data_root: str | Path | None) -> Path:
 def measured(
     model: Model, frames: Frames | None, data_root: str | Path | None, purpose: str
 ) -> Dataset:
-    """The data of a session, or that of the spec."""
+    """The dataset from `frames`, or from the files of the spec if `frames` is None."""
     from msnn.data.reading.frames import frame_data
     from msnn.data.reading.row_filter import row_filters
 
@@ -96,7 +99,9 @@ def measured(
 
 
 def known_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray]:
-    """The weights that are given, by default the initial values, as far as these are known."""
+    """The given weights, by default the initial values; parameters without a known value are
+    absent.
+    """
     from msnn.model.trained_model import refuse_other_model
     from msnn.model.weights.given_weights import known_weights
 
@@ -108,13 +113,13 @@ def known_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray]:
 
 
 def given_in(model: Model, weights: Weights | None) -> Mapping[str, FloatArray] | None:
-    """The weights that are given, None where a training is to begin at its own."""
+    """The given weights; None if training starts from its own initial values."""
     return None if weights is None else known_in(model, weights)
 
 
 @contextmanager
 def sources_of(model: Model) -> Generator[None]:
-    """Lets errors show lines of the spec."""
+    """Adds the texts of the spec to a SpecError, so that the error can show lines of it."""
     try:
         yield
     except SpecError as error:
@@ -122,7 +127,9 @@ def sources_of(model: Model) -> Generator[None]:
 
 
 def plain_layout(model: Model) -> Data:
-    """The section of a session whose spec has none: its columns are the signals."""
+    """A data section whose columns are named like the signals, for frames without `data:` in the
+    spec.
+    """
     place = model.spec.place
     source = Source.model_construct(place=place, files=())
     return Data.model_construct(place=place, source={"data": source})

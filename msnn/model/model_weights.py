@@ -20,22 +20,26 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 @dataclass(frozen=True, slots=True)
 class ChosenWeights:
-    """Physical arrays by parameter, and where they come from."""
+    """Physical values by parameter, and their origin."""
 
     weights: Mapping[str, FloatArray]
     origin: str
     warnings: tuple[Diagnostic, ...] = ()
     file: Path | None = None
-    """Where they were read from; None for the initial values."""
+    """The file they were read from; None for the initial values."""
 
     @property
     def given(self) -> Mapping[str, FloatArray] | Path:
-        """The file, beside which a run keeps what belongs to its weights, else the values."""
+        """The file if there is one, else the values. A run keeps related files in the same
+        folder.
+        """
         return self.weights if self.file is None else self.file
 
 
 def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
-    """Initial values of another draw; what a sub-model has from `weights:` stays."""
+    """Initial values of random draw `draw`; sub-models with `weights:` keep their trained
+    values.
+    """
     read = model.read
     numbers = {part.path: part.text for part in model.parts if part.is_numbers}
     program = compile_spec(
@@ -53,14 +57,15 @@ def redrawn_weights(model: Model, draw: int) -> dict[str, FloatArray]:
 def choose_weights(
     model: Model, file: Path | None, runs: Path, *, initial: bool = False
 ) -> ChosenWeights:
-    """The weights in `file`, else with `initial` the spec's own, else those of a training.
+    """The weights in `file`; else the initial ones if `initial`; else those of a training run.
 
-    That is the run which has kept the model, else the last one in `runs`. Raises SpecError when a
-    file does not fit the model, its run had another one, or nothing was trained yet.
+    The training run is the one that the model was loaded from, else the latest in `runs`. Raises
+    SpecError if a file does not fit the model, if its run trained another model, or if no training
+    run exists.
     """
     program = model.program
     needs_training = any(p.learn or p.statistic is not None for p in program.parameters)
-    # a file that is given wins even where nothing is learned: it may hold other constants
+    # a given file takes precedence even if nothing is learned: it may hold other constants
     if file is None and (initial or not needs_training):
         return ChosenWeights(known_weights(program, None), _of_the_spec(model))
     warnings: tuple[Diagnostic, ...] = ()
@@ -68,7 +73,7 @@ def choose_weights(
         # by the model's name: several share the folder of runs
         link = runs / program.name / LATEST
         latest = link if link.is_dir() else followed(link)
-        # whoever names a run does not mean a later one
+        # a command that names a run must not use a later one
         unfinished = None if model.run is not None else newest(link.parent, has_checkpoint)
         file = (latest if model.run is None else model.run) / WEIGHTS
         if not file.is_file():
@@ -81,12 +86,12 @@ def choose_weights(
 
 
 def _of_the_spec(model: Model) -> str:
-    """The words for weights that no training of this model has made."""
+    """The description of initial weights, with the files of sub-models' weights."""
     given = [f"of `{part.name}` those in {part.file}" for part in model.parts if part.file]
     return ", ".join(("the initial values of the spec", *given))
 
 
 def _whole_run(folder: Path) -> Path:
-    """The run that a fold is part of, or itself."""
+    """The run that a fold belongs to, or the run itself."""
     # a fold has no time in its name
     return folder.parent if folder.name.startswith(FOLD) else folder

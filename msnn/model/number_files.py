@@ -1,7 +1,7 @@
-"""Finds the files of numbers that initial values name (`init: {file: taps.csv}`), and their texts.
+"""Finds the array files that initial values name (`init: {file: taps.csv}`) and reads their texts.
 
-A run and a program file keep them like the specs of sub-models: what a model was made of does not
-change when a file does, and does not go with it.
+A run and a program file save these texts like the specs of sub-models. Later changes of a file do
+not change the saved model.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from spec_schema.sections.values import Initializer
 
 
 def number_texts(read: ReadResult, kept: Mapping[str, str] | None = None) -> dict[str, str]:
-    """The texts by path: those that are kept, else of the files.
+    """The texts by path: from `kept` if it has the path, else from the file.
 
-    A file that cannot be read is left out: compiling says so, if anything uses it.
+    Omits files that cannot be read; the compiler reports them if an expression uses them.
     """
     found: dict[str, str] = {}
     for file in _named(read):
@@ -38,9 +38,10 @@ def number_texts(read: ReadResult, kept: Mapping[str, str] | None = None) -> dic
 
 
 def number_parts(texts: Mapping[str, str]) -> tuple[SubmodelFile, ...]:
-    """The files as parts of a model, numbered as the spec names them, wherever they are.
+    """The array files as parts of a model, numbered in the order in which the spec names them.
 
-    No sub-model has a name that begins with a digit.
+    The number comes first in the name. No sub-model's name begins with a digit, so names are
+    unique.
     """
     return tuple(
         SubmodelFile(

@@ -1,4 +1,4 @@
-"""Writes and reads the file of `msnn compile`: a program, and the spec that it was made of."""
+"""Writes and reads the file of `msnn compile`: a program and the spec that it was compiled from."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from spec_schema.reading.settings import model_settings, settings_source
 
 
 def program_place(model: Model, out: Path) -> Path:
-    """Where the program of a model is written: in the folder `out`, or as the file of that name.
+    """The path of a model's program file: in the folder `out`, or `out` itself if it names a file.
 
-    Raises SpecError for a name that no other verb would take for a program's.
+    Raises SpecError for a `.json` name that other commands would not recognise as a program file.
     """
     file = out / f"{model.name}{PROGRAM_SUFFIX}"
     # any other name is a folder that may not be there yet
@@ -45,10 +45,10 @@ def program_place(model: Model, out: Path) -> Path:
 
 
 def write_program_file(model: Model, out: Path) -> Path:
-    """Writes `<name>.program.json`: the program, and the spec's text for the workflow sections.
+    """Writes `<name>.program.json`: the program, and the spec's text for its workflow sections.
 
-    The texts of sub-models stand there too; of their weights the program has what it needs. Raises
-    as `program_place`, which says where.
+    The file includes the texts of sub-models; their weights are already in the program. Returns the
+    path and raises SpecError like `program_place`.
     """
     file = program_place(model, out)
     folder = file.parent
@@ -67,9 +67,9 @@ def write_program_file(model: Model, out: Path) -> Path:
 
 
 def read_program_file(file: Path, settings: Sequence[str]) -> Model:
-    """The program as it stands in the file; the spec's text is read for its other sections.
+    """Reads a program file; the program is used as saved, other sections come from the spec's text.
 
-    Raises SpecError where the file is none of these, or its spec is not the program's.
+    Raises SpecError if the file is not a program file or if its spec does not match the program.
     """
     shown = str(file)
     try:
@@ -80,7 +80,7 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
     except UnicodeDecodeError as error:
         raise SpecError([unreadable_file(shown, "it is not UTF-8 text")]) from error
     data = data_from_json(text, shown)
-    # what is compiled stays; how it is trained may still be set
+    # settings may change the training, but not the compiled model
     if refused := model_settings(settings):
         source = settings_source(refused)
         path = refused[0].partition("=")[0]
@@ -128,9 +128,9 @@ def _seen_from(folder: Path, path: str | Path) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _EmbeddedSpec:
-    """The spec in a program file, the texts of sub-models by path, digests of their weights.
+    """The spec in a program file, texts of sub-models by path, and digests of their weights.
 
-    `settings` are the values that were replaced before it was compiled.
+    `settings` are the values that were overridden before compiling.
     """
 
     path: Path
@@ -141,10 +141,10 @@ class _EmbeddedSpec:
 
 
 def _embedded_spec(data: Any, folder: Path) -> _EmbeddedSpec | None:
-    """Takes the spec out of the data of a program file; None if it is not there."""
+    """Removes the spec from the data of a program file and returns it; None if it is missing."""
     found = cast("dict[str, Any]", data).pop("spec", None) if isinstance(data, dict) else None
     match found:
-        # no system opens such a path: it would end as a fault of its own
+        # no system can open a path with a null byte
         case {"path": str(path), "text": str(text)} if "\0" not in path:
             spec = Path(os.path.normpath(folder / path))
         case _:
@@ -158,6 +158,6 @@ def _embedded_spec(data: Any, folder: Path) -> _EmbeddedSpec | None:
 
 
 def _texts(data: Any) -> dict[str, str]:
-    """The texts in a JSON object, which may hold anything."""
+    """The string values of a JSON object from an untrusted file; other values are dropped."""
     items = cast("dict[str, Any]", data).items() if isinstance(data, dict) else ()
     return {name: text for name, text in items if isinstance(text, str) and "\0" not in name}

@@ -1,4 +1,4 @@
-"""Finds the runs of a model, and what a run has kept of its model."""
+"""Finds the runs of a model, and the copy of the model in a run's folder."""
 
 from __future__ import annotations
 
@@ -31,40 +31,46 @@ RUNS_SHOWN = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeptSpec:
-    """The texts that a run has kept, as if they stood where they stood when it began."""
+    """The spec and its parts as a run saved them, with the paths they had when the run began."""
 
     path: Path
-    """Of the spec: where it was, if there is such a folder here, else in the run."""
+    """Path of the spec: the original one if its folder exists here, else the copy in the run."""
     text: str
     texts: Mapping[str, str]
-    """Of sub-models and of files of initial values, by path: where it is, and as the run has it."""
+    """Saved texts of sub-models and of files of initial values, by path."""
     weights: Mapping[str, Path]
-    """Files of sub-models' weights, by full name."""
+    """Saved weights files of sub-models, by full name."""
     settings: tuple[str, ...]
     sha256: str
     trained_in: str | None
-    """The folder of the spec when the run began, where it is not here."""
+    """The folder of the spec when the run began, if it does not exist here."""
 
 
 def leads_to(path: Path) -> Path | None:
-    """The target of a link, or of a file `latest` where links are refused; None for other paths."""
+    """The target of a link or of a text file `latest`; None for other paths.
+
+    A file `latest` replaces the link on systems that do not allow links.
+    """
     if path.is_symlink():
         return path.readlink()
     if path.name == LATEST and path.is_file():
-        # a file of that name may be anybody's: what cannot be read leads nowhere
+        # the file may be unrelated to msnn: an unreadable one has no target
         with suppress(OSError, UnicodeDecodeError):
             return Path(path.read_text(encoding="utf-8").strip())
     return None
 
 
 def followed(path: Path) -> Path:
-    """The run that `latest` leads to today; any other path as it is."""
+    """The run that `latest` currently points to; any other path unchanged."""
     target = leads_to(path)
     return path if target is None else path.parent / target
 
 
 def run_of(path: Path) -> Path | None:
-    """The run that a path means: its folder, or the spec in it. SpecError for other folders."""
+    """The run that a path means: its folder, or the spec in it; None for other files.
+
+    Raises SpecError for a folder that is not a run.
+    """
     # of other files nothing is followed: a spec may itself be a link
     path = followed(path) if path.is_dir() or path.name == LATEST else path
     if path.is_dir():
@@ -78,7 +84,7 @@ def run_of(path: Path) -> Path | None:
 
 
 def is_kept(file: Path) -> bool:
-    """Whether a file is part of a run, and not what somebody has put beside it."""
+    """True if a file belongs to a run and was not added to its folder by a user."""
     if file.parent.name == PARTS:
         return (file.parent.parent / DESCRIPTION).is_file()
     named = (DESCRIPTION, SPEC, PARAMETERS, METRICS)
@@ -87,7 +93,7 @@ def is_kept(file: Path) -> bool:
 
 
 def kept_spec(run: Path) -> KeptSpec:
-    """The model that a run has kept, read without trust. SpecError where it is not there."""
+    """The model saved in a run, read as untrusted input. Raises SpecError if it is incomplete."""
     record = read_json(run / DESCRIPTION)
     try:
         text = _text(run / SPEC)
@@ -123,7 +129,10 @@ def kept_spec(run: Path) -> KeptSpec:
 
 
 def spec_places(spec: str, run: Path) -> list[str]:
-    """The spec of a run: seen from the run, which moves with its project, and absolute."""
+    """The path of the spec relative to the run and as absolute path.
+
+    The relative path stays valid when the whole project is moved.
+    """
     absolute = str(Path(spec).absolute())
     try:
         seen = Path(os.path.relpath(absolute, os.path.realpath(run))).as_posix()
@@ -133,19 +142,19 @@ def spec_places(spec: str, run: Path) -> list[str]:
 
 
 def newest(runs: Path, wanted: Callable[[Path], bool]) -> Path | None:
-    """The newest of the runs in a folder that is wanted, None if there is none."""
+    """The newest run in a folder that satisfies the predicate; None if there is none."""
     # `latest` is not a run of its own
     folders = [path for path in runs.glob("*") if path.is_dir() and not path.is_symlink()]
     return max(filter(wanted, folders), key=age, default=None)
 
 
 def has_checkpoint(run: Path) -> bool:
-    """Whether a run has begun and not ended."""
+    """True if a run has begun and not ended."""
     return (run / CHECKPOINT).is_file()
 
 
 def age(run: Path) -> tuple[str, int]:
-    """The time in a folder's name, and its number in that second: a later run has more."""
+    """Sort key of a run: the time in its folder's name, and its counter within that second."""
     day, _, time = run.name.partition("_")
     time, _, number = time.partition("_")
     # as a number: the tenth run of a second is later than the second
@@ -153,7 +162,7 @@ def age(run: Path) -> tuple[str, int]:
 
 
 def read_json(file: Path) -> dict[str, Any]:
-    """The object in a file; empty where it cannot be read."""
+    """The JSON object in a file; empty if the file cannot be read."""
     try:
         found = json.loads(_text(file))
     except (OSError, ValueError):

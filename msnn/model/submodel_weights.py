@@ -1,4 +1,6 @@
-"""Reads the weights of sub-models without trust; mistakes show where the spec names the file."""
+"""Reads the weights of sub-models as untrusted input; errors point to the `weights:` of the
+spec.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +27,14 @@ from spec_schema.reading.reader import ReadResult
 from spec_schema.sections.submodels import Use
 
 LARGEST_FILE = 1 << 30
-"""Bytes of a weights file."""
+"""Maximum size of a weights file in bytes."""
 
 
 @dataclass(frozen=True)
 class SubmodelWeights:
-    """Arrays of every sub-model that has `weights:`, and the sha256 of the files they are from."""
+    """Arrays of every sub-model that has `weights:`, and the SHA-256 of the files they come
+    from.
+    """
 
     arrays: dict[str, Mapping[str, FloatArray]] = field(
         default_factory=dict[str, Mapping[str, FloatArray]]
@@ -45,10 +49,10 @@ def read_submodel_weights(
     kept: Mapping[str, Path] | None = None,
     texts: Mapping[str, str] | None = None,
 ) -> SubmodelWeights:
-    """Reads the files that the uses in a spec name, and those in the specs that it uses.
+    """Reads the `weights:` files of a spec's sub-models, including nested ones.
 
-    `kept` are files that hold the same, by the full names of sub-models, and `texts` what a run
-    keeps of files of initial values.
+    `kept` maps full names of sub-models to saved copies of these files. `texts` are the saved texts
+    of files of initial values.
     """
     found = SubmodelWeights()
     for name, use, file, parent in _uses(read, ""):
@@ -60,7 +64,7 @@ def read_submodel_weights(
 
 
 def _uses(read: ReadResult, prefix: str) -> Iterator[tuple[str, Use, ReadResult, ReadResult]]:
-    """Sub-models by full name, with what they use and what uses them; inner ones first."""
+    """Yields full name, use, its file and the file that uses it; nested sub-models first."""
     for name, use in read.spec.use.items():
         file = read.used[name]
         # inner ones first: the hash that an outer file was written for counts their digests
@@ -70,7 +74,7 @@ def _uses(read: ReadResult, prefix: str) -> Iterator[tuple[str, Use, ReadResult,
 
 @dataclass(frozen=True, slots=True)
 class _File:
-    """A sub-model, its weights, and the texts that are kept of files of initial values."""
+    """A sub-model's spec, its weights file, and saved texts of files of initial values."""
 
     spec: ReadResult
     weights: Path
@@ -128,7 +132,9 @@ def _read(name: str, use: Use, of: _File, found: SubmodelWeights, findings: Find
 
 
 def _where(weights: Path) -> str:
-    """The option by which a training keeps its weights where `OUT/NAME/latest` has them."""
+    """The option `--out` with which a training saves its weights as `OUT/NAME/latest`; else
+    empty.
+    """
     above = weights.parents
     if len(above) < 4 or above[0].name != LATEST or above[2] == Path("runs"):
         return ""
@@ -136,7 +142,9 @@ def _where(weights: Path) -> str:
 
 
 def _content(path: Path) -> bytes:
-    """The bytes of a file that a spec names: no device, nothing without end."""
+    """The bytes of a regular file. Raises ValueError for a device, a pipe or a file over the
+    limit.
+    """
     if not path.exists():
         message = "no such file"
         raise ValueError(message)
@@ -149,7 +157,7 @@ def _content(path: Path) -> bytes:
 
 
 def _metadata(content: bytes) -> Mapping[str, Any]:
-    """The header's metadata; `load` has checked its length and that it is JSON."""
+    """The metadata of a safetensors header, whose length and JSON syntax `load` has checked."""
     length = int.from_bytes(content[:8], "little")
     header: dict[str, Any] = json.loads(content[8 : 8 + length])
     return header.get("__metadata__", {})

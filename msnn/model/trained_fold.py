@@ -1,4 +1,4 @@
-"""Compares the fold that a model holds out with the one that its weights were trained without."""
+"""Compares the model's held-out fold with the fold that was held out in training its weights."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from msnn.model.weights.given_weights import Weights, weights_path
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 HELD_OUT = "val"
-"""The set that is a fold."""
+"""The set that consists of the held-out fold."""
 
 
 def fold_of_another_run(
     model: Model, weights: Weights | None, measured: Collection[str]
 ) -> tuple[Diagnostic, ...]:
-    """A warning where the rows of a set that is measured were trained on, in another fold.
+    """A warning if the evaluated fold was part of the training data of these weights.
 
-    Only weights in the folder of a run say of which fold they are.
+    The fold is known only for weights in the folder of a run.
     """
     split = None if model.spec.data is None else model.spec.data.split
     if split is None or split.by != "kfold" or HELD_OUT not in measured:

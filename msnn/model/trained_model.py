@@ -1,4 +1,4 @@
-"""Compares a model with the one that weights were trained for, as far as their run is kept."""
+"""Compares a model with the one that weights were trained for, if its run saved the spec."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from spec_schema.reading.settings import WORKFLOW, model_settings
 
 
 def refuse_other_model(model: Model, weights: Path) -> None:
-    """Raises SpecError where the run of a weights file had another model, with what differs.
+    """Raises SpecError with the differences if a weights file was trained for another model.
 
-    The model is all of a spec but its workflow (`WORKFLOW`), and what the URDFs of its robots
-    describe; what is said in `doc` counts for nothing. A file without a run beside it can be of
-    any model that its arrays fit.
+    The model comprises the spec without its workflow sections (`WORKFLOW`) and the contents of its
+    robots' URDF files; `doc` is ignored. A file outside a run's folder is accepted if its arrays
+    fit.
     """
     trained = _trained(weights.parent)
     if trained is None:
@@ -36,7 +36,7 @@ def refuse_other_model(model: Model, weights: Path) -> None:
             for path, then, now in differing
         ]
         path, then, _ = differing[0]
-        # what was not there cannot be set back by `--set`
+        # `--set` cannot remove a value that is new here
         setting = None if then is None else f"{path}={then}"
         raise SpecError([weights_of_another_model(str(weights), said, setting)])
     # last: names in the spec say more than joints in a URDF
@@ -48,10 +48,10 @@ def _shown(value: str | None) -> str:
 
 
 def is_of_this_model(read: ReadResult, parts: Sequence[SubmodelFile], weights: Path) -> bool:
-    """Whether the run of a weights file had the model of a spec with these sub-models.
+    """True if a weights file was trained for the model of this spec and these sub-models.
 
-    That their texts differ says little: comments, docs and how they are trained count for nothing.
-    False where there is no run beside the file that could say so.
+    Comments, `doc` and workflow sections are ignored. False if the weights are not in a run's
+    folder.
     """
     trained = _trained(weights.parent)
     if trained is None or _differing(trained, read):
@@ -59,7 +59,7 @@ def is_of_this_model(read: ReadResult, parts: Sequence[SubmodelFile], weights: P
     found = read_json(weights.parent / DESCRIPTION).get("parts", {})
     if not isinstance(found, dict):
         return False
-    # files of initial values count for nothing: the weights stand in their place
+    # files of initial values are ignored: the weights replace them
     each = cast("dict[str, Any]", found).items()
     kept = {name: part for name, part in each if "numbers_sha256" not in part}
     specs = [part for part in parts if not part.is_numbers]
@@ -69,7 +69,7 @@ def is_of_this_model(read: ReadResult, parts: Sequence[SubmodelFile], weights: P
 
 
 def _is_kept(part: SubmodelFile, kept: object, weights: Path) -> bool:
-    """Whether a sub-model is what the run of the weights has kept of it."""
+    """True if a sub-model equals the copy in the run of the weights."""
     if not isinstance(kept, dict):
         return False
     if cast("dict[str, Any]", kept).get("weights_sha256") != part.weights:
@@ -82,7 +82,7 @@ def _is_kept(part: SubmodelFile, kept: object, weights: Path) -> bool:
 
 
 def _differing(then: ReadResult, now: ReadResult) -> list[tuple[str, str | None, str | None]]:
-    """The values of two models that are not the same, by their paths."""
+    """The values that differ between two models: path, value then, value now."""
     before, after = dict(_values(then)), dict(_values(now))
     return [
         (path, before.get(path), after.get(path))
@@ -93,7 +93,7 @@ def _differing(then: ReadResult, now: ReadResult) -> list[tuple[str, str | None,
 
 
 def _trained(folder: Path) -> ReadResult | None:
-    """The spec that a run keeps, with the values that were replaced in it."""
+    """The spec saved in a run, with the run's settings applied; None if the folder is not a run."""
     if not (folder / DESCRIPTION).is_file():
         return None
     given = read_json(folder / DESCRIPTION).get("settings", ())
@@ -111,7 +111,7 @@ def _read(file: Path, settings: Sequence[str]) -> ReadResult | None:
 
 
 def _values(read: ReadResult) -> Iterator[tuple[str, str]]:
-    """Every value of the model by its path, `layers.h.fir.window`."""
+    """Yields every value of the model with its path, such as `layers.h.fir.window`."""
     data = spec_data(read.spec)
     yield from _flat("", {key: value for key, value in data.items() if key not in WORKFLOW})
 

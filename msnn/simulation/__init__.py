@@ -1,1 +1,1 @@
-"""Runs a model along data, and linearises it."""
+"""Simulates a model on data, and linearises it."""

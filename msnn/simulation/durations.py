@@ -1,4 +1,4 @@
-"""Counts lengths of time of the workflow sections in samples of a program."""
+"""Converts durations in workflow sections to samples of a program."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from spec_schema.expressions.tree import Length
 
 
 def samples(length: Length, sample_time: float | None, findings: Findings) -> int | None:
-    """The number of samples; None after a report, for nothing is rounded silently."""
+    """The number of samples; None after reporting a duration that is not a whole number of
+    samples.
+    """
     try:
         return Sampling(sample_time, findings).samples(length)
     # the compiler's own count has told why: 0.25 s is no whole number of samples of 0.1 s

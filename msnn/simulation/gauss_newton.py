@@ -1,7 +1,7 @@
-"""Minimises sums of squares of many small problems side by side: Gauss-Newton with halved steps.
+"""Minimises sums of squares of many small problems in parallel by damped Gauss-Newton.
 
-A step is −(JᵀJ)⁺Jᵀr, r the residuals and J their slopes, in variables scaled to a curvature of 1
-each, so that units do not decide what is small. It is halved until F = rᵀr falls (Björck, Numerical
+A step is −(JᵀJ)⁺Jᵀr with residuals r and Jacobian J. Variables are scaled to curvature 1, so that
+the rank does not depend on units. The step is halved until F = rᵀr decreases (Björck, Numerical
 Methods for Least Squares Problems, 1996, ch. 9).
 """
 
@@ -17,24 +17,26 @@ from msnn.data.dataset import BoolArray, FloatArray, IntArray
 MOST_STEPS = 20
 
 _NOTHING = 1e-10
-"""Curvature, relative to that of single numbers, below which a direction decides nothing."""
+"""Curvature, relative to that of single variables, below which a direction is undetermined."""
 
 _PART = 1e-3
-"""Part of a direction that nothing decides from which on a number is named as a part of it."""
+"""Minimum component with which a variable is reported as part of an undetermined direction."""
 
 _LEAST_FALL = 1e-16
-"""Part of F that a step must promise: then a number is within 1e-8 of its standard error."""
+"""Minimum predicted relative decrease of F: variables are then within 1e-8 of their standard
+error.
+"""
 
 _UNSEEN = 1e-12
-"""Part of F by which rounding may raise it."""
+"""Relative increase of F that rounding may cause."""
 
 _ROUNDING = 1e-24
-"""The same relative to the squares of the targets, where nothing but rounding is left of F."""
+"""The same relative to the squares of the targets, if F consists of rounding errors only."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunProducts:
-    """The products of every problem: F = rᵀr, Jᵀr, JᵀJ, and the squares of the targets."""
+    """For every problem F = rᵀr, Jᵀr, JᵀJ, and the sum of squared targets."""
 
     squares: FloatArray
     slope: FloatArray
@@ -57,22 +59,22 @@ class RunProducts:
 
 @dataclass(frozen=True, slots=True)
 class Descended:
-    """The ends of the problems."""
+    """The solutions of the problems."""
 
     values: FloatArray
-    """(problems, numbers)."""
+    """(problems, variables)."""
     settled: BoolArray
-    """Problems whose next step would change nothing; none whose squares are not finite."""
+    """Converged problems; false if the squares are not finite."""
     undecided: BoolArray
-    """(problems, numbers): what a direction that changes no residual is made of."""
+    """(problems, variables): variables that take part in an undetermined direction."""
 
 
 def descended(
     begin: FloatArray, products: Callable[[IntArray, FloatArray], RunProducts]
 ) -> Descended:
-    """The minima from `begin` on, at most MOST_STEPS steps away.
+    """The minima reached from `begin` within MOST_STEPS steps.
 
-    `products` are those of some problems at these values of their numbers.
+    `products` computes the products of selected problems at given values.
     """
     values = begin.copy()
     everything = np.arange(len(begin))
@@ -105,12 +107,12 @@ def descended(
 
 
 def decided_directions(curvature: FloatArray) -> IntArray:
-    """The number of directions of every problem that change its residuals."""
+    """The rank of every problem: the number of directions that change its residuals."""
     return np.sum(_scaled_eigenvalues(curvature)[0] > _NOTHING, axis=1)
 
 
 def _scaled_eigenvalues(curvature: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Eigenvalues, their directions and the scales that make the curvature of each number 1."""
+    """Eigenvalues, eigenvectors, and the scales that make each variable's curvature 1."""
     # the decomposition of one problem that is not finite would fail for all
     finite = np.where(np.isfinite(curvature), curvature, 0.0)
     diagonal = np.diagonal(finite, axis1=1, axis2=2)
@@ -120,7 +122,7 @@ def _scaled_eigenvalues(curvature: FloatArray) -> tuple[FloatArray, FloatArray, 
 
 
 def _steps(now: RunProducts) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """The whole step of each problem, by how much its model falls, and what is undecided."""
+    """The full step of each problem, the predicted decrease, and undetermined variables."""
     slope = np.where(np.isfinite(now.slope), now.slope, 0.0)
     # eigenvalues say which directions decide: those without curvature get no step, as in the
     # pseudoinverse

@@ -1,11 +1,13 @@
-"""Says how far measurements may lie from a simulation: uncertain numbers and what errors leave.
+"""Computes prediction intervals from parameter uncertainty and residual variance.
 
-The interval of an output ŷ at one sample is ŷ ± z √(v + σ²): v is the variance that the covariance
-of the learned numbers makes there, by the exact slopes of the whole rollout (`output_variances`),
-σ² that of the errors of the same kind of rollout over the training rows, by n − p of n values and p
-numbers. z is of the normal distribution. It promises that a measured value lies inside with that
-probability, at each sample by itself, if errors are like those in training; not that a whole record
-does: errors with memory leave the band in stretches.
+The interval of an output ŷ at one sample is ŷ ± z √(v + σ²). Here v is the variance due to the
+covariance of the parameters, by the exact derivatives of the whole rollout (`output_variances`). σ²
+is the residual variance of the same kind of rollout over the training rows, with n − p degrees of
+freedom. z is a quantile of the normal distribution.
+
+Each single sample lies inside with the given probability, if errors are like those in training.
+This does not hold for a whole recording, because autocorrelated errors leave the band for longer
+periods.
 """
 
 from __future__ import annotations
@@ -24,29 +26,29 @@ from msnn.model.weights.covariance_file import Covariance
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intervals:
-    """The widths of the intervals of a model's outputs."""
+    """Defines the prediction intervals of a model's outputs."""
 
     level: float
     """The probability that a measured value lies inside, between 0 and 1."""
     covariance: Covariance
     noise: Mapping[str, FloatArray]
-    """σ² of each output that has an interval, of each of its elements."""
+    """σ² of each output with an interval, per element."""
 
     def half_width(self, output: str, variance: FloatArray) -> FloatArray:
-        """The half width of intervals at samples where the learned numbers make this variance."""
+        """Half the width of intervals at samples with this variance due to the parameters."""
         # errors of numbers and of measurements taken as independent: variances add
         return quantile(self.level) * np.sqrt(variance + self.noise[output])
 
 
 @dataclass(frozen=True, slots=True)
 class UncertainProgram:
-    """A program that simulates the variances of its outputs too, and the weights that it needs."""
+    """A program that also simulates the variances of its outputs, and its weights."""
 
     program: Program
     weights: Mapping[str, FloatArray]
 
     def variance(self, output: str, outputs: Mapping[str, FloatArray]) -> FloatArray:
-        """The variance of an output of the program; 0 where no learned number reaches it."""
+        """The variance of an output; 0 if it depends on no learned parameter."""
         found = outputs.get(f"{VARIANCE}{output}")
         return np.zeros_like(outputs[output]) if found is None else found
 
@@ -54,7 +56,7 @@ class UncertainProgram:
 def uncertain_program(
     program: Program, intervals: Intervals, weights: Mapping[str, FloatArray]
 ) -> UncertainProgram:
-    """The program, its loops closed, with the variances of the outputs that have an interval."""
+    """The closed-loop program with the variances of the outputs that have an interval."""
     there = {parameter.name for parameter in program.parameters}
     # a simulation drops what only losses use
     learned = [name for name in intervals.covariance.values if name in there]
@@ -65,5 +67,7 @@ def uncertain_program(
 
 
 def quantile(level: float) -> float:
-    """So many standard deviations about the mean hold this share of a normal distribution."""
+    """Number of standard deviations around the mean that contain this share of a normal
+    distribution.
+    """
     return NormalDist().inv_cdf(0.5 + level / 2.0)

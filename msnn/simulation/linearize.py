@@ -1,4 +1,4 @@
-"""Linearises a model at one point, by the interpreter."""
+"""Linearises a model at one point with the reference interpreter."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from msnn.data.dataset import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Linearization:
-    """Slopes of one step, x' = f(x, u, p) and y = h(x, u, p), in float64 and the spec's units.
+    """Jacobians of one step, x' = f(x, u, p) and y = h(x, u, p), in float64 and the spec's units.
 
     `vectors["x"].member("v").first` is the row of a quantity in A and its column in C.
     """
@@ -32,11 +32,13 @@ class Linearization:
     vectors: dict[str, Vector]
     """x, u, y and p: names, axes, units and first places of their quantities."""
     hessians: dict[str, FloatArray] = field(default_factory=dict[str, FloatArray])
-    """`xx`, `xu`, `ux` and `uu` of ∇²(λᵀ[x', y]) in x and u, where multipliers λ were given."""
+    """Blocks `xx`, `xu`, `ux`, `uu` of the Hessian of λᵀ[x', y] in x and u, for given multipliers
+    λ.
+    """
 
     @property
     def infinite(self) -> tuple[str, ...]:
-        """The matrices and Hessians in which a number is infinite or not a number."""
+        """The matrices and Hessians with an infinite or NaN element."""
         named = {**self.matrices, **self.hessians}
         return tuple(name for name, numbers in named.items() if not np.isfinite(numbers).all())
 
@@ -48,10 +50,10 @@ def linearize(
     weights: Mapping[str, FloatArray],
     hessian: Mapping[str, ArrayLike] | None = None,
 ) -> Linearization:
-    """The Jacobian of a program in window form at the samples of its ports and its states.
+    """The Jacobians of a program in window form, at given samples of its ports and states.
 
-    `hessian` has multipliers of outputs, by name, and of next states, `next(x)`; those that it
-    lacks are 0. ValueError where anything is missing, unknown or of another shape.
+    `hessian` maps names of outputs and of next states, `next(x)`, to multipliers; missing ones are
+    0. Raises ValueError if a value is missing, unknown or of another shape.
     """
     # in step form all that a step depends on is a port or a state
     step = to_step_form(prune_outputs(program, [output.name for output in program.outputs]))
@@ -82,7 +84,7 @@ def linearize(
 def _multipliers(
     derivatives: StepDerivatives, given: Mapping[str, ArrayLike]
 ) -> dict[str, FloatArray]:
-    """The multiplier of each result, as a batch of one."""
+    """The multiplier of each result, as a batch of size 1."""
     results = derivatives.results.members
     shapes = {result.name: tuple(axis.size for axis in result.axes) for result in results}
     absent = {name: np.zeros(shape) for name, shape in shapes.items() if name not in given}
@@ -91,7 +93,7 @@ def _multipliers(
 
 
 def _blocks(hessian: FloatArray, states: int) -> dict[str, FloatArray]:
-    """The blocks of a matrix in x, then u."""
+    """The blocks of a matrix whose rows and columns are x, then u."""
     parts = {"x": slice(0, states), "u": slice(states, None)}
     return {
         f"{i}{j}": hessian[row, column] for i, row in parts.items() for j, column in parts.items()
@@ -113,7 +115,7 @@ def _arrays(
 
 
 def _series(port: Port, value: FloatArray, row: int) -> FloatArray:
-    """A log in which the step at this row sees exactly these samples."""
+    """A series in which the step at this row reads exactly these samples."""
     samples = value[np.newaxis] if port.type.window is None else np.moveaxis(value, -1, 0)
     # the window is last in a value (R1), and time is first in a log
     series = np.zeros((row + max(port.last, 0) + 1, *samples.shape[1:]))

@@ -1,4 +1,4 @@
-"""Runs many rollouts side by side with the interpreter, and sums what its losses say."""
+"""Runs many rollouts in parallel with the reference interpreter, and sums their losses."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ class RolloutRow:
     """One step of the rollouts that still run, the longest first."""
 
     number: int
-    """0 at the start of each rollout."""
+    """Index of the step, 0 at the start of each rollout."""
     members: IntArray
-    """Which of the `Runs` these are."""
+    """Indices of these rollouts in the `Runs`."""
     t: IntArray
     values: StepValues
 
 
 @dataclass(frozen=True, slots=True)
 class LossSum:
-    """Σ of a loss over all scored elements and their number, each times the factor of its row."""
+    """Σ of a loss over all scored elements, and their count; both weighted by row factors."""
 
     total: float
     count: float
 
     def value(self, measure: Measure) -> float:
-        """The loss: 0 where nothing was scored (rule R9)."""
+        """The loss; 0 if nothing was scored (rule R9)."""
         mean = self.total / self.count if self.count else 0.0
-        # the root of the mean over all: a mean of roots would depend on how rollouts are cut
+        # root of the overall mean: a mean of roots would depend on the length of rollouts
         return float(np.sqrt(mean)) if measure is Measure.RMSE else mean
 
     def __add__(self, other: LossSum) -> LossSum:
@@ -46,7 +46,7 @@ class LossSum:
 
 
 def entry_value(program: Program, name: str, values: Mapping[str, float]) -> float:
-    """The value of a `losses:` entry, which is the sum of its terms, or of one term by its name."""
+    """The value of a `losses:` entry, which is the sum of its terms, or of a single term."""
     if name in values:
         return values[name]
     # an entry such as `mse(a, b) + 2 * mse(c, d)` is several losses, each with its share
@@ -54,7 +54,7 @@ def entry_value(program: Program, name: str, values: Mapping[str, float]) -> flo
 
 
 def longest_first(runs: Runs) -> IntArray:
-    """Members in the order in which `moments` and engines keep them: the shortest last."""
+    """Indices of rollouts sorted by length, as in `moments` and in engines: the shortest last."""
     # stable: rollouts alike long keep their order, and with it the order of all sums
     return np.argsort(-runs.steps, kind="stable")
 
@@ -62,7 +62,7 @@ def longest_first(runs: Runs) -> IntArray:
 def moments(
     interpreter: Interpreter, series: Mapping[str, FloatArray], runs: Runs, *, losses: bool
 ) -> Iterator[RolloutRow]:
-    """Every step of all rollouts; a rollout that has ended is left out of the later ones."""
+    """Yields every step of all rollouts; rollouts that have ended are omitted."""
     order = longest_first(runs)
     t0, steps = runs.t0[order], runs.steps[order]
     if not len(order):
@@ -87,9 +87,9 @@ def loss_sums(
     skip: int = 0,
     scored: Mapping[str, BoolArray] | None = None,
 ) -> dict[str, LossSum]:
-    """Every loss of the program over the rollouts, from evaluation `skip` on (rule R9).
+    """Every loss of the program over the rollouts, from step `skip` on (rule R9).
 
-    `scored` limits a loss to some rows t; elements without a target are not scored.
+    `scored` limits a loss to a mask of rows t; elements without a target are not scored.
     """
     rows = moments(interpreter, series, runs, losses=True)
     return summed(interpreter.program.losses, rows, skip, scored)
@@ -101,7 +101,7 @@ def summed(
     skip: int,
     scored: Mapping[str, BoolArray] | None,
 ) -> dict[str, LossSum]:
-    """Every loss over steps of rollouts, as `loss_sums`."""
+    """Every loss over steps of rollouts; arguments as for `loss_sums`."""
     named = {loss.name: loss for loss in losses}
     sums = dict.fromkeys(named, LossSum(0.0, 0))
     for moment in moments:
@@ -123,12 +123,12 @@ def summed(
 
 
 def _along(rows: NDArray[Any], like: FloatArray) -> NDArray[Any]:
-    """One value a member for all of its elements."""
+    """Broadcasts one value per member to all of its elements."""
     return np.broadcast_to(rows.reshape(-1, *[1] * (like.ndim - 1)), like.shape)
 
 
 def _factors(loss: Loss, values: StepValues, like: FloatArray) -> FloatArray | None:
-    """The weight of each element; None for 1."""
+    """The weight of each element; None if all are 1."""
     if loss.rows is None:
         return None
     factors = values.nodes[loss.rows]
@@ -155,7 +155,7 @@ def _sum(
 
 
 def cost(loss: Loss, prediction: FloatArray, target: FloatArray | None) -> FloatArray:
-    """The term of each element in the mean of a loss."""
+    """The contribution of each element to the mean of a loss."""
     error = prediction if target is None else prediction - target
     match loss.measure:
         case Measure.MSE | Measure.RMSE:

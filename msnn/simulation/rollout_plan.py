@@ -1,4 +1,4 @@
-"""Plans where rollouts run: horizons in samples, loops closed, starts in a set's episodes."""
+"""Plans rollouts: horizons in samples, closed loops, start rows in a set's episodes."""
 
 from __future__ import annotations
 
@@ -31,45 +31,47 @@ from spec_schema.sections.training.training import Rollout
 
 @dataclass(frozen=True, slots=True)
 class PlannedStarts:
-    """States whose starts the first evaluations of each run decide."""
+    """States whose initial values are estimated from the first steps of each run."""
 
     program: Program
-    """The program, its loops closed, before it reads what is found."""
+    """The closed-loop program before it reads the estimates."""
     over: int | None
-    """None: all evaluations of a run that are scored."""
+    """Number of these steps; None for all scored steps of a run."""
     skip: int
-    """Evaluations that other keys leave unscored."""
+    """Steps that other keys exclude from scoring."""
     as_trained: bool = False
-    """Whether all runs start where those of the training did."""
+    """True if all runs begin at the initial states of the training."""
 
     @property
     def first_to_decide(self) -> int:
-        """The first evaluation that decides."""
+        """The first step used for the estimate."""
         return self.skip if self.over is None else 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RolloutPlan:
-    """The horizon and starts of a stage's or a metric's runs; the loop in `program` is closed."""
+    """Horizon and start rows for a stage or a metric; the loop in `program` is closed."""
 
     program: Program
     horizon: Horizon
     stride: int
     skip: int
-    """Evaluations at the beginning of each run that are not scored, those of the warm-up too."""
+    """Unscored steps at the beginning of each run, including the warm-up."""
     closed: tuple[str, ...]
     skipped_by: str = "skip"
-    """The key that `skip` is from."""
+    """The key that `skip` comes from."""
     warm_up: int = 0
-    """Evaluations at the beginning of each run in which closed signals are read from the log."""
+    """Steps at the beginning of each run in which closed signals are read from the data."""
     skip_rows: int = 0
-    """Rows at the beginning of each record that are not scored."""
+    """Unscored rows at the beginning of each recording."""
     starts: PlannedStarts | None = None
-    """How states begin whose `init` is to be fitted; None where there are none."""
+    """States with estimated initial values; None if there are none."""
 
     @property
     def fed_back(self) -> tuple[str, ...]:
-        """The closed signals that read a prediction: in one step only those of the same row do."""
+        """The closed signals that read a prediction; with horizon 1, only those of the same row
+        do.
+        """
         if self.horizon != 1:
             return self.closed
         predicted = (output.predicts for output in self.program.outputs)
@@ -78,7 +80,9 @@ class RolloutPlan:
 
     @property
     def reading(self) -> Program:
-        """The program by which rollouts are placed: with what starts read before they are found."""
+        """The program that defines the rows of rollouts, including those read by estimated
+        states.
+        """
         return self.program if self.starts is None else self.starts.program
 
 
@@ -90,7 +94,7 @@ def plan_rollout(
     skip_rows: Length | None = None,
     span: Span | None = None,
 ) -> RolloutPlan | None:
-    """The rollout of a stage or metric at `span`; `stride` None makes it equal to the horizon."""
+    """The rollout of a stage or metric at `span`; for `stride` None it is the horizon."""
     unscored = 0 if skip_rows is None else samples(skip_rows, program.sample_time, findings)
     if unscored is None:
         return None
@@ -140,7 +144,7 @@ def plan_rollout(
 
 
 def default_rollout(program: Program) -> RolloutPlan:
-    """One step; whole records where one step would not decide where states start."""
+    """One step per rollout; whole recordings if initial states must be estimated."""
     plan = RolloutPlan(program=program, horizon=1, stride=1, skip=0, closed=())
     if estimated_states(program):
         # a start that is fitted needs samples to be fitted to: one step has none
@@ -151,7 +155,7 @@ def default_rollout(program: Program) -> RolloutPlan:
 
 
 def free_rollout(program: Program) -> RolloutPlan:
-    """Whole records in which every input that an output predicts is fed back. LoopError."""
+    """Whole recordings with all predicted inputs fed back. Raises LoopError."""
     closed = predicted_inputs(program)
     looped = close_loop(program, closed)
     plan = RolloutPlan(program=looped, horizon="record", stride=1, skip=0, closed=closed)
@@ -161,7 +165,7 @@ def free_rollout(program: Program) -> RolloutPlan:
 
 
 def predicted_inputs(program: Program) -> tuple[str, ...]:
-    """The inputs that outputs predict, in the order of these."""
+    """The inputs that outputs predict, in the order of the outputs."""
     predicted = [out.predicts.signal for out in program.outputs if out.predicts is not None]
     inputs = {signal.name for signal in program.signals if signal.role is Role.INPUT}
     return tuple(dict.fromkeys(name for name in predicted if name in inputs))
@@ -170,12 +174,12 @@ def predicted_inputs(program: Program) -> tuple[str, ...]:
 def _with_found_starts(
     plan: RolloutPlan, span: Span | None, findings: Findings
 ) -> RolloutPlan | None:
-    """The plan with what its fitted starts leave unscored; None where nothing is left."""
+    """The plan with the steps that estimates leave unscored; None if no step remains."""
     estimated = estimated_states(plan.program)
     if estimated:
         over = evaluations_that_decide(estimated)
         starts = PlannedStarts(plan.program, over, plan.skip)
-        # starts become series: found beside the program, and read by it as any log
+        # initial states become series: estimated outside the program and read like data
         program = with_read_starts(plan.program)
         plan = replace(plan, program=program, starts=starts)
         if over is not None and over > plan.skip:
@@ -189,7 +193,7 @@ def _with_found_starts(
 
 
 def closed_signals(program: Program, rollout: Rollout) -> tuple[str, ...]:
-    """The inputs that a rollout feeds back: those of `close`, by default all that are predicted."""
+    """The inputs that a rollout feeds back: those of `close`, by default all predicted inputs."""
     if rollout.close is not None:
         return tuple(name.value for name in rollout.close)
     return predicted_inputs(program)
@@ -207,7 +211,7 @@ def set_rollouts(
 ) -> Runs | None:
     """The rollouts of a plan in one set; `stride` None visits each sample once (rule R2).
 
-    `also` are samples around t that are read beside those of the program. None after a report.
+    `also` are further samples relative to t that are read. None after reporting errors.
     """
     if not data.has(name):
         known = [known for known in data.sets if data.has(known)]
@@ -262,7 +266,7 @@ def set_rollouts(
 
 
 def counted_rows(plan: RolloutPlan, data: Dataset, name: str) -> Mapping[str, BoolArray] | None:
-    """For every loss the rows t that count in a set, as the plan says; None where all do."""
+    """For every loss, the mask of scored rows t in a set; None if all rows are scored."""
     whole = plan.horizon == "record"
     if not whole and not plan.skip_rows and not has_unmeasured(data, plan.program):
         return None
@@ -270,7 +274,7 @@ def counted_rows(plan: RolloutPlan, data: Dataset, name: str) -> Mapping[str, Bo
 
 
 def score_some(runs: Runs, rows: Mapping[str, BoolArray] | None) -> BoolArray:
-    """Which runs have a row that counts, by those of every loss."""
+    """Mask of runs in which at least one loss has a scored row."""
     if rows is None:
         return np.ones(len(runs), np.bool_)
     before = np.concatenate([[0], np.cumsum(np.any([*rows.values()], axis=0))])
@@ -278,7 +282,7 @@ def score_some(runs: Runs, rows: Mapping[str, BoolArray] | None) -> BoolArray:
 
 
 def _with_scored_rows(plan: RolloutPlan, data: Dataset, runs: Runs, ahead: int) -> Runs:
-    """Without the rollouts that end before the first row that counts in their record."""
+    """The rollouts without those that end before the first scored row of their recording."""
     if not plan.skip_rows:
         return runs
     begins = np.array([record.start for record in data.records])
@@ -302,13 +306,13 @@ def files_skipped(data: Dataset, episodes: IntArray, runs: Runs) -> list[str]:
 
 
 def start_signals(plan: RolloutPlan) -> tuple[str, ...]:
-    """The signals whose samples the first states of a plan's rollouts are."""
+    """The signals from which the initial states of a plan's rollouts are read."""
     program = plan.reading
     return tuple(reads(program.start, [state.start for state in program.states]))
 
 
 def _reaches_a_value(program: Program, data: Dataset, runs: Runs) -> bool:
-    """True if a rollout predicts a row that has a measured value."""
+    """True if a rollout predicts a row with a measured value."""
     for output in program.outputs:
         if output.predicts is None or not len(runs) or output.predicts.signal not in data.series:
             continue
@@ -324,9 +328,9 @@ def _reaches_a_value(program: Program, data: Dataset, runs: Runs) -> bool:
 def _horizon_of_known_starts(
     plan: RolloutPlan, data: Dataset, episodes: IntArray, far: Reach
 ) -> int | None:
-    """The next longer horizon of which no rollout with measured values lacks a measured start.
+    """The next longer horizon with which every rollout with targets has a measured start.
 
-    None where samples that are not evenly spaced leave none.
+    None if samples are unevenly spaced and there is no such horizon.
     """
     assert isinstance(plan.horizon, int)
     every_row = rollouts(episodes, far, 1, 1)
@@ -342,9 +346,9 @@ def _horizon_of_known_starts(
 
 
 def _with_known_starts(plan: RolloutPlan, data: Dataset, runs: Runs) -> Runs:
-    """Without the rollouts whose first states would come from missing samples.
+    """The rollouts without those whose initial states would be read from missing samples.
 
-    Those over whole episodes begin later instead, where these samples are there.
+    Rollouts over whole episodes begin later instead, at the first available samples.
     """
     later = _steps_to_start(plan.reading, data, runs)
     if isinstance(plan.horizon, str):
@@ -353,9 +357,9 @@ def _with_known_starts(plan: RolloutPlan, data: Dataset, runs: Runs) -> Runs:
 
 
 def begun_where_known(program: Program, data: Dataset, runs: Runs) -> Runs:
-    """The same runs, each from where its first states are measured; as it is where they never are.
+    """The same runs, each beginning where its initial states are measured.
 
-    Every run ends where it did.
+    A run without such a row is unchanged. The last rows of runs do not change.
     """
     later = _steps_to_start(program, data, runs)
     later = np.where(later < runs.steps, later, 0)
@@ -363,9 +367,9 @@ def begun_where_known(program: Program, data: Dataset, runs: Runs) -> Runs:
 
 
 def _steps_to_start(program: Program, data: Dataset, runs: Runs) -> IntArray:
-    """Steps after its first one at which each run has all samples that its first states read.
+    """Steps after the first one until all samples for a run's initial states are available.
 
-    At least as many as it has steps where it never does.
+    If they never are, the result is at least the number of its steps.
     """
     far = reach(program)
     known = np.ones(data.rows, dtype=np.bool_)

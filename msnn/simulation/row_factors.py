@@ -1,4 +1,4 @@
-"""Looks at the factors and classes of rows before anything is trained or measured by them."""
+"""Checks row factors and class labels before training or evaluation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def check_row_factors(
     rows: Mapping[str, BoolArray] | None,
     findings: Findings,
 ) -> None:
-    """Reports factors that are no numbers ≥ 0, in rows that rollouts evaluate and that count."""
+    """Reports factors that are negative or not finite, in scored rows of rollouts."""
     checked: set[int] = set()
     for loss in program.losses:
         if loss.rows is None or loss.rows in checked:
@@ -41,7 +41,7 @@ def check_row_factors(
 
 
 def check_classes(program: Program, data: Dataset, runs: Runs, findings: Findings) -> None:
-    """Reports numbers that are no class of a cross-entropy, in rows that rollouts evaluate."""
+    """Reports labels that are not classes of a cross-entropy, in rows of rollouts."""
     for loss in program.losses:
         # of the measures with a target a mean alone has marks: NaN is missing, 0 is a class
         if loss.measure is not Measure.MEAN or loss.target is None:
@@ -56,7 +56,7 @@ def check_classes(program: Program, data: Dataset, runs: Runs, findings: Finding
 
 
 def _evaluated(runs: Runs, rows: int) -> IntArray:
-    """The rows t of all evaluations, each once."""
+    """The rows t of all steps, each once."""
     # +1 where a rollout begins, −1 behind its end: the sum says how many evaluate a row
     changes = np.zeros(rows + 1, np.int64)
     # add.at: rollouts may begin in one row, which `changes[t0] += 1` would count once
@@ -66,7 +66,7 @@ def _evaluated(runs: Runs, rows: int) -> IntArray:
 
 
 def _of_rows(program: Program, loss: Loss, node: int, data: Dataset, t: IntArray) -> FloatArray:
-    """A value of the log alone, in each of these rows."""
+    """The value of a node that depends only on data, in each of these rows."""
     output = Output(loss.name, node)
     # factors read the log alone: nothing else of the step is computed
     alone = replace(program, outputs=(output,), losses=(), states=(), expected=(), fits=())

@@ -1,4 +1,4 @@
-"""Runs a program freely over whole records: outputs, and where in the log each row belongs."""
+"""Simulates a program over whole recordings: outputs, and the place of each row in the data."""
 
 from __future__ import annotations
 
@@ -34,19 +34,21 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 @dataclass(frozen=True, slots=True)
 class StepPlaces:
-    """The place of each step of a run in the log: the row whose samples are `t` of the step."""
+    """The place of each step of a run in the data: the row that is `t` in the step."""
 
     files: tuple[str, ...]
     rows: IntArray
-    """Row of the file, counted from 0 below the header; BETWEEN_ROWS where resampling made it."""
+    """Row of the file, counted from 0 below the header; BETWEEN_ROWS if it is resampled."""
     time: FloatArray | None
-    """Seconds as the file has them, counted from its row 0 where it has none; in files that are
-    joined by their dates from the row 0 of the first."""
+    """Time in seconds as in the file, or counted from its row 0 if it has no time.
+
+    In files joined by their dates, it is counted from row 0 of the first file.
+    """
     sets: tuple[str, ...]
-    """The set that the row belongs to; "" for rows of none."""
+    """The set of the row; "" for rows in no set."""
 
     def along(self, *, timed: bool) -> FloatArray:
-        """Times or rows to draw the steps over: they go on where the next file begins anew."""
+        """Times or rows as x-axis of a plot, continuous across files."""
         own = self.time if timed and self.time is not None else self.rows
         found = np.asarray(own, np.float64)
         if len(set(self.files)) < 2:
@@ -55,27 +57,27 @@ class StepPlaces:
         return found[0] + float(np.median(np.diff(found))) * np.arange(len(found))
 
     def joins(self, step: int) -> bool:
-        """Whether the file has a row for a step."""
+        """True if the file has a row for a step."""
         return int(self.rows[step]) != BETWEEN_ROWS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Simulation:
-    """A free run over one stretch of a record without gap; arrays are (steps, *shape)."""
+    """A simulation over one interval of a recording without a gap; arrays are (steps, *shape)."""
 
     record: Record
     first: int
-    """Row of the record at which the first step was evaluated."""
+    """Row of the dataset at which the first step was evaluated."""
     outputs: Mapping[str, FloatArray]
     logged: Mapping[str, FloatArray]
-    """What was measured of the signal that an output predicts; NaN where it was not."""
+    """Measurements of the signal that an output predicts; NaN if missing."""
     inputs: Mapping[str, FloatArray]
-    """What it read at the row of each step, of every input that is not fed back."""
+    """Values at the row of each step, for every input that is not fed back."""
     places: StepPlaces
     bands: Mapping[str, FloatArray]
-    """Half the width of the prediction interval of outputs, where intervals were asked for."""
+    """Half the width of prediction intervals, if requested."""
     starts: Mapping[str, FloatArray]
-    """Where the run starts, of every state whose start was found by least squares."""
+    """Estimated initial values of states of this run."""
 
     @property
     def steps(self) -> int:
@@ -88,7 +90,7 @@ class Simulation:
 
 @dataclass(frozen=True, slots=True)
 class Simulations(Sequence[Simulation]):
-    """The runs in the order of the data, and what is to be said about these."""
+    """The runs in the order of the data, with warnings."""
 
     runs: tuple[Simulation, ...]
     warnings: tuple[Diagnostic, ...] = ()
@@ -105,10 +107,10 @@ class Simulations(Sequence[Simulation]):
 
 
 def simulation_program(program: Program, close: Iterable[str] | None = None) -> Program:
-    """The program that `simulate` runs: loops closed, losses and their targets dropped.
+    """The program that `simulate` runs: loops closed, losses and their targets removed.
 
-    `close` None closes every input that an output predicts. Load its data with this program: it
-    asks for no column that the run does not read. Raises LoopError.
+    `close` None closes every input that an output predicts. Load the data with this program:
+    columns that the run does not read may then be absent. Raises LoopError.
     """
     if close is None:
         close = predicted_inputs(program)
@@ -125,7 +127,7 @@ def simulation_program(program: Program, close: Iterable[str] | None = None) -> 
 
 
 def _reading(program: Program, compared: Iterable[NodeId]) -> Program:
-    """The program with those signals alone that a run reads."""
+    """The program with only those signals that a run reads."""
     wanted = [output.node for output in program.outputs] + [s.next for s in program.states]
     read = {**reads(program.step, [*wanted, *compared])}
     read |= reads(program.start, [state.start for state in program.states])
@@ -144,13 +146,14 @@ def simulate(
     intervals: Intervals | None = None,
     kept: KeptStarts | None = None,
 ) -> Simulations:
-    """Free runs over all stretches of the data, each from its first possible row.
+    """Simulates all intervals of the data, each from its first possible row.
 
-    `program` is in window form; what it closes is fed back, what it leaves open is read from the
-    data. `horizon` ends every run after so many steps; `data_set` takes the stretches of one set
-    only. `engine` is what runs, in float64 unless it is an export (`open_rollouts`). `intervals`
-    says how wide bands are; `kept` where recordings of a training start. Raises SpecError where
-    there is no such set, all is too short, or the start of a run is a guess.
+    `program` is in window form; closed signals are fed back, open ones are read from the data.
+    `horizon` limits the steps of every run; `data_set` selects the intervals of one set. `engine`
+    is as for `open_rollouts` and computes in float64, except for exports. `intervals` defines
+    prediction intervals; `kept` are initial states from the training. Raises SpecError if there is
+    no such set, all intervals are too short, or the data do not determine the initial state of a
+    run.
     """
     # targets of `predicts` need not be there: a simulation may run past the last of them
     unscored = replace(
@@ -214,7 +217,9 @@ def _started(
     weights: Mapping[str, FloatArray] | None,
     kept: KeptStarts | None,
 ) -> tuple[Program, Mapping[str, FloatArray], Sequence[Diagnostic]]:
-    """The program and the series with where the runs start, and what is uncertain of that."""
+    """The program and series with the initial states of runs, and warnings about their
+    uncertainty.
+    """
     estimated = estimated_states(program)
     if not estimated:
         return program, data.series, ()
@@ -253,7 +258,7 @@ def _simulation(
     unbroken: int,
     starts: Mapping[str, FloatArray],
 ) -> Simulation:
-    """One run; measured values are taken from the rows before `unbroken`."""
+    """One run; measurements come from the rows before `unbroken`."""
     t0, steps = rows.start, len(rows)
     record = data.record_of(t0)
     logged: dict[str, FloatArray] = {}
@@ -287,7 +292,7 @@ def _read(program: Program) -> list[str]:
 
 
 def _places(program: Program, data: Dataset, record: Record, rows: range) -> StepPlaces:
-    """The places of rows of the series in the files of their record."""
+    """The places of rows of the series in the files of their recording."""
     first, stop = rows.start, rows.stop
     pieces = [
         (piece, max(first, piece.start), min(stop, piece.stop))

@@ -1,4 +1,4 @@
-"""Reads what a simulation runs along: the data of the spec, other files, or data of a session."""
+"""Loads the data for a simulation: those of the spec, other files, or data frames."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def simulation_data(
 ) -> Dataset:
     """The signals that `program` reads, and those that the outputs of the model predict.
 
-    Data in place of the spec's are one set, not split: `data`, or `data_set`, whose layout files
-    have. Raises SpecError with all that is wrong with the data.
+    Data other than the spec's are one set without a split, named `data` or `data_set`; files have
+    the layout of that set. Raises SpecError with all errors in the data.
     """
     if data is None:
         # the data of the spec, with its sets
@@ -54,7 +54,7 @@ def simulation_data(
 
 
 def given_files(data: GivenData) -> list[Path] | None:
-    """The paths, where the data are given by such."""
+    """The paths if `data` consists of paths, else None."""
     if isinstance(data, str | Path):
         return [Path(data)]
     if isinstance(data, list | tuple):

@@ -1,7 +1,7 @@
-"""Finds where runs start: Gauss-Newton on the squares of their first evaluations (decision 0211).
+"""Estimates initial states of runs by Gauss-Newton over their first steps (decision 0211).
 
-A start x of one run minimises F = Σ cₗ rₗᵀrₗ over its first N evaluations, cₗ weight / count of the
-loss l, with the exact slopes J of the residuals r in x.
+The initial state x of a run minimises F = Σ cₗ rₗᵀrₗ over its first N steps. cₗ is weight / count
+of loss l, and the exact Jacobian of the residuals r in x is used.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Series = Mapping[str, FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class TakenStarts:
-    """The starts of runs that are known from a training."""
+    """Initial states of runs that were saved by a training."""
 
     t0: IntArray
     values: Mapping[str, FloatArray]
@@ -46,29 +46,29 @@ class TakenStarts:
 
 @dataclass(frozen=True, slots=True)
 class FoundStarts:
-    """The starts of runs, and the doubts about them."""
+    """The initial states of runs, and their uncertainty."""
 
     t0: IntArray
     values: Mapping[str, FloatArray]
-    """(runs, *shape) of each state."""
+    """(runs, *shape) per state."""
     undecided: Mapping[str, BoolArray]
-    """Runs whose first evaluations do not decide the state: it stays where the search began."""
+    """Mask of undetermined elements per state; they keep the initial guess."""
     unsettled: BoolArray
-    """Runs that would move on after the last step."""
+    """Mask of runs that have not converged."""
     guessed: BoolArray
-    """Runs that start at 0 in a direction that later evaluations depend on."""
+    """Mask of runs with an undetermined direction at 0 that later steps depend on."""
     over: int | None
-    """The first evaluations that decide; None for all that are scored."""
+    """Number of first steps used for the estimate; None for all scored steps."""
     notes: tuple[Diagnostic, ...] = ()
-    """What else is to be said of the search."""
+    """Further notes about the estimate."""
     taken: TakenStarts | None = None
-    """Runs that were not searched for."""
+    """Runs with saved initial states, which were not estimated."""
 
     @classmethod
     def of_none(
         cls, over: int | None, values: Mapping[str, FloatArray], taken: TakenStarts | None
     ) -> FoundStarts:
-        """Of no run, with the shapes of these values."""
+        """The result for no runs, with the shapes of these values."""
         none = np.zeros(0, np.bool_)
         return cls(
             t0=np.zeros(0, np.int64),
@@ -81,7 +81,7 @@ class FoundStarts:
         )
 
     def doubts_of(self, runs: BoolArray) -> FoundStarts:
-        """The same without the doubts about other runs than these."""
+        """The result with uncertainty flags of these runs only."""
         undecided = {
             name: one & runs.reshape(-1, *[1] * (one.ndim - 1))
             for name, one in self.undecided.items()
@@ -90,7 +90,7 @@ class FoundStarts:
         return replace(self, undecided=undecided, unsettled=unsettled, guessed=guessed)
 
     def series(self, rows: int) -> dict[str, FloatArray]:
-        """The values in the rows t0, as programs with read starts take them."""
+        """The values as series with non-zero rows t0, in the form that programs read."""
         found: dict[str, FloatArray] = {}
         for name, values in self.values.items():
             # only the rows t0 are ever read
@@ -103,7 +103,7 @@ class FoundStarts:
 
 
 class StartFit:
-    """Finds the starts of one program's runs, its loops closed."""
+    """Estimates the initial states of runs of one closed-loop program."""
 
     def __init__(
         self,
@@ -114,9 +114,9 @@ class StartFit:
         searches: int = 1,
         native: bool = True,
     ) -> None:
-        """`over` evaluations of each run decide; None for all that it has, from `skip` on.
+        """`over` steps of each run determine the estimate; None for all steps from `skip` on.
 
-        About so many `searches` are expected; without `native` no kernel runs the model.
+        `searches` is the expected number of calls of `find`; without `native`, no kernel is used.
         """
         self._skip = skip
         self._program = program
@@ -131,11 +131,11 @@ class StartFit:
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """The series that say where runs start."""
+        """The series from which runs read their initial states."""
         return tuple(start_signal(state.name) for state in self._states)
 
     def blank(self, rows: int) -> dict[str, FloatArray]:
-        """The starts before anything is found, as series."""
+        """The series of initial states filled with 0."""
         return {
             start_signal(state.name): np.zeros((rows, *Type(state.axes).shape))
             for state in self._states
@@ -149,9 +149,10 @@ class StartFit:
         loss_weights: Mapping[str, float] | None = None,
         rows: Mapping[str, BoolArray] | None = None,
     ) -> FoundStarts:
-        """The starts at these weights; `loss_weights` are those of the spec by default.
+        """The estimated initial states at these weights; `loss_weights` defaults to those of the
+        spec.
 
-        `rows` limits what decides to some rows of each loss.
+        `rows` limits the estimate to a mask of rows per loss.
         """
         whole = runs
         if self._over is not None:
@@ -215,7 +216,7 @@ class StartFit:
         rows: Mapping[str, BoolArray] | None = None,
         kept: KeptStarts | None = None,
     ) -> FoundStarts:
-        """As `find`, of the runs that do not start as those of a training did, by `kept`."""
+        """The saved initial states in `kept`; estimates as in `find` for all other runs."""
         if kept is None or not kept.is_of({s.name: Type(s.axes).shape for s in self._states}):
             return self.find(data.series, runs, weights, rows=rows)
         known, values = kept.at(data, runs.t0)
@@ -226,14 +227,14 @@ class StartFit:
         return replace(self.find(data.series, others, weights, rows=rows), taken=taken)
 
     def _parts(self, numbers: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
-        """The numbers of each state out of rows of all of them."""
+        """Splits (runs, elements) into the values of each state."""
         parts = np.split(numbers, np.cumsum(self._sizes)[:-1], axis=1)
         for state, part in zip(self._states, parts, strict=True):
             yield state.name, part.reshape(len(numbers), *Type(state.axes).shape)
 
 
 def _weighted(sums: Mapping[str, RunSums], shares: Mapping[str, float]) -> RunProducts:
-    """Σ over the losses of weight / count times what each adds; a loss without rows adds 0."""
+    """Σ of weight / count times the products of each loss; a loss without rows adds 0."""
     found: list[RunProducts] = []
     for name, one in sums.items():
         scored = one.count > 0
@@ -251,7 +252,7 @@ def _weighted(sums: Mapping[str, RunSums], shares: Mapping[str, float]) -> RunPr
 
 
 def _is_zero(graph: Graph, place: NodeId) -> bool:
-    """Whether a value is the constant 0, as a search begins where the spec says nothing."""
+    """True if a value is the constant 0, the initial guess if the spec gives none."""
     node = graph[place]
     if isinstance(node.op, Constant):
         return not any(node.op.values)
@@ -259,7 +260,7 @@ def _is_zero(graph: Graph, place: NodeId) -> bool:
 
 
 def fit_of(plan: RolloutPlan, *, searches: int = 1, native: bool = True) -> StartFit | None:
-    """The fit of a plan's starts, as of `StartFit`; None where it has none to find."""
+    """The estimator for a plan; None if the plan has no estimated initial states."""
     starts = plan.starts
     if starts is None:
         return None
@@ -278,10 +279,10 @@ def with_starts(
     rows: Mapping[str, BoolArray] | None = None,
     kept: KeptStarts | None = None,
 ) -> tuple[RolloutPlan, Dataset]:
-    """The data with where the runs of a plan start; what is uncertain goes to `findings`.
+    """The plan and the data with initial states of its runs; warnings go to `findings`.
 
-    Where all runs start as in the training, by `kept`, the plan leaves nothing out that was scored
-    there. `rows` are those that are scored, of each loss.
+    If all runs have saved initial states in `kept`, the plan scores every row that the training
+    scored. `rows` are masks of scored rows per loss.
     """
     fit = fit_of(plan)
     if fit is None or plan.starts is None:
@@ -298,7 +299,7 @@ def with_starts(
 
 
 def uncertain_starts(found: FoundStarts, data: Dataset, wanted_by: str) -> list[Diagnostic]:
-    """One warning of what nothing decides, one of what was not settled."""
+    """Warnings about undetermined initial states, and about estimates that did not converge."""
     diagnostics = [*found.notes]
     lost = {name: one for name, one in found.undecided.items() if one.any()}
     if found.over is not None and found.guessed.any():

@@ -1,4 +1,4 @@
-"""Computes how the residuals of each run depend on its start: by a kernel where that saves time."""
+"""Computes how the residuals of each run depend on its initial state, by a kernel if faster."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ Rows = Mapping[str, BoolArray]
 SumsOfRuns = Callable[[Runs], Mapping[str, "RunSums"]]
 
 _SEARCH = 4
-"""Evaluations of all runs in a search: two or three steps, and the place where it ends."""
+"""Evaluations per search: two or three steps, and the final point."""
 
 
 class StartProducts:
-    """The residuals of one program whose starts are moved by parameters, and their slopes."""
+    """Residuals of one program, and their Jacobian in offsets of the initial states."""
 
     def __init__(
         self,
@@ -45,9 +45,9 @@ class StartProducts:
         repeats: int,
         native: bool,
     ) -> None:
-        """`offsets` has the parameter that moves each series of starts.
+        """`offsets` maps each series of initial states to the parameter that shifts it.
 
-        A kernel serves `repeats` searches; without `native` there is none.
+        A kernel is used for `repeats` searches; without `native`, none is built.
         """
         self._moved, self._offsets = moved, dict(offsets)
         self._judged, residuals = with_slopes(moved, [*offsets.values()])
@@ -56,15 +56,15 @@ class StartProducts:
         self._repeats, self._native = repeats, native
         self._kernel: SensitivityKernel | None = None
         self.notes: tuple[Diagnostic, ...] = ()
-        """Why there is no kernel, where one would save time."""
+        """The reason why a useful kernel is not available."""
 
     def on(
         self, log: Series, runs: Runs, weights: Series | None, skip: int, rows: Rows | None
     ) -> SumsOfRuns:
-        """The sums of each run from evaluation `skip` on, as a function of some of the runs.
+        """A function that returns the sums of selected runs, from step `skip` on.
 
-        `log` has the series by which they start, which may change between two calls; `rows` limits
-        what counts to some rows of each loss.
+        `log` contains the series of initial states, which may change between two calls. `rows`
+        limits each loss to a mask of rows.
         """
         seconds = _SEARCH * self._repeats * interpreter_seconds(self._judged, runs)
         # by what is asked alone: a training that goes on takes the way that it took before
@@ -76,7 +76,7 @@ class StartProducts:
         return lambda some: self._interpreted(judge, log, some, skip, rows)
 
     def _made(self, log: Series, runs: Runs, weights: Series) -> SensitivityKernel | None:
-        """The kernel; None where there can be none."""
+        """The kernel; None if it cannot be built."""
         if self._kernel is not None:
             return self._kernel
         # jinja2 and the emitter are loaded only where kernels are made
@@ -152,7 +152,7 @@ class StartProducts:
 
 @dataclass(slots=True)
 class RunSums:
-    """The sums of one loss over its evaluations, for every run: rᵀr, Kᵀr, KᵀK, sizes, counts."""
+    """Sums of one loss for every run: rᵀr, Kᵀr, KᵀK, squared targets, counts."""
 
     squares: FloatArray
     slope: FloatArray
@@ -169,7 +169,7 @@ class RunSums:
     def add(
         self, loss: str, values: Mapping[str, FloatArray], members: IntArray, some: BoolArray
     ) -> None:
-        """One evaluation of some of these runs."""
+        """Adds one step of some of these runs."""
         values = {name: value[some] for name, value in values.items()}
         members, runs = members[some], int(some.sum())
         if not runs:  # all of them are in rows that do not decide
@@ -186,11 +186,11 @@ class RunSums:
 
 
 RESIDUAL, SLOPES, _SIZE, COUNT = "residual of ", "slopes of ", "size of ", "count of "
-"""Before the name of a loss: outputs of the program that is run."""
+"""Prefixes of names of losses, for outputs of the program."""
 
 
 def with_slopes(moved: Program, names: Sequence[str]) -> tuple[Program, tuple[LossResiduals, ...]]:
-    """The program whose outputs are residuals, their slopes in parameters, sizes and counts."""
+    """The program whose outputs are residuals, their Jacobians in parameters, sizes and counts."""
     found = sensitivities(moved, names)
     outputs: list[Output] = []
     terms = {term.loss.name: term for term in found.losses}

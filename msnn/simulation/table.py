@@ -1,4 +1,4 @@
-"""Writes simulations as a table that can be joined with the logs: a row a step."""
+"""Writes simulations as a table that can be joined with the data: one row per step."""
 
 from __future__ import annotations
 
@@ -15,16 +15,15 @@ from msnn.data.dataset import BETWEEN_ROWS, FloatArray
 from msnn.simulation.simulate import Simulation
 
 _ROWS = 8192
-"""That are made ready at once; bounds the memory."""
+"""Rows formatted at once; limits the memory."""
 
 
 def write_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -> Path:
-    """Writes file, set, row, time, outputs, and `<output>.log` for each output that predicts.
+    """Writes columns file, set, row, time, outputs, and `<output>.log` for each prediction.
 
-    Where intervals were asked for, their ends follow: `<output>.low`, `<output>.high`.
-    `row` is that of the file, so that the table joins it by `file` and `row`; it is empty for
-    moments that resampling put between two rows. `time` is that of the file too; where files are
-    joined by their dates, it counts on from the first of them.
+    Prediction intervals add `<output>.low` and `<output>.high`. `row` is the row of the file, so
+    the table can be joined by `file` and `row`; it is empty for resampled times between rows.
+    `time` is that of the file. In files joined by their dates, it continues from the first file.
     """
     header, rows = simulation_rows(program, runs)
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
@@ -37,7 +36,7 @@ def write_simulation(path: Path, program: Program, runs: Sequence[Simulation]) -
 def simulation_rows(
     program: Program, runs: Sequence[Simulation]
 ) -> tuple[list[str], Iterator[tuple[object, ...]]]:
-    """The header of that table, and its rows as they are asked for; "" is a value not there."""
+    """The header of the table, and an iterator over its rows; "" is a missing value."""
     timed = any(run.places.time is not None for run in runs)
     logged = [out for out in program.outputs if any(out.name in run.logged for run in runs)]
     header = [label for out in program.outputs for label in _labels(program, out)]
@@ -59,7 +58,7 @@ def simulation_rows(
 
 
 def run_record(run: Simulation) -> dict[str, object]:
-    """The place of a run, as data: its first and last step."""
+    """The place of a run as JSON values: its first and last step."""
     places, ends = run.places, (0, run.steps - 1)
     return {
         "files": list(dict.fromkeys(places.files)),
@@ -79,7 +78,7 @@ def _rows(
     *,
     timed: bool,
 ) -> Iterable[tuple[object, ...]]:
-    """Some rows of the table; numbers are written as `repr` has them."""
+    """Some rows of the table; numbers are formatted by `repr`."""
     places, count = run.places, steps.stop - steps.start
     found = [run.outputs[out.name][steps] for out in program.outputs]
     for out in logged:
@@ -107,7 +106,7 @@ def _cells(values: FloatArray) -> Sequence[object]:
 
 
 def _labels(program: Program, output: Output) -> list[str]:
-    """Names of an output's columns: `q_next`, or `q_next[joint1]` for elements."""
+    """Names of an output's columns: `q_next`, or `q_next[joint1]` per element."""
     dimensions = {dimension.name: dimension.labels for dimension in program.dimensions}
     axes = program.step[output.node].type.axes
     if not axes:

@@ -1,4 +1,4 @@
-"""Trains a model once for every fold of its data, and measures each on the rows held out."""
+"""Trains a model once per fold of its data, and evaluates each on the held-out rows."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ RECORD = "folds.json"
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """A training without the rows of one fold, and the metrics on them."""
+    """A training without the rows of one fold, and its metrics on these rows."""
 
     number: int
     training: TrainingResult
@@ -44,18 +44,18 @@ class Fold:
 
     @property
     def monitor(self) -> float:
-        """The monitor of the last stage, measured on the fold."""
+        """The monitor of the last stage, evaluated on the held-out fold."""
         return self.training.stages[-1].best_value
 
 
 @dataclass(frozen=True, slots=True)
 class FoldsResult:
-    """All folds in order, and the folder that has one folder for each."""
+    """All folds in order, and the folder with one sub-folder per fold."""
 
     folds: tuple[Fold, ...]
     folder: Path | None
     count: int
-    """How many there are in all."""
+    """Total number of folds."""
 
     @property
     def best(self) -> Fold:
@@ -75,16 +75,16 @@ def train_folds(
     progress: Progress | None,
     weights: Mapping[str, FloatArray] | None,
 ) -> FoldsResult:
-    """Trains every fold from the same weights; `read` gives the data of a model.
+    """Trains every fold from the same initial weights; `read` loads the data of a model.
 
-    `folds.json` has the folds that are over; `latest` leads to the best one once all are. With
-    `resume` the newest training of folds goes on that has not come to its end: a fold that is over
-    is measured again, one that was killed goes on from its checkpoint. Raises what a training
-    raises, and SpecError where the data have no folds.
+    `folds.json` lists the completed folds; `latest` points to the best one once all are complete.
+    `resume` continues the newest unfinished cross-validation: completed folds are only evaluated
+    again, and an interrupted one continues from its checkpoint. Raises the errors of a training,
+    and SpecError if the data have no folds.
     """
     count = fold_count(model)
     folder = _folder(model, options)
-    # one for all folds: a warning of the spec is the same in each, and is told once
+    # one for all folds: warnings about the spec are equal in each and are shown once
     shown = _FoldProgress(progress or Silent(), count)
     folds: list[Fold] = []
     for number in range(1, count + 1):
@@ -122,7 +122,7 @@ def train_folds(
 
 
 def _folder(model: Model, options: TrainingOptions) -> Path | None:
-    """The folder of all folds: a fresh one, or that of the training that goes on."""
+    """The folder of all folds: a new one, or that of the resumed training."""
     if options.runs is None:
         return None
     if not options.resume:
@@ -142,7 +142,7 @@ def _is_unfinished(folder: Path) -> bool:
 
 
 def _options(options: TrainingOptions, folder: Path | None, number: int) -> TrainingOptions:
-    """The options of one fold's training: one without a checkpoint begins afresh."""
+    """The options of one fold's training; it restarts if it has no checkpoint."""
     if folder is None:
         return options
     return in_folder(options, folder / f"{FOLD}{number}", goes_on=options.resume)
@@ -155,7 +155,7 @@ def _write_record(result: FoldsResult) -> None:
 
 
 def fold_count(model: Model) -> int:
-    """The number of folds in the data of a model. Raises SpecError where they have none."""
+    """The number of folds in the data of a model. Raises SpecError if the data have none."""
     data = model.spec.data
     split = None if data is None else data.split
     if split is None or split.by != "kfold":
@@ -166,7 +166,7 @@ def fold_count(model: Model) -> int:
 
 
 def of_fold(model: Model, number: int) -> Model:
-    """The model with fold `number` held out, from 1."""
+    """The model with fold `number` held out, counted from 1."""
     data = model.spec.data
     assert data is not None
     assert data.split is not None
@@ -184,7 +184,7 @@ def folds_table(result: FoldsResult) -> str:
 
 
 def folds_cells(result: FoldsResult) -> Table:
-    """One row a fold, and the mean of each column with its standard deviation."""
+    """A table with one row per fold, and mean ± standard deviation of each column."""
     columns = _columns(result)
     rows = [
         (str(fold.number), *(f"{values[index]:.6g}" for values in columns.values()))
@@ -196,7 +196,7 @@ def folds_cells(result: FoldsResult) -> Table:
 
 
 def folds_record(result: FoldsResult) -> dict[str, Any]:
-    """The same as JSON values, with the folder of each fold."""
+    """The results as JSON values, with the folder of each fold."""
     columns = _columns(result)
     return {
         "best": result.best.number,
@@ -229,10 +229,10 @@ def folds_record(result: FoldsResult) -> dict[str, Any]:
 
 
 def _columns(result: FoldsResult) -> dict[str, list[float]]:
-    """The compared values of all folds, under the heading of their column."""
+    """The compared values of all folds, by column heading."""
     columns = {"monitor": [fold.monitor for fold in result.folds]}
     for rows in zip(*(fold.report.rows for fold in result.folds), strict=True):
-        # two entries that differ in their set or their limits only are one here
+        # entries that differ only in their set or limits share one column
         columns[_heading(rows[0])] = [row.value for row in rows]
     return columns
 
@@ -247,12 +247,12 @@ def _mean(values: list[float]) -> float:
 
 
 def _deviation(values: list[float]) -> float:
-    """The standard deviation of a sample, over n - 1; NaN of a single one."""
+    """Sample standard deviation with n − 1; NaN for a single value."""
     return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
 
 
 class _FoldProgress:
-    """Passes events on with the fold in the name of the stage, each warning once."""
+    """Passes events on with the fold in the name of the stage, and each warning once."""
 
     def __init__(self, shown: Progress, folds: int) -> None:
         self.fold = 1

@@ -1,4 +1,4 @@
-"""Keeps where a run stood last in memory, for the moment in which one of its processes is lost."""
+"""Keeps the last position of a run in memory, in case one of its processes is lost."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 @dataclass(slots=True)
 class Reached:
-    """The last place from which the run could go on."""
+    """The last position from which the run can continue."""
 
     checkpoint: Checkpoint
 
@@ -25,7 +25,7 @@ class Reached:
     def kept(
         self, folder: RunFolder | None, safe: Safekeeping, progress: NotedProgress
     ) -> Generator[None]:
-        """Writes the place down where another process is lost, and raises SpecError."""
+        """Saves the position if another process is lost, and raises SpecError."""
         try:
             yield
         except RankLostError as lost:

@@ -1,4 +1,4 @@
-"""Says of a training what the log of trainings keeps."""
+"""Builds the log line of a training."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ from spec_schema.version import __version__
 def begun(
     model: Model, data: Dataset, *, seed: int = 0, fold: int | None = None, held_out: str = ""
 ) -> RunLine:
-    """The line of a training before it begins: its name, and the things that decide its result.
+    """The line of a training before it begins: its identity, and everything that determines its
+    result.
 
-    `held_out` is the set that it will be measured on.
+    `held_out` is the set for evaluation.
     """
     # which fold it is stands beside them
     given = (text for text in model.settings if fold is None or not text.startswith(FOLD_SETTING))
@@ -52,7 +53,7 @@ def begun(
 
 
 def ended(line: RunLine, found: TrainingResult, runs: Path | None) -> RunLine:
-    """The same with what a finished training has reached."""
+    """The line with the results of a completed training."""
     kept = found.folder
     if runs is None or kept is None:
         kept = None
@@ -70,12 +71,12 @@ def ended(line: RunLine, found: TrainingResult, runs: Path | None) -> RunLine:
 
 
 def diverged(line: RunLine, error: TrainingDivergedError) -> RunLine:
-    """The same of a training that met a value which is not finite."""
+    """The line of a training that met a non-finite value."""
     return replace(line, state="diverged", reason=describe(error.diagnostic))
 
 
 def _initial_hash(program: Program) -> str:
-    """The hash of the values that training begins with: the text does not tell those of a file."""
+    """The hash of the initial values; values from files are not in the text of the spec."""
     digest = hashlib.sha256()
     for name, values in initial_weights(program).items():
         digest.update(name.encode() + values.tobytes())
@@ -83,6 +84,6 @@ def _initial_hash(program: Program) -> str:
 
 
 def log(runs: Path | None, line: RunLine) -> None:
-    """Adds the line to the log of the folder in which trainings are kept, if they are."""
+    """Appends the line to the log in the folder of runs; does nothing if `runs` is None."""
     if runs is not None:
         append(runs / LOG, line)

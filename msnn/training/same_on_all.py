@@ -1,4 +1,4 @@
-"""Makes sure that the processes of a training train the same: what differs would go unnoticed."""
+"""Checks that all processes of a training train the same model on the same data."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from msnn.training.records.checkpoint import Checkpoint, read_checkpoint
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _ALIKE = ("spec_sha256", "parts", "versions", "stages", "data")
-"""What of `run.json` must not differ."""
+"""Entries of `run.json` that must be equal."""
 
 
 def check_same_training(ranks: TrainingRanks | None, record: Mapping[str, Any]) -> None:
-    """Raises SpecError where spec, data or versions are not those of the other ranks."""
+    """Raises SpecError if spec, data or versions differ between ranks."""
     for key in _ALIKE if ranks is not None else ():
         content = json.dumps(record[key], sort_keys=True, default=str).encode()
         _check(ranks, content, f"`{key}` of `run.json`")
 
 
 def check_same_engine(ranks: TrainingRanks | None, engine: object, dtype: str) -> None:
-    """Raises SpecError where a stage has not the same engine on all ranks."""
+    """Raises SpecError if a stage has different engines on different ranks."""
     _check(ranks, f"{type(engine).__name__} {dtype}".encode(), "the engine of a stage")
 
 
 def check_same_weights(ranks: TrainingRanks | None, weights: Mapping[str, FloatArray]) -> None:
-    """Raises SpecError where the ranks do not have the same weights, to the bit."""
+    """Raises SpecError if the weights of the ranks differ in any bit."""
     if ranks is not None:
         _check(ranks, weight_bytes(weights), "the bits of the weights")
 
@@ -39,7 +39,9 @@ def check_same_weights(ranks: TrainingRanks | None, weights: Mapping[str, FloatA
 def checkpoint_of_first(
     ranks: TrainingRanks | None, own: Path | None, checkpoint: Checkpoint | None
 ) -> Checkpoint | None:
-    """The checkpoint that the first rank goes on from; `own` is its file, None elsewhere."""
+    """The checkpoint from which the first rank continues; `own` is its file, None on other
+    ranks.
+    """
     if ranks is None:
         return checkpoint
     content = b"" if own is None or checkpoint is None else own.read_bytes()

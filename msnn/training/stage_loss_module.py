@@ -1,4 +1,4 @@
-"""Gives a stage's loss as a torch module to training loops that people write themselves."""
+"""Provides a stage's loss as a torch module for user-written training loops."""
 
 from __future__ import annotations
 
@@ -42,8 +42,7 @@ def stage_loss(
 ) -> StageLoss:
     """The loss of stage `number`, from 0, at the given weights, by default the initial ones.
 
-    Raises SpecError where the stages and the data do not fit, IndexError where there is no such
-    stage.
+    Raises SpecError if stages and data do not fit, IndexError if there is no such stage.
     """
     findings = Findings()
     plans = on_device(plan_stages(program, stages, findings), device, findings)
@@ -59,11 +58,11 @@ def stage_loss(
 
 
 class StageLoss(nn.Module):
-    """The weighted total of one stage over a batch of rollouts; its backward is the kernel's.
+    """The weighted total of one stage for a batch of rollouts; backward uses the kernel.
 
-    The parameters are raw variables, those of the stage with a gradient. With `engine: auto` it is
-    unrolled in torch where there is no C compiler or no right kernel; `notes` say so. Raises
-    SpecError where `engine: native` cannot be had.
+    The module's parameters are raw variables; those of the stage have a gradient. With `engine:
+    auto` the loss is unrolled in torch if there is no C compiler or no correct kernel; `notes`
+    report this. Raises SpecError if `engine: native` is not possible.
     """
 
     def __init__(
@@ -77,7 +76,7 @@ class StageLoss(nn.Module):
         # given back bit for bit: through a raw variable and a float32 they would come back rounded
         self._fixed = {n: value for n, value in weights.items() if n not in plan.trained}
         self.notes: tuple[Diagnostic, ...] = ()
-        """What the user should know of how it is computed."""
+        """Notes for the user about the engine."""
         self._model = build_module(plan.program, getattr(torch, plan.dtype), plan.device)
         # before gradients are asked for: what is loaded is no step
         self._model.load_physical(weights, plan.trained)
@@ -111,7 +110,7 @@ class StageLoss(nn.Module):
         return TorchObjective(*arguments)
 
     def batches(self, epoch: int) -> Iterator[Runs]:
-        """The batches of an epoch, from 0, as the stage shuffles and draws them."""
+        """The batches of an epoch, from 0, shuffled and with dropout as in the stage."""
         plan = self.plan
         self._objective.write(factors_of(plan, self._data.series, epoch))
         if has_priors(plan):
@@ -140,7 +139,7 @@ class StageLoss(nn.Module):
         return prior_total(self.plan, raws, self._spread)
 
     def _measured(self, epoch: int) -> float:
-        """ŝ²/n of the rollouts of an epoch, by which priors count."""
+        """ŝ²/n of the rollouts of an epoch, the weight of priors."""
         runs = self._runs.in_epoch(epoch)
         return residuals_of(self.plan, self._objective.measure(runs), runs).spread
 
@@ -150,12 +149,14 @@ class StageLoss(nn.Module):
         return loss_values(self.plan, self._sums)
 
     def monitor(self) -> float:
-        """The monitor at the present weights, by which the best of the stage are chosen."""
+        """The monitor at the current weights, which selects the best weights of the stage."""
         if self._starts is not None:
             found = self._starts.for_watching(self._runs.watched, self.weights())
             self._objective.write(found, watched=True)
         return monitor(self.plan, self._objective.evaluate, self._runs, self.weights)
 
     def weights(self) -> dict[str, FloatArray]:
-        """Physical values of all parameters, as `validate`, `export` and weight files take them."""
+        """Physical values of all parameters, in the form for `validate`, `export` and weights
+        files.
+        """
         return {**self._model.weights(), **self._fixed}

@@ -1,4 +1,4 @@
-"""Trains a program: stages in their order, each from the best weights of the one before (R12)."""
+"""Trains a program: stages in order, each from the best weights of the previous one (R12)."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def train(
     progress: Progress | None = None,
     weights: Mapping[str, FloatArray] | None = None,
 ) -> TrainingResult:
-    """Trains the stages one after the other and returns the best weights of the last.
+    """Trains the stages in order, and returns the best weights of the last.
 
-    `program` is in window form. `weights` are where the first stage begins, by default the initial
-    values. Raises SpecError before anything runs when stages and data do not fit,
+    `program` is in window form. `weights` are the initial weights of the first stage, by default
+    the initial values. Raises SpecError before training if stages and data do not fit,
     TrainingDivergedError, TrainingInterruptedError and MissingExtraError.
     """
     options, progress = options or TrainingOptions(), progress or Silent()

@@ -1,4 +1,4 @@
-"""Holds what a training returns: its result, or that it diverged or was interrupted."""
+"""Defines the results of a training: its outcome, and exceptions for divergence and interrupts."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from spec_schema.diagnostics.source import SourceText
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingResult:
-    """Trained weights in physical units, what each stage reached, and where the run is kept."""
+    """Trained weights in physical units, the result of each stage, and the folder of the run."""
 
     weights: Mapping[str, FloatArray]
     stages: tuple[StageResult, ...]
     folder: Path | None
     warnings: tuple[Diagnostic, ...]
-    """Warnings of the data, the stages, their course, and the parameters at the end.
+    """Warnings about the data, the stages, their course and the final parameters, each once.
 
-    Each once. Those of parameters that data do not determine come with standard errors alone.
+    Warnings about parameters that the data do not determine require standard errors.
     """
     standard_errors: StandardErrors | None = None
-    """Of a run that is kept in a folder and came to its end."""
+    """Standard errors of a completed run with a folder."""
     starts: KeptStarts | None = None
-    """Where the recordings of the training start, if what is scored decides that."""
+    """Initial states of the training recordings, if scored rows determine them."""
 
 
 class TrainingDivergedError(Exception):
-    """A stage met a value that is not finite; the best weights so far are in `result`.
+    """A stage met a non-finite value; the best weights so far are in `result`.
 
-    `latest` leads to them where the run had been interrupted before, and only there.
+    `latest` points to them only if the run had been interrupted before.
     """
 
     def __init__(
@@ -53,11 +53,11 @@ class TrainingDivergedError(Exception):
         self.sources = sources
 
     def __reduce__(self) -> tuple[object, tuple[object, ...]]:
-        """Crosses to another process as its arguments: a pool waits for ever on what cannot."""
+        """Pickles the exception by its arguments, so that a process pool can return it."""
         return _diverged, (self.diagnostic, self.result, self.is_latest, self.sources)
 
     def _render_traceback_(self) -> list[str]:
-        """Shows the message in a notebook in place of a traceback."""
+        """Shows the message in a notebook instead of a traceback."""
         kept = "the best weights so far are in the exception's `.result`"
         return [*shown_whole([self.diagnostic], self.sources), kept]
 
@@ -72,16 +72,16 @@ def _diverged(
 
 
 class TrainingInterruptedError(Exception):
-    """The user ended the run; `result` has the best weights so far, `resume` goes on."""
+    """The user ended the run; `result` has the best weights so far, `resume` continues it."""
 
     def __init__(self, result: TrainingResult) -> None:
         super().__init__("training was interrupted; it can be resumed")
         self.result = result
 
     def __reduce__(self) -> tuple[type[TrainingInterruptedError], tuple[TrainingResult]]:
-        """Crosses to another process as its result: a pool waits for ever on what cannot."""
+        """Pickles the exception by its result, so that a process pool can return it."""
         return TrainingInterruptedError, (self.result,)
 
     def _render_traceback_(self) -> list[str]:
-        """Shows the message in a notebook in place of a traceback."""
+        """Shows the message in a notebook instead of a traceback."""
         return [f"{self}; the best weights so far are in the exception's `.result`"]

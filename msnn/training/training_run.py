@@ -1,4 +1,4 @@
-"""Runs the stages of a training from where it stands to its end, and keeps what they reach."""
+"""Runs the stages of a training from the current position to the end, and saves the results."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 
 @dataclass(slots=True, kw_only=True)
 class TrainingRun:
-    """A training with what it reports to and what it keeps."""
+    """A training with its progress reports and files."""
 
     program: Program
     data: Dataset
@@ -77,7 +77,7 @@ class TrainingRun:
     course: StageCourse = field(default_factory=StageCourse)
 
     def through(self, now: Checkpoint, stop_asked: threading.Event) -> TrainingResult:
-        """From where the run stands to its end."""
+        """Trains from the current position to the end."""
         for plan, data in self.stages[len(now.ended) :]:
             result = self._stage(plan, data, now, stop_asked)
             # epoch 0 counts (decision 0022): nothing was better than the weights before it
@@ -141,7 +141,7 @@ class TrainingRun:
     def _stage(
         self, plan: StagePlan, data: StageData, now: Checkpoint, stop_asked: threading.Event
     ) -> StageResult:
-        """One stage to its end, beginning or going on where the run stands."""
+        """Runs one stage to its end, from its beginning or from the current position."""
         stage = self._attempts(plan, data, now, stop_asked)
         self._announce(plan, data, stage.current.epoch)
         if begins_alike(self.program, plan, now.begin, self.options.redrawn):
@@ -165,7 +165,7 @@ class TrainingRun:
             raise TrainingDivergedError(diagnostic, found, is_latest=latest) from None
 
     def _finish(self, now: Checkpoint) -> None:
-        """Keeps the weights of the end; a fold also that it is over, until all folds are."""
+        """Saves the final weights; for a fold also a checkpoint, until all folds are complete."""
         if self.options.folder is None:
             if self.folder is not None:
                 self.safe.save_weights(now.begin)
@@ -270,7 +270,7 @@ class TrainingRun:
 
 
 def _counted(plan: StagePlan, runs: Runs) -> int:
-    """The most rollouts of a stage that score the same row (R2)."""
+    """Maximum number of rollouts of a stage that score the same row (R2)."""
     rollout = plan.rollout
     if isinstance(rollout.horizon, str):
         return 1

@@ -1,1 +1,1 @@
-"""Scores a model on data."""
+"""Evaluates a model on data."""

@@ -1,4 +1,4 @@
-"""Finds the predictions of rollouts that count, and the rows that they are for."""
+"""Selects the scored predictions of rollouts, and the rows that they predict."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from msnn.validation.ready_check import ReadyCheck
 
 @dataclass(frozen=True, slots=True)
 class Counting:
-    """The steps of some rollouts that count; steps stand one rollout after the other."""
+    """The scored steps of some rollouts, rollout after rollout."""
 
     steps: IntArray
-    """Where they stand."""
+    """Positions of these steps among all steps."""
     rows: IntArray
-    """Of the series, that their predictions are for."""
+    """Rows of the series that are predicted."""
     number: IntArray
-    """Of each within its rollout, from 0."""
+    """Index of each step within its rollout, from 0."""
 
 
 class Counted:
-    """Finds what of an entry's rollouts counts."""
+    """Selects the scored steps of an entry's rollouts."""
 
     def __init__(self, check: ReadyCheck) -> None:
         plan = check.plan
@@ -39,7 +39,7 @@ class Counted:
         self._rows = rows_that_count(check.data, name, around, plan.rollout.skip_rows)
 
     def among(self, runs: Runs) -> Counting:
-        """The counts of some of the rollouts."""
+        """The scored steps of some of the rollouts."""
         # the place within all rollouts, less where its own begins: 0, 1, 2, … again and again
         number = np.arange(int(runs.steps.sum()))
         number -= np.repeat(first_places(runs), runs.steps)

@@ -1,4 +1,4 @@
-"""Measures how often targets lie inside prediction intervals, in the rollouts of each entry."""
+"""Measures the coverage of prediction intervals, in the rollouts of each entry."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Weights = Mapping[str, FloatArray]
 
 # memory is bounded by what is simulated at once, not by the data
 _STEPS = 1 << 20
-"""That are simulated before they are counted."""
+"""Number of steps that are simulated before they are counted."""
 
 
 def residual_variances(
@@ -41,9 +41,10 @@ def residual_variances(
     covariance: Covariance,
     engine: Engine,
 ) -> list[FloatArray]:
-    """σ² of the errors of each plan's rollouts over the training rows, of each element.
+    """Residual variance σ² of each plan's rollouts over the training rows, per element.
 
-    By n − p where p numbers were learned from n values. SpecError where no row was trained on.
+    The divisor is n − p for n values and p learned parameters. Raises SpecError if there are no
+    training rows.
     """
     findings = Findings()
     twins: list[ReadyCheck] = []
@@ -79,7 +80,7 @@ def free_intervals(
     level: float,
     engine: Engine,
 ) -> Intervals:
-    """The intervals of a free run over records, of every output that predicts something."""
+    """The prediction intervals of a simulation of whole recordings, for every predicting output."""
     rollout = free_rollout(program)
     plans = [replace(plan, rollout=rollout) for plan in plan_checks(program, (), Findings())]
     if not plans:
@@ -99,7 +100,7 @@ def coverages(
     engine: Engine,
     advance: Advance,
 ) -> list[Coverage]:
-    """The share of each entry's targets, none of them a loss, inside its intervals."""
+    """The fraction of each entry's targets inside its intervals; no entry may be a loss."""
     found: dict[int, Coverage] = {}
     for group in simulated_together(checks):
         first, names = checks[group[0]], {checks[index].plan.of for index in group}
@@ -134,6 +135,6 @@ def coverages(
 
 
 def _target(check: ReadyCheck) -> FloatArray:
-    """The measured values that an entry compares with."""
+    """The measurements that an entry compares with."""
     assert check.plan.target is not None, "entries that are losses have no intervals"
     return check.data.measured_values(check.plan.target.signal)

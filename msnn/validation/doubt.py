@@ -1,8 +1,9 @@
-"""Tells where a limit lies so near that another engine's rounding could be on its other side.
+"""Detects limits so close to a metric that another engine's rounding could change the verdict.
 
-Two engines agree to 1e-12 in one step and to 1e-9 over free runs whose dynamics contract, relative
-to the size a of what they predict. All errors together are then √n a apart in the Euclidean norm at
-most, which bounds what Σe² and the variance of e may be; the mean and the largest |e| are a apart.
+Two engines agree to 1e-12 in one step, and to 1e-9 over simulations of contracting dynamics,
+relative to the size a of the predictions. The errors of all samples then differ by at most √n a in
+the Euclidean norm, which bounds Σe² and the variance of e. The mean and the maximum of |e| differ
+by at most a.
 """
 
 from __future__ import annotations
@@ -17,16 +18,16 @@ from msnn.validation.plan import CheckPlan
 from msnn.validation.statistics.metrics import Errors, Spread, score
 
 _APART = 1e-9
-"""What two engines may differ in predictions, relative to the largest."""
+"""Maximum difference of predictions between engines, relative to the largest prediction."""
 
 _OF_LOSSES = 1e-6
-"""The same of a loss: its residuals may be a thousandth of what is predicted."""
+"""The same for a loss, whose residuals may be a thousandth of the prediction."""
 
 
 def metric_in_doubt(plan: CheckPlan, errors: Errors, largest: float, parameters: int) -> bool:
-    """Whether a limit lies between the values that two engines may find.
+    """True if a limit lies within the possible difference between two engines.
 
-    `largest` is the size of the predictions, `parameters` as of `score`.
+    `largest` is the size of the predictions; `parameters` is as for `score`.
     """
     if plan.metric is None or (plan.minimum is None and plan.maximum is None):
         return False
@@ -40,13 +41,13 @@ def metric_in_doubt(plan: CheckPlan, errors: Errors, largest: float, parameters:
 
 
 def loss_in_doubt(plan: CheckPlan, value: float) -> bool:
-    """The same of a loss."""
+    """The same for a loss."""
     apart = _OF_LOSSES * abs(value)
     return _is_between(plan, value - apart, value + apart)
 
 
 def _moved(errors: Errors, apart: float) -> Errors:
-    """Errors of all elements that are so much larger, or smaller."""
+    """The errors of all elements, increased or reduced by `apart`."""
     # limits are kept by all elements together
     one = errors.joined()
     count = float(one.error.count[0])

@@ -1,4 +1,4 @@
-"""Adds up errors block after block: along rollouts for the curve, along rows for the trace."""
+"""Accumulates errors blockwise: by step of rollouts for the curve, by row for the trace."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from msnn.data.dataset import FloatArray, IntArray
 from msnn.validation.measurement import ErrorCurve, ErrorTrace, bounds
 
 _SAMPLES = 20
-"""About as many samples share a point where only few rollouts reach a step."""
+"""Approximate samples per point of the curve, if only few rollouts reach a step."""
 
 
 class CurveSums:
-    """Σe² by number, that of the prediction within its rollout, from `begin` on.
+    """Σe² by step within the rollout, from `begin` on.
 
-    Where there are `few` rollouts, with so many samples in all, neighbouring steps share points.
+    With `few` rollouts, `samples` is the total number of samples, and neighbouring steps share
+    points.
     """
 
     def __init__(self, begin: int, steps: int, samples: int, *, few: bool) -> None:
@@ -29,7 +30,7 @@ class CurveSums:
         self._scored = np.zeros(len(self._first), np.int64)
 
     def add(self, prediction: FloatArray, target: FloatArray, number: IntArray) -> None:
-        """Adds predictions by their numbers."""
+        """Adds predictions with their step numbers."""
         squares, counts = _sums_of_squares(prediction, target)
         # where each step falls among the points, whose beginnings are sorted
         point = np.searchsorted(self._first, number, side="right") - 1
@@ -38,7 +39,7 @@ class CurveSums:
         self._scored += np.bincount(point, counts, len(self._first)).astype(np.int64)
 
     def curve(self) -> ErrorCurve | None:
-        """The rmse at each point; None where every rollout is one step, or nothing was scored."""
+        """The RMSE at each point; None for one-step rollouts, or if nothing was scored."""
         kept = self._scored > 0
         if self._steps <= 1 or not kept.any():
             return None
@@ -49,14 +50,14 @@ class CurveSums:
 
 
 class RowErrors:
-    """The errors of each row of the data, as its first rollout predicts it."""
+    """The error of each row of the data, from the first rollout that predicts it."""
 
     def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
         self._errors = np.zeros((rows, *shape))
         self._seen = np.zeros(rows, np.bool_)
 
     def add(self, prediction: FloatArray, target: FloatArray, rows: IntArray) -> None:
-        """Adds predictions by the rows that they are for, in the order of rollouts."""
+        """Adds predictions with their rows, in the order of rollouts."""
         # rollouts that overlap predict a row several times: the first one counts
         new = np.flatnonzero(~self._seen[rows])
         # the first of those within this block
@@ -67,24 +68,24 @@ class RowErrors:
 
     @property
     def rows(self) -> IntArray:
-        """The rows that predictions were for, in their order."""
+        """The predicted rows, in order."""
         return np.flatnonzero(self._seen)
 
     @property
     def errors(self) -> FloatArray:
-        """(rows, *shape) of these."""
+        """The errors of these rows, (rows, *shape)."""
         return self._errors if self._seen.all() else self._errors[self._seen]
 
 
 class ErrorRange:
-    """The smallest and the largest finite error of any element in each row of the data."""
+    """The minimum and maximum finite error over elements, for each row of the data."""
 
     def __init__(self, rows: int) -> None:
         self._low, self._high = np.full(rows, np.inf), np.full(rows, -np.inf)
         self._samples = np.zeros(rows, np.int32)
 
     def add(self, prediction: FloatArray, target: FloatArray, rows: IntArray) -> None:
-        """Adds predictions by the rows that they are for."""
+        """Adds predictions with their rows."""
         with np.errstate(all="ignore"):
             # NaN and ∞ of a prediction are seen in metrics; a picture needs a range
             error = (prediction - target).reshape(len(rows), prod(target.shape[1:]))
@@ -97,7 +98,7 @@ class ErrorRange:
         np.add.at(self._samples, rows, 1)
 
     def trace(self) -> ErrorTrace:
-        """The range around each sample."""
+        """The range of errors at each point of the trace."""
         rows = np.flatnonzero(self._samples)
         if not len(rows):
             return ErrorTrace(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
@@ -111,7 +112,7 @@ class ErrorRange:
 
 
 def _sums_of_squares(prediction: FloatArray, target: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Σe² of each sample over its elements that have a target, and their number."""
+    """Σe² of each sample over its elements with a target, and their number."""
     # what was not measured is not scored (R9)
     there = ~np.isnan(target.reshape(len(target), prod(target.shape[1:])))
     with np.errstate(all="ignore"):  # a prediction that has left the numbers shows as such

@@ -1,4 +1,4 @@
-"""Judges the errors of one measurement: what they correlate with, where they are large."""
+"""Analyses the errors of one measurement: correlations, and regions with large errors."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from msnn.validation.statistics.regions import Extrapolation, Region, extrapolat
 
 TRAINED_ON = "train"
 _MOST_SIGNALS = 40
-"""The most elements of inputs that are looked at."""
+"""Maximum number of input elements that are analysed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedErrors:
-    """The verdict on the model by the errors of an output."""
+    """The analysis of an output's errors."""
 
     residuals: tuple[ErrorsOfElement, ...]
-    """By element."""
+    """Correlations per element."""
     regions: Mapping[str, tuple[Region, ...]]
-    """By input: where the rmse over all elements is how large."""
+    """RMSE over all elements by region of each input."""
     extrapolations: tuple[Extrapolation, ...]
-    """Inputs that leave the range of the training rows."""
+    """Inputs outside the range of the training rows."""
 
 
 NOT_JUDGED = JudgedErrors(residuals=(), regions={}, extrapolations=())
-"""Where only metrics are asked for."""
+"""The result if only metrics are requested."""
 
 
 def judged_errors(check: ReadyCheck, rows: IntArray, errors: FloatArray) -> JudgedErrors:
-    """Judges the errors of rows that are in order, each once."""
+    """Analyses the errors of sorted, unique rows."""
     assert check.plan.target is not None
     signals = _inputs(check)
     # an input is judged at the step that predicted, k samples before what it predicted
@@ -88,16 +88,16 @@ def _inputs(check: ReadyCheck) -> dict[str, FloatArray]:
 
 
 def _records(data: Dataset, rows: IntArray) -> IntArray:
-    """The number of the record of each row."""
+    """The index of the recording of each row."""
     starts = np.array([record.start for record in data.records])
     # records follow each other: the last that begins before a row holds it
     return np.searchsorted(starts, rows, side="right") - 1
 
 
 def _places(data: Dataset, sample_time: float | None, lags: int) -> IntArray:
-    """The times of rows in samples: rows beside a gap are as far apart as their times.
+    """The positions of rows in samples; across a gap they differ by its duration.
 
-    Where a gap has no length that is known, no lag reaches over it.
+    Across a gap of unknown duration, they differ by more than the longest lag.
     """
     steps = np.ones(data.rows, np.int64)
     steps[~np.asarray(data.continues)] = lags + 1

@@ -1,4 +1,4 @@
-"""Measures an output that was simulated one way: every metric, and where it errs."""
+"""Evaluates one output for one kind of simulation: all metrics, and the course of its errors."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from spec_schema.units.unit import Unit
 
 METRICS: tuple[Metric, ...] = ("rmse", "mae", "max_abs", "fit", "r2", "fvu", "aic")
 _POINTS = 200
-"""The most points of a curve; more steps or samples than that share points."""
+"""Maximum number of points per curve; longer curves combine steps or samples."""
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorCurve:
-    """The error of the k-th prediction of all rollouts, which grows where a model feeds on itself.
+    """RMSE by prediction step over all rollouts; it grows if a model feeds errors back.
 
-    Point i is the rmse over k = first[i] … last[i], counted from 1: one k a point in rollouts of up
-    to 200 steps, several in longer ones and in those over whole records, of which there are few.
-    Points without a target are left out.
+    Point i is the RMSE over steps k = first[i] … last[i], counted from 1. Rollouts of up to 200
+    steps have one step per point; longer ones, and the few over whole recordings, have several.
+    Points without a target are omitted.
     """
 
     first: IntArray
@@ -38,41 +38,41 @@ class ErrorCurve:
 class ErrorTrace:
     """The range of prediction − target along the scored samples, in order of rows.
 
-    Samples of one row, which rollouts that overlap have, are one point's.
+    Samples of one row in overlapping rollouts belong to the same point.
     """
 
     sample: IntArray
-    """The first sample of each point."""
+    """Index of the first sample of each point."""
     low: FloatArray
     high: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measurement:
-    """One output against its target: the same rollouts, every metric."""
+    """One output compared with its target: one set of rollouts, all metrics."""
 
     of: str
     unit: Unit | None
-    """Of the output; that of rmse, mae, max_abs and both curves."""
+    """Unit of the output, and of rmse, mae, max_abs and both curves."""
     horizon: str
     closed: tuple[str, ...]
     details: tuple[str, ...]
-    """What else its entry says of how it is measured: `skip 20`, `against z[t]`."""
+    """Further properties of the evaluation: `skip 20`, `against z[t]`."""
     data: str
     rows: str
     scored: int
     metrics: Mapping[Metric, Scores]
     curve: ErrorCurve | None
-    """None where every rollout is one step."""
+    """None for one-step rollouts."""
     trace: ErrorTrace
     judged: JudgedErrors
-    """What the errors tell of the model."""
+    """The analysis of the errors."""
     coverage: Coverage | None = None
-    """How often targets lie inside prediction intervals, where these were asked for."""
+    """Coverage of prediction intervals, if requested."""
 
 
 def bounds(count: int, most: int = _POINTS) -> IntArray:
-    """The beginning of each of `most` parts of `count`; at most as many as a curve has."""
+    """The start indices of at most `most` nearly equal parts of `count`."""
     # parts of whole numbers, as equal as they can be
     points = min(count, most, _POINTS)
     return np.arange(points, dtype=np.int64) * count // points

@@ -1,4 +1,4 @@
-"""Measures an output while it is simulated, some rollouts at a time."""
+"""Evaluates an output while it is simulated, some rollouts at a time."""
 
 from __future__ import annotations
 
@@ -20,14 +20,16 @@ from msnn.validation.statistics.metrics import Errors, Scores, score
 from spec_schema.sections.validation import Metric
 
 _AT_ONCE = 1 << 16
-"""Samples that are added at once; bounds the memory."""
+"""Samples added at once; limits the memory."""
 
 
 class Measuring:
-    """One output and way to simulate it; memory is that of a number a row of the data."""
+    """Accumulates one output for one kind of simulation; memory is one value per row of the
+    data.
+    """
 
     def __init__(self, check: ReadyCheck, parts: Iterable[Runs], learned: int) -> None:
-        """`parts` are the rollouts that will be added, `learned` as of `score`."""
+        """`parts` are the rollouts that will be added; `learned` is as for `score`."""
         self.of = check.plan.of
         self._check, self._counted, self._learned = check, Counted(check), learned
         assert check.plan.target is not None
@@ -43,12 +45,14 @@ class Measuring:
         self._curve = CurveSums(min(begin, steps), steps, samples, few=few)
         # made when the first rollout is added: of many entries one is measured at a time
         self._along: tuple[ErrorRange, RowErrors] | None = None
-        """From the first rollouts to the last: only who is measured now takes memory."""
+        """Allocated from the first rollouts to the last, so that one entry at a time uses
+        memory.
+        """
         self._errors = Errors.of(self._target[:0], self._target[:0])
         self._largest = 0.0
 
     def add(self, part: Runs, output: FloatArray) -> None:
-        """Adds what was simulated of some rollouts."""
+        """Adds the simulated values of some rollouts."""
         if self._along is None:
             rows = self._check.data.rows
             self._along = ErrorRange(rows), RowErrors(rows, self._target.shape[1:])
@@ -67,11 +71,11 @@ class Measuring:
             self._largest = max(self._largest, float(size.max(initial=0.0)))
 
     def is_in_doubt(self, plan: CheckPlan) -> bool:
-        """Whether a limit of an entry lies within what engines may differ in."""
+        """True if a limit of an entry lies within the possible difference between engines."""
         return metric_in_doubt(plan, self._errors, self._largest, self._learned)
 
     def measurement(self, *, judges: bool) -> Measurement:
-        """The measurement of all parts; the errors are judged if that is wanted."""
+        """The measurement of all parts; `judges` adds the analysis of errors."""
         assert self._along is not None, "there are rollouts"
         # handed over and let go: the next entry may need the memory
         (extremes, by_row), self._along = self._along, None

@@ -1,4 +1,4 @@
-"""Simulates what entries of `validate` ask for, each way to simulate once, and measures it."""
+"""Simulates entries of `validate`, each kind of simulation once, and evaluates them."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from msnn.validation.ready_check import ReadyCheck
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _STEPS = 1 << 21
-"""That are simulated before they are measured, or as many as the data have rows."""
+"""Steps simulated before they are evaluated, or the number of rows if that is larger."""
 
 
 @dataclass(frozen=True, slots=True)
 class LossValue:
-    """The value of a loss and how much it scored: elements, each by the factor of its row."""
+    """The value of a loss, and the number of scored elements weighted by row factors."""
 
     value: float
     scored: float
@@ -42,14 +42,14 @@ Outcome = Measurement | LossValue
 
 @dataclass(frozen=True, slots=True)
 class FoundOutcomes:
-    """The outcomes of some entries, and whether a limit of one lies within rounding of it."""
+    """The outcomes of some entries; `is_doubtful` if a limit is within rounding of one."""
 
     outcomes: list[Outcome]
     is_doubtful: bool
 
 
 class Simulator:
-    """Simulates with one engine and one set of weights; says by `advance` how far it is."""
+    """Simulates with one engine and one set of weights; reports progress by `advance`."""
 
     def __init__(
         self,
@@ -60,14 +60,14 @@ class Simulator:
         judges: bool = True,
         learned: int = 0,
     ) -> None:
-        """`learned` is how many numbers training has moved, which `aic` counts."""
+        """`learned` is the number of trained parameters, which `aic` counts."""
         self._engine, self._weights, self._advance = engine, weights, advance
         self._judges, self._learned = judges, learned
         self.notes: dict[Diagnostic, None] = {}
-        """What the user should know of the choice of engines."""
+        """Notes for the user about the selection of engines."""
 
     def outcomes(self, checks: Sequence[ReadyCheck]) -> list[Outcome]:
-        """The outcome of every entry; entries measured alike share it."""
+        """The outcome of every entry; entries with the same evaluation share it."""
         found: dict[int, Outcome] = {}
         # a rollout answers all entries that are simulated alike: outputs apart from losses, as the
         # two keep different nodes
@@ -121,9 +121,9 @@ class Simulator:
     def _judged(
         self, program: Program, check: ReadyCheck, found: Callable[[RolloutEngine], FoundOutcomes]
     ) -> list[Outcome]:
-        """The outcomes of the engine; in doubt about a limit, those of the interpreter."""
+        """The outcomes of the engine; of the interpreter if a limit is within rounding."""
         opened = self._opened(program, check)
-        # limits are judged by the interpreter where engines could disagree (decision 0218)
+        # limits are checked with the interpreter if engines could disagree (decision 0218)
         answer = found(opened.engine)
         if answer.is_doubtful and opened.name != "interpreter":
             answer = found(interpreted_rollouts(program, self._weights, check.series))
@@ -136,7 +136,7 @@ class Simulator:
 
 
 def simulated_together(checks: Sequence[ReadyCheck]) -> list[list[int]]:
-    """Places of the entries that the same rollouts answer, outputs and losses apart."""
+    """Groups of entries that the same rollouts serve, outputs and losses apart."""
     groups: list[list[int]] = []
     for index, check in enumerate(checks):
         is_loss = check.plan.metric is None
@@ -153,7 +153,7 @@ def simulated_together(checks: Sequence[ReadyCheck]) -> list[list[int]]:
 # entries, folds and sets ask for the same program again and again
 @kept_for_same(4)
 def _measured_program(program: Program, names: frozenset[str]) -> Program:
-    """The part of a program that computes these outputs, and nothing else."""
+    """The part of a program that computes these outputs only."""
     return reduced(program, lambda output: output.name in names, lambda _: False)
 
 
@@ -176,7 +176,7 @@ def _loss_value(program: Program, name: str, sums: Mapping[str, LossSum]) -> Los
 
 
 def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs], learned: int) -> list[Measuring]:
-    """The measuring of each entry; entries measured alike share one."""
+    """The accumulator of each entry; entries with the same evaluation share one."""
     found: list[Measuring] = []
     for index, check in enumerate(checks):
         alike = next((i for i in range(index) if check.is_measured_as(checks[i])), None)
@@ -185,7 +185,7 @@ def _measured_by(checks: list[ReadyCheck], parts: Sequence[Runs], learned: int) 
 
 
 def rollout_parts(runs: Runs, steps: int) -> list[Runs]:
-    """The rollouts in their order, about so many steps together."""
+    """The rollouts in order, in parts of about `steps` steps."""
     done = np.cumsum(runs.steps)
     # by where each rollout begins, so that none is cut
     block = (done - runs.steps) // steps

@@ -1,4 +1,4 @@
-"""Plans a `validate` entry: names resolved, lengths in samples, limits in its unit."""
+"""Plans a `validate` entry: names resolved, lengths in samples, limits in the metric's unit."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ class CheckPlan:
     target: Prediction | None
     rollout: RolloutPlan
     data: str | None
-    """The set; None for `default_set`."""
+    """Name of the set; None for `default_set`."""
     from_files: bool
-    """Whether the set is of `files:` of the entry, not one of the data section."""
+    """True if the set comes from `files:` of the entry."""
     unit: Unit | None
-    """Of the metric or loss."""
+    """Unit of the metric or loss."""
     error_unit: Unit | None
-    """Of the errors of the output; None for a loss."""
+    """Unit of the output's errors; None for a loss."""
     minimum: float | None
     maximum: float | None
     span: Span | None
     against: str = ""
-    """The target in place of what the output predicts, as `z[t+1]`; empty where it is that."""
+    """A target such as `z[t+1]` that replaces the predicted signal; empty by default."""
 
     @property
     def details(self) -> tuple[str, ...]:
-        """The words of the entry about its measurement, beside horizon and closed signals."""
+        """Further properties of the evaluation, without horizon and closed signals."""
         plan, starts = self.rollout, self.rollout.starts
         skip = plan.skip if starts is None else starts.skip
         stride = plan.stride if isinstance(plan.horizon, int) else plan.horizon
@@ -72,9 +72,9 @@ class CheckPlan:
 def plan_checks(
     program: Program, checks: Sequence[Validation], findings: Findings
 ) -> list[CheckPlan]:
-    """The entries as they will be measured; without any, the rmse of every prediction.
+    """The plans of the entries; without entries, the RMSE of every prediction.
 
-    What is wrong with them goes to `findings`.
+    Errors go to `findings`.
     """
     # kept with the plans, as a finding is said at each time that they are asked for
     plans, said = _plans(program, tuple(checks))
@@ -86,7 +86,7 @@ def plan_checks(
 def _plans(
     program: Program, checks: tuple[Validation, ...]
 ) -> tuple[tuple[CheckPlan, ...], tuple[Diagnostic, ...]]:
-    """The plans of entries, and what is said of them in the order in which it was found."""
+    """The plans of entries, and their diagnostics in order."""
     if not checks:
         return _default_plans(program), ()
     findings = Findings()
@@ -97,7 +97,7 @@ def _plans(
 
 
 def _default_plans(program: Program) -> tuple[CheckPlan, ...]:
-    """The rmse of every prediction."""
+    """The RMSE of every prediction."""
     default = default_rollout(program)
     return tuple(
         CheckPlan(
@@ -120,7 +120,7 @@ def _default_plans(program: Program) -> tuple[CheckPlan, ...]:
 
 # rows that nothing was fitted to, where there are some
 def default_set(data: Dataset) -> str:
-    """The set that is measured by default: `test`, else `val`, else `train`."""
+    """The default set: `test`, else `val`, else `train`."""
     return next((name for name in ("test", "val", "train") if data.has(name)), "test")
 
 
@@ -186,7 +186,7 @@ def _sample(target: Prediction) -> str:
 
 
 def _error_unit(program: Program, output: Output) -> Unit | None:
-    """The unit of the errors of an output: K of one in degC."""
+    """The unit of an output's errors: K for degC."""
     unit = program.step[output.node].type.unit
     if unit is None and output.predicts is not None:
         unit = program.signal(output.predicts.signal).unit
@@ -204,7 +204,7 @@ def _metric_unit(metric: Metric, unit: Unit | None) -> Unit | None:
 
 
 def _target(program: Program, expression: Expression, findings: Findings) -> Prediction | None:
-    """The logged sample that an expression such as `x[t+1]` or `q.meas` names."""
+    """The recorded sample that an expression such as `x[t+1]` or `q.meas` refers to."""
     known = {signal.name for signal in program.signals}
     ahead: int | None = 0
     operand = expression
@@ -228,7 +228,7 @@ def _target(program: Program, expression: Expression, findings: Findings) -> Pre
 
 
 def _limit(limit: Quantity | None, unit: Unit | None, findings: Findings) -> float | None:
-    """The limit in the metric's unit; a bare number is in it already."""
+    """The limit in the metric's unit; a number without unit is already in it."""
     if limit is None or limit.unit is None:
         return None if limit is None else limit.value
     expected = unit or ONE

@@ -1,4 +1,4 @@
-"""Joins an entry of `validate` with the rollouts that it is measured on."""
+"""Combines an entry of `validate` with its rollouts and data."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from spec_schema.diagnostics.diagnostic import Findings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadyCheck:
-    """The outputs to measure, over their rollouts of their data."""
+    """One entry with its rollouts and their data."""
 
     plan: CheckPlan
     name: str
-    """The set."""
+    """Name of the set."""
     runs: Runs
     data: Dataset
     series: Mapping[str, FloatArray]
-    """What the rollouts read: the data."""
+    """The series that the rollouts read, from the data."""
 
     def is_simulated_as(self, other: ReadyCheck) -> bool:
-        """Whether the same rollouts answer both."""
+        """True if the same rollouts serve both entries."""
         same = self.name == other.name and self.data is other.data
         return same and self.plan.rollout == other.plan.rollout
 
     def is_measured_as(self, other: ReadyCheck) -> bool:
-        """Whether they differ in metric and limits only."""
+        """True if the entries differ in metric and limits only."""
         same = self.plan.of == other.plan.of and self.plan.target == other.plan.target
         return same and self.is_simulated_as(other)
 
@@ -46,7 +46,9 @@ def ready_check(
     files: Mapping[str, Dataset],
     findings: Findings,
 ) -> ReadyCheck | None:
-    """The rollouts of an entry on its own files, on the set `on`, or on its set; None reported."""
+    """The rollouts of an entry on set `on`, its own files or its set; None after reporting
+    errors.
+    """
     measured = files[plan.data] if plan.from_files and plan.data and not on else data
     assert measured is not None, "only entries with files do without data"
     name = on or plan.data or default_set(measured)
@@ -72,10 +74,10 @@ def with_found_starts(
     findings: Findings,
     kept: KeptStarts | None = None,
 ) -> list[ReadyCheck]:
-    """The entries with data that say where their rollouts start, where that is to be found.
+    """The entries with estimated initial states of their rollouts, where needed.
 
-    Entries that are simulated alike share what is found; what is uncertain goes to `findings`.
-    `kept` says where recordings of the training start. Raises SpecError where a start is a guess.
+    Entries with the same rollouts share estimates; warnings go to `findings`. `kept` are saved
+    initial states of the training. Raises SpecError if the data do not determine an initial state.
     """
     found: list[ReadyCheck] = []
     for index, check in enumerate(checks):

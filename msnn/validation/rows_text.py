@@ -1,4 +1,4 @@
-"""Says which rows were scored, so that off-by-ones between tools are visible."""
+"""Describes which rows were scored, to reveal off-by-one differences between tools."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from msnn.data.dataset import Dataset, IntArray
 
 
 def rows_text(data: Dataset, rows: IntArray) -> str:
-    """`rows 5…1023 of 1024`, or their number in several records; `rows` are in order, each once."""
+    """`rows 5…1023 of 1024`, or counts for several recordings; `rows` are sorted and unique."""
     if not len(rows):
         return "no rows"
     # rows are counted from the beginning of their record, as files have them

@@ -1,4 +1,4 @@
-"""Measures a trained program on data, and compares what is found with the limits of the spec."""
+"""Evaluates a trained program on data, and checks the limits of the spec."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from spec_schema.units.unit import Unit
 
 Weights = Mapping[str, FloatArray]
 _TOLD = 0.01
-"""Share of the scored rows from which on leaving the range of the training rows is told."""
+"""Minimum fraction of scored rows outside the training range for a warning."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MetricRow:
-    """One metric: what was measured on which rows, the value, and whether it keeps its limits."""
+    """One metric: the scored rows, the value, and the verdict about its limits."""
 
     of: str
     metric: str
@@ -45,10 +45,10 @@ class MetricRow:
     horizon: str
     closed: tuple[str, ...]
     details: tuple[str, ...]
-    """What else its entry says of how it is measured: `skip 20`, `against z[t]`."""
+    """Further properties of the evaluation: `skip 20`, `against z[t]`."""
     data: str
     rows: str
-    """Which rows were scored: `rows 5…1023 of 1024`, or their number in several records."""
+    """The scored rows as text: `rows 5…1023 of 1024`, or counts for several recordings."""
     scored: int
     minimum: float | None
     maximum: float | None
@@ -56,7 +56,7 @@ class MetricRow:
 
     @property
     def passed(self) -> bool | None:
-        """True if the value keeps its limits; None without limits. NaN keeps none."""
+        """True if the value is within its limits; None without limits. NaN is outside."""
         if self.minimum is None and self.maximum is None:
             return None
         low = self.minimum is None or self.value >= self.minimum
@@ -65,17 +65,17 @@ class MetricRow:
 
 @dataclass(frozen=True, slots=True)
 class ValidationReport:
-    """The measurements that a spec asks for, in its order."""
+    """The results of the `validate` section, in its order."""
 
     rows: tuple[MetricRow, ...]
-    """The metrics of its entries."""
+    """The metrics of the entries."""
     measurements: tuple[Measurement, ...]
-    """Every metric of each output and way to simulate it that an entry names."""
+    """All metrics of each output and kind of simulation in the entries."""
     warnings: tuple[Diagnostic, ...]
 
     @property
     def passed(self) -> bool:
-        """Whether no limit is broken."""
+        """True if all values are within their limits."""
         return all(row.passed is not False for row in self.rows)
 
 
@@ -94,18 +94,19 @@ def validate(
     stages: Sequence[Stage] = (),
     kept: KeptStarts | None = None,
 ) -> ValidationReport:
-    """Measures every entry of the `validate` section in float64.
+    """Evaluates every entry of the `validate` section in float64.
 
-    `on` is a set to measure all of them on, whatever set or files they name; `files` are the data
-    of entries with files, by set. `data` may be None where every entry has files. Rollouts start a
-    horizon apart, so that each row is scored once; a last shorter one covers the rest. `engine` is
-    what simulates (`open_rollouts`); a limit that lies within what engines differ in is judged by
-    the interpreter. With the `covariance` of what was learned each measurement says how often
-    targets lie inside prediction intervals. Without `judges_errors` nothing says what the errors
-    correlate with, and no input that leaves the range of the training rows is warned of. `stages`
-    are those of training, of which `aic` counts the numbers that one of them moves. `kept`
-    says where recordings of the training start. Raises SpecError where an entry and data do not
-    fit.
+    `on` replaces the set or files of all entries by one set; `files` maps sets of entries with
+    files to their data. `data` may be None if every entry has files. Rollouts start one horizon
+    apart, so that each row is scored once; a last, shorter one covers the rest.
+
+    `engine` selects the simulation (`open_rollouts`). A limit within the possible difference
+    between engines is checked with the reference interpreter. A `covariance` of the parameters adds
+    the coverage of prediction intervals. Without `judges_errors`, there are no correlations of
+    errors and no warnings about inputs outside the training range.
+
+    `stages` are the training stages, whose trained parameters `aic` counts. `kept` are saved
+    initial states of the training. Raises SpecError if an entry and the data do not fit.
     """
     findings = Findings()
     plans = plan_checks(program, checks, findings)
@@ -164,7 +165,7 @@ def validate(
 
 
 def _measured_apart(checks: Sequence[ReadyCheck]) -> list[ReadyCheck]:
-    """One check for each measurement, in the order of these."""
+    """One entry per measurement, in order."""
     found: list[ReadyCheck] = []
     for check in checks:
         if check.plan.metric is not None and not any(map(check.is_measured_as, found)):

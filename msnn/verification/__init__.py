@@ -1,1 +1,1 @@
-"""Proves exported C: built strictly, run on the host and in QEMU, analysed, fuzzed, reported."""
+"""Verifies exported C: strict builds, runs on the host and in QEMU, analysis, fuzzing, report."""

@@ -1,4 +1,4 @@
-"""Runs the golden vectors bare-metal in QEMU; counts instructions, memory and stack."""
+"""Runs the golden vectors bare-metal in QEMU; measures instructions, memory and stack."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from msnn.verification.proof_step import Figures, ProofStep, Result
 from msnn.verification.tools import GCC
 
 _RETURN = 2
-"""Instructions in which the empty step returns its status: they are the model's as well."""
+"""Instructions with which the empty step returns its status; they count for the model too."""
 _SECONDS = 60.0
 
 
 def board_checks(model: ExportedC, targets: frozenset[str]) -> Iterator[ProofStep]:
-    """One check for each board and optimisation level."""
+    """One check per board and optimisation level."""
     return (_on_board(board, level, model) for board, level in board_levels(targets))
 
 
@@ -67,7 +67,7 @@ def _on_board(board: Board, level: str, model: ExportedC) -> ProofStep:
 
 
 def _instructions(counts: list[int], model: ExportedC) -> list[int]:
-    """The instructions of each step."""
+    """The number of instructions of each step."""
     # the first count is of an empty step: call, loop and reading of the counter
     idle, *rest = counts
     return [count - idle + _RETURN for count in rest[: len(model.expected)]]

@@ -1,4 +1,4 @@
-"""Reads the folder of a C export: what is in it, and the ranges that its spec declares."""
+"""Reads the folder of a C export: its contents, and the ranges declared in its spec."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from spec_schema.reading.endless_files import refuse_endless
 Range = tuple[float, float]
 
 _GOLDEN_STATUS = re.compile(r"golden_status\[(\d+)\]")
-"""The table of what each golden step answers."""
+"""Matches the table of expected results of golden steps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangedField:
-    """A field of a generated struct, with the range of its values where the spec has one."""
+    """A field of a generated struct, with the range of its values if the spec has one."""
 
     field: str
     size: int | None
@@ -33,61 +33,63 @@ class RangedField:
     name: str
     range: Range | None
     policy: str = ""
-    """What the step does about invalid values of an input; empty for what is none."""
+    """Policy of the step for invalid values of an input; empty for other fields."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedC(CFolder):
-    """A model as its files describe it."""
+    """A model as described by the files of its export."""
 
     prefix: str
     identity: str
-    """The hash of the export, as its description has it."""
+    """The hash of the export, from its description."""
     dtype: str
     takes_parameters: bool
     calibration: str | None
-    """The variable of parameters that a tool may change; None where there is none."""
+    """The variable with parameters for calibration tools; None without calibration."""
     exact: bool
-    """Whether every build must give the same bits; else results agree within a tolerance."""
+    """True if every build must give identical bits; else results agree within a tolerance."""
     inputs: tuple[RangedField, ...]
     start: tuple[RangedField, ...]
-    """What reset takes."""
+    """Arguments of `reset`."""
     state: tuple[RangedField, ...]
     outputs: tuple[RangedField, ...]
     slopes: tuple[RangedField, ...]
     """Matrices of the Jacobian; empty without one."""
     expected: tuple[str, ...]
-    """What each golden step answers: status and bits of the outputs in hexadecimal digits. The file
-    of vectors knows what is to be done before each."""
+    """Expected result of each golden step: status and output bits, in hexadecimal digits.
+
+    The file of vectors contains the actions before each step.
+    """
     status: dict[str, int]
-    """What each bit of a status is named in C."""
+    """The C names of the status bits."""
 
     @property
     def identities(self) -> dict[str, str]:
-        """Its identity, which is of all its files."""
+        """The hash of all files, as for exports with several parts."""
         return {"*": self.identity}
 
     @property
     def fixed_point(self) -> bool:
-        """Whether it computes in integers."""
+        """True if it uses integer arithmetic."""
         return self.dtype in ("q15", "q31")
 
     @property
     def constant_time(self) -> bool:
-        """Whether it takes the same instructions for all numbers, so that it has no branches."""
+        """True if it is constant-time: the instructions do not depend on the values."""
         hides = f"{self.prefix}_truth(bool condition)"
         # the helper is in the text of such exports alone
         return any(hides in path.read_text(encoding="utf-8") for path in self.model_sources)
 
     @property
     def compares_states(self) -> bool:
-        """Whether its golden vectors have what single steps leave in the state."""
+        """True if its golden vectors contain the state after single steps."""
         # exports of earlier versions have none; their vectors compare answers alone
         return f"{self.prefix}_state_differs(" in self._vectors
 
     @property
     def golden_steps(self) -> int:
-        """The count of steps of its golden vectors."""
+        """The number of steps of its golden vectors."""
         begin = self._vectors.find(f"{self.prefix}_results_differ(")
         found = _GOLDEN_STATUS.search(self._vectors, max(begin, 0))
         return 0 if begin < 0 or found is None else int(found[1])
@@ -99,22 +101,22 @@ class ExportedC(CFolder):
 
     @property
     def number(self) -> str:
-        """The type of the outputs."""
+        """The C type of the outputs."""
         return f"{self.prefix}_{'word_t' if self.fixed_point else 'real'}"
 
     @property
     def reals(self) -> int:
-        """Numbers in the struct of the outputs."""
+        """Number of real values in the struct of outputs."""
         return _reals(self.outputs)
 
     @property
     def linearizes(self) -> bool:
-        """Whether it has a Jacobian."""
+        """True if it has a Jacobian."""
         return bool(self.slopes)
 
     @property
     def hashed_reals(self) -> int:
-        """Numbers of the Jacobian whose hash ends the line of a golden step; 0 for none."""
+        """Number of values of the Jacobian that are hashed in each golden step; 0 for none."""
         return _reals(self.slopes) if self.exact else 0
 
 
@@ -131,17 +133,17 @@ UNREADABLE = (
     OverflowError,
     RecursionError,
 )
-"""What reading a description that anybody may have written can raise."""
+"""Exceptions of reading an untrusted description."""
 
 
 def described(path: Path) -> Any:
-    """The description in a file, of whatever shape; raises one of UNREADABLE."""
+    """The JSON description in a file, not validated; raises one of UNREADABLE."""
     refuse_endless(path)
     return json.loads(path.read_text(encoding="utf-8"))
 
 
 def read_exported_c(folder: Path) -> ExportedC:
-    """The export in a folder; SpecError (E1046) where there is none that this version wrote."""
+    """The export in a folder; SpecError (E1046) if there is none of a supported version."""
     damaged: str | None = None
     for path in sorted(folder.glob("*.json")):
         try:

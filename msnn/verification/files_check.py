@@ -1,4 +1,4 @@
-"""Compares the files of an export with its manifest, and with the identity that stands in them."""
+"""Compares the files of an export with its manifest, and with the hash written into them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from msnn.verification.sources import Sources
 from spec_schema.reading.endless_files import refuse_endless
 
 _BUILT = ("include", "src", "test")
-"""Folders of which builds take every file."""
+"""Folders from which builds use every file."""
 
 
 def files_check(model: Sources, identities: Mapping[str, str]) -> ProofStep:
-    """No file of the export was changed, left out or added since it was written.
+    """Checks that no file of the export was changed, removed or added.
 
-    `identities` are the hashes of its parts, as their descriptions have them, by a pattern of the
-    names of their files.
+    `identities` maps patterns of file names to the hashes in the descriptions of the export's
+    parts.
     """
 
     def run(folder: Path) -> Result:
@@ -43,7 +43,7 @@ def files_check(model: Sources, identities: Mapping[str, str]) -> ProofStep:
 
 
 def _leads_out(folder: Path, path: str) -> bool:
-    """Whether a path of the manifest leads out of the folder, also by a link or on Windows."""
+    """True if a path of the manifest leaves the folder, also by a link or with Windows syntax."""
     parts = {*PurePosixPath(path).parts, *PureWindowsPath(path).parts}
     is_absolute = PurePosixPath(path).is_absolute() or PureWindowsPath(path).anchor != ""
     if is_absolute or ".." in parts:
@@ -78,7 +78,7 @@ def _differences(folder: Path, listed: dict[str, str]) -> list[str]:
 
 
 def _another(model: Sources, listed: dict[str, str], names: str, identity: str) -> list[str]:
-    """A finding where files agree with the manifest and not with the identity: both were edited."""
+    """A finding if files match the manifest but not the hash: both were edited."""
     own = [path for path in listed if fnmatchcase(PurePosixPath(path).name, names)]
     contents = {path: _content(model.folder / path) or b"" for path in own}
     texts = {path: content.decode("utf-8", "replace") for path, content in contents.items()}

@@ -1,4 +1,4 @@
-"""Runs one check and records what it found."""
+"""Runs one check and records its result."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from backends.files.compiler_words import complaints
 from msnn.verification.tools import Tool
 
 Verdict = Literal["ok", "found", "missing", "left out", "not done"]
-"""`left out` is what needs no check; `not done` is what a tool did not answer."""
+"""`left out` means the check is unnecessary; `not done` means a tool gave no answer."""
 
 _SECONDS = 300.0
-"""After which a tool counts as hanging."""
+"""Timeout of a tool."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """The figures of one build of the step, or of another function, on one board."""
+    """Measurements of one build of the step, or of another function, on one board."""
 
     flags: str
     of: str = ""
-    """The function, where it is not the step."""
+    """Name of the function if it is not the step."""
     instructions: tuple[int, float, int]
-    """Least, mean and most of a call."""
+    """Minimum, mean and maximum per call."""
     median: float
-    """Of the instructions of a call."""
+    """Median of instructions per call."""
     flash: int
     data: int
     bss: int
     stack_painted: int
     stack_bound: int | None
-    """From the call graph; None where a library routine has no known stack."""
+    """From the call graph; None if a library routine has unknown stack."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """The outcome of one check on one target."""
+    """The result of one check on one target."""
 
     check: str
     target: str
@@ -50,14 +50,14 @@ class Result:
     figures: tuple[Figures, ...] = ()
     missing: tuple[Tool, ...] = ()
     notes: tuple[str, ...] = ()
-    """What was established besides."""
+    """Further observations."""
     cycles: tuple[int, float, int] | None = None
-    """Least, mean and most of a step on a real board that counts them."""
+    """Minimum, mean and maximum cycles of a step, on a physical board with a counter."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProofStep:
-    """A check that is run in a folder of its own."""
+    """A check that runs in its own folder."""
 
     name: str
     target: str
@@ -65,7 +65,7 @@ class ProofStep:
     run: Callable[[Path], Result] = field(repr=False)
 
     def result(self, folder: Path) -> Result:
-        """Its result; a tool that is missing, fails or hangs is part of it, never an exception."""
+        """Its result; a missing, failing or hanging tool becomes a verdict, not an exception."""
         missing = tuple(tool for tool in self.needs if not tool.is_there)
         if missing:
             # a verdict of its own: "ok" would claim what nobody looked at
@@ -104,7 +104,7 @@ class ProofStep:
         notes: Sequence[str] = (),
         cycles: tuple[int, float, int] | None = None,
     ) -> Result:
-        """Nothing found, or these lines."""
+        """A result with these findings, or without any."""
         return Result(
             check=self.name,
             target=self.target,
@@ -118,7 +118,7 @@ class ProofStep:
 
 
 class ToolFailedError(Exception):
-    """A command ended with an error; `lines` are what it said."""
+    """A command failed; `lines` are its output."""
 
     def __init__(self, what: str, output: str) -> None:
         super().__init__(what)
@@ -127,20 +127,20 @@ class ToolFailedError(Exception):
 
     @property
     def complaints(self) -> list[str]:
-        """The lines that name an error; all of them where none does."""
+        """The lines that contain an error; all lines if none does."""
         return complaints("\n".join(self.lines)) or self.lines or [str(self)]
 
 
 class UnansweredError(Exception):
-    """A command said nothing about the code, which is no failure."""
+    """A command gave no result about the code, which is not a failure of the code."""
 
 
 class ToolTimedOutError(UnansweredError):
-    """A command did not end in time."""
+    """A command timed out."""
 
 
 def run_tool(command: Sequence[str | Path], folder: Path, seconds: float = _SECONDS) -> str:
-    """The output of a command; ToolFailedError where it failed, ToolTimedOutError."""
+    """The output of a command. Raises ToolFailedError and ToolTimedOutError."""
     words = [str(word) for word in command]
     try:
         done = subprocess.run(

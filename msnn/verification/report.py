@@ -1,4 +1,4 @@
-"""Shows a verification: tables for the terminal, REPORT.md, and JSON values."""
+"""Formats a verification: tables for the terminal, REPORT.md, and JSON values."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _LEGEND = (
 
 
 def verification_text(verification: Verification) -> str:
-    """The results as a table, then the figures, then every finding."""
+    """Tables of results and measurements, then all findings."""
     parts = [table_text(_CHECKS, [_check_row(result) for result in verification.results])]
     figures = list(_figure_rows(verification))
     if figures:
@@ -50,7 +50,7 @@ def verification_text(verification: Verification) -> str:
 
 
 def verification_markdown(verification: Verification) -> str:
-    """The same as a page."""
+    """The same as a Markdown page."""
     parts = [
         f"# Verification of `{verification.model.prefix}`",
         _markdown(_CHECKS, [_check_row(result) for result in verification.results]),
@@ -71,7 +71,7 @@ def verification_markdown(verification: Verification) -> str:
 
 
 def verification_values(verification: Verification) -> dict[str, Any]:
-    """JSON values."""
+    """The results as JSON values."""
     return {
         "model": verification.model.prefix,
         "results": [asdict(result) for result in verification.results],
@@ -107,7 +107,7 @@ def _figure_cells(figures: Figures) -> tuple[str, ...]:
 
 
 def _trace_parts(verification: Verification) -> list[str]:
-    """The lines of C for each line of the spec, and the spec's line for each block of C."""
+    """The lines of C for each line of the spec, and vice versa."""
     blocks = traced(verification.model.sources)
     if not blocks:
         return []

@@ -1,4 +1,4 @@
-"""Writes the C that firmware needs to serve the golden vectors on a serial line."""
+"""Writes the C code with which firmware serves the golden vectors on a serial line."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 
 def write_serve_files(export: Path, folder: Path) -> tuple[Path, ...]:
-    """Three files for the export in a folder; SpecError (E1046, E1325) where there is none.
+    """Writes three files for the export in a folder; SpecError (E1046, E1325) if there is none.
 
-    SpecError (E1054) where they would replace other files.
+    Raises SpecError (E1054) if other files would be replaced.
     """
     for kind in verified_exports():
         if (other := kind.read(export)) is not None:

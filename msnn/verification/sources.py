@@ -1,4 +1,4 @@
-"""Says what checks of sources need to know of an export."""
+"""Defines the properties of an export that source checks need."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class Sources(Protocol):
 
     @property
     def prefix(self) -> str:
-        """The prefix of its names."""
+        """The prefix of its C names."""
         ...
 
     @property
     def calibration(self) -> str | None:
-        """The variable of parameters that a tool may change; None where there is none."""
+        """The variable with parameters for calibration tools; None without calibration."""
         ...
 
     @property
@@ -35,7 +35,7 @@ class Sources(Protocol):
 
     @property
     def model_sources(self) -> tuple[Path, ...]:
-        """The sources without the self-test, as deployed."""
+        """The deployed sources, without self-tests."""
         ...
 
 
@@ -55,12 +55,12 @@ class CFolder:
 
     @property
     def model_sources(self) -> tuple[Path, ...]:
-        """The sources without self-tests, as deployed."""
+        """The deployed sources, without self-tests."""
         return tuple(path for path in self.sources if not path.stem.endswith("_selftest"))
 
 
 def plain_name(text: str) -> str:
-    """The text, which goes into C and into command lines, if it is a plain C name."""
+    """The text if it is a plain C name; it is used in C code and command lines. ValueError."""
     if not _NAME.fullmatch(text):
         raise ValueError(text)
     return text
@@ -74,5 +74,5 @@ def plain_hash(text: str) -> str:
 
 
 def includes(model: Sources) -> list[str]:
-    """The folders in which a harness finds the export and its vectors."""
+    """Include options for the export and its vectors."""
     return [f"-I{model.include}", f"-I{model.folder / 'src'}", f"-I{model.folder / 'test'}"]

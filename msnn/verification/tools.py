@@ -1,4 +1,4 @@
-"""Lists the programs that verification runs, and the Debian packages that bring them."""
+"""Lists the programs for verification, and their Debian packages."""
 
 from __future__ import annotations
 

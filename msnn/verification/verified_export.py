@@ -16,7 +16,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WantedSteps:
-    """The checks to make."""
+    """The requested checks."""
 
     targets: frozenset[str]
     proof: bool = False
@@ -25,20 +25,20 @@ class WantedSteps:
     """Seconds; 0 for none."""
     board: Link | None = None
     ram: Ram = DEFAULT_RAM
-    """Of the board."""
+    """Memory of the board."""
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is to be checked, of which nothing could be found either."""
+        """True if no check is requested."""
         return not (self.targets or self.proof or self.misra or self.fuzz or self.board)
 
 
 class IdentifiedSources(Sources, Protocol):
-    """A folder with C that names the hashes of its files."""
+    """A folder with C that states the hashes of its files."""
 
     @property
     def identities(self) -> Mapping[str, str]:
-        """Hashes, by a pattern of the files that they are of."""
+        """Hashes by pattern of file names."""
         ...
 
 
@@ -47,24 +47,24 @@ E = TypeVar("E", bound=IdentifiedSources)
 
 @dataclass(frozen=True, kw_only=True)
 class VerifiedExport(Generic[E]):
-    """A kind of export with checks of its own."""
+    """A kind of export with its own checks."""
 
     read: Callable[[Path], E | None]
     """The export in a folder; None if the folder has another."""
     damaged_part: Callable[[Path], str | None]
-    """The name of a damaged or missing file of such an export; None if the folder has another."""
+    """The name of a damaged or missing file of such an export; None for other folders."""
     target: str
-    """The target of `msnn export` that writes it."""
+    """The target of `msnn export`."""
     checks: Callable[[E, WantedSteps], Iterator[ProofStep]]
     on_board: Callable[[str], Diagnostic]
-    """The refusal, by the prefix of its names, where a board is asked to run it."""
+    """The diagnostic if a board should run it; the argument is the prefix of its names."""
 
 
 AnyVerifiedExport: TypeAlias = VerifiedExport[Any]
 
 
 def verified_exports() -> Iterator[AnyVerifiedExport]:
-    """The kinds that features bring."""
+    """The kinds of exports defined by features."""
     for line in registry.VERIFIED_EXPORTS:
         kind: AnyVerifiedExport = line.value
         yield kind

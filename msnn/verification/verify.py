@@ -1,4 +1,4 @@
-"""Runs the checks of an export side by side and collects what they found."""
+"""Runs the checks of an export in parallel, and collects their results."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Verification:
 
     @property
     def undone(self) -> bool:
-        """Whether a check was not done though its tools are there."""
+        """True if a check was not completed although its tools are installed."""
         return any(result.verdict == "not done" for result in self.results)
 
     @property
@@ -58,10 +58,10 @@ class Verification:
 
 
 def verify(folder: Path, wanted: WantedSteps) -> Verification:
-    """Checks the export in a folder; SpecError (E1046) where there is none, E1320 for its board.
+    """Checks the export in a folder; SpecError (E1046) if there is none, E1320 for its board.
 
-    Nothing is written into the folder. What a missing tool would have checked is among the
-    results. A board is asked first and alone: nobody shall wait to hear that it is not there.
+    Nothing is written into the folder. Checks with missing tools are part of the results. The board
+    is checked first, so that a missing connection is reported immediately.
     """
     asked: tuple[ProofStep, ...] = ()
     kinds = tuple(verified_exports())

@@ -1,1 +1,1 @@
-"""Runs the judge along a record that an export meets too."""
+"""Runs the reference interpreter on the inputs that an export is compared on."""

@@ -1,4 +1,4 @@
-"""Runs the judge, the numpy interpreter, along a record: states and outputs of every step."""
+"""Runs the numpy reference interpreter on recorded inputs: states and outputs of every step."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def judge(
     *,
     restarts: bool = False,
 ) -> Judgement:
-    """A free run of the program in step form along the record, in float64 or float32.
+    """A simulation of the program in step form over the recorded inputs, in float64 or float32.
 
-    With `restarts` a state that `on_range: reset` takes back begins anew, as in deployed code.
+    With `restarts`, states with `on_range: reset` are reset like in deployed code.
     """
     interface = step_interface(program)
     log = {name: series.astype(dtype) for name, series in record.log.items()}
@@ -60,7 +60,7 @@ def judge(
 
 
 def beginning_at(interface: StepInterface, log: Arrays, t0: int, states: Arrays) -> Beginning:
-    """The known values at row t0 of a log, where the judge starts with these states."""
+    """The samples at row t0 of a log, with these initial states."""
     windows = _samples(interface.start_windows, log, np.array([t0]))
     return Beginning(
         windows={port.signal.name: window[0] for port, window in windows},

@@ -1,4 +1,4 @@
-"""Holds what runs along a record give: where they begin, and every step of the judge."""
+"""Defines the values of a simulation of the reference interpreter: the beginning and all steps."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Arrays: TypeAlias = Mapping[str, NDArray[Any]]
 FloatType: TypeAlias = Literal["float32", "float64"]
 FixedPoint: TypeAlias = Literal["q15", "q31"]
 NumberType: TypeAlias = FloatType | FixedPoint
-"""What an export computes in."""
+"""The number format of an export's computations."""
 
 
 class Promise(Enum):
-    """The promise of an export about its judge's values along a record."""
+    """The accuracy that an export promises relative to the reference."""
 
     BITS = "the bits of the interpreter in the same arithmetic"
     ROUNDING = "each step as near to the interpreter in float64 as rounding allows"
@@ -28,17 +28,19 @@ class Promise(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Beginning:
-    """The known values at the first step of a run."""
+    """The known values at the first step of a simulation."""
 
     windows: Arrays
-    """What the first states are made of: one window a signal, (*shape)."""
+    """Samples for the initial states: one window per signal, (*shape)."""
     window_firsts: Mapping[str, int]
-    """The first sample in each of them, counted from the first step."""
+    """Index of the first sample in each window, relative to the first step."""
     states: Arrays
-    """The first states as the judge makes them, (*shape): some targets cannot compute all."""
+    """Initial states as the reference computes them, (*shape); some targets cannot compute all."""
 
     def window(self, signal: str, first: int, length: int) -> NDArray[Any]:
-        """As many samples of a signal from `first` on, (…, length): some backends need fewer."""
+        """`length` samples of a signal from `first` on, (…, length); backends may need fewer
+        samples.
+        """
         # a backend may need fewer of the past than the judge's window has
         begin = first - self.window_firsts[signal]
         return self.windows[signal][..., begin : begin + length]
@@ -46,25 +48,25 @@ class Beginning:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """The judge's values, those of the same steps in real numbers, and a bound of the error.
+    """Reference values in fixed point, the same steps in real arithmetic, and a proven error bound.
 
-    The steps in real numbers begin with the inputs and states of the judge's. All go by the names
-    that messages give them; arrays are (steps, *shape), first states (1, *shape).
+    The steps in real arithmetic use inputs and states of the reference. Keys are names in messages;
+    arrays are (steps, *shape), initial states (1, *shape).
     """
 
     values: Arrays
     exact: Arrays
     bounds: Mapping[str, float]
-    """inf where nothing is proved."""
+    """Proven error bounds; inf if nothing is proven."""
     steps: Mapping[str, int]
-    """How many are of the record; others stand behind them."""
+    """Number of steps from the recorded inputs; further steps follow them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """Arrays (steps, *shape) by the names of the spec; `states` are those before each step.
+    """Reference arrays (steps, *shape) by names of the spec; `states` are those before each step.
 
-    A judge whose states cannot be set in exports, as that of fixed point, shows none.
+    A fixed-point reference has no `states`, because exports cannot set them.
     """
 
     beginning: Beginning
@@ -73,9 +75,9 @@ class Judgement:
     outputs: Arrays
     next_states: Arrays
     restarted: Mapping[str, NDArray[Any]] = field(default_factory=dict[str, NDArray[Any]])
-    """After which steps a state began again, (steps,) each."""
+    """Masks (steps,) of steps after which a state was reset."""
     proof: Proof | None = None
-    """Where the judge is off by no more than is proved, if it is as the model means."""
+    """Proven error bounds of the reference itself, for fixed point."""
 
     @property
     def steps(self) -> int:
@@ -84,17 +86,17 @@ class Judgement:
 
 
 Judge: TypeAlias = Callable[[NumberType], Judgement]
-"""A free run along the record in an arithmetic."""
+"""Simulates the recorded inputs in a number format."""
 
 V = TypeVar("V")
 
 
 def labelled(outputs: Mapping[str, V], next_states: Mapping[str, V]) -> dict[str, V]:
-    """Outputs and next states under the names that messages give them."""
+    """Outputs and next states with their names in messages."""
     named = {f"`{name}`": values for name, values in outputs.items()}
     return named | {f"the state `{name}`": values for name, values in next_states.items()}
 
 
 def labelled_first(states: Mapping[str, V]) -> dict[str, V]:
-    """States before the first step, likewise."""
+    """Initial states with their names in messages."""
     return {f"the first state `{name}`": values for name, values in states.items()}

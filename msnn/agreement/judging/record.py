@@ -1,4 +1,4 @@
-"""Makes the record along which exports meet the judge: measured data, or drawn numbers."""
+"""Provides the inputs for comparing exports with the reference: measured data or random samples."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.late_dataclass import dataclass
 
 MOST_STEPS = 2000
-"""Steps that are compared at most."""
+"""Maximum number of compared steps."""
 _DRAWN_STEPS = 500
 
 
 @dataclass(frozen=True, slots=True)
 class AgreementRecord:
-    """Series of all signals, (rows, *shape), and the steps t0 … t0+steps−1 that lie inside them."""
+    """Series of all signals, (rows, *shape), and the steps t0 … t0+steps−1 within them."""
 
     log: Mapping[str, FloatArray]
     t0: int
     steps: int
     origin: str
-    """What the series are, in words."""
+    """Description of the series' origin."""
 
 
 def agreement_record(model: Model, program: Program, folder: Path) -> AgreementRecord:
-    """The longest stretch of the spec's data, drawn numbers where it has none that can be read.
+    """The longest interval of the spec's data; random samples if no data can be read.
 
-    `program` is what is exported, in step form; a stretch must hold one step of it.
+    `program` is the exported program in step form; the interval must contain one of its steps.
     """
     from msnn.data.reading.load import load_data
 
-    # what is predicted is compared with nothing here: its samples need not be in the record
+    # predictions are not compared with data here: their target rows may be missing
     program = _unscored(program)
     if model.spec.data is not None:
         try:
@@ -59,7 +59,7 @@ def agreement_record(model: Model, program: Program, folder: Path) -> AgreementR
 
 
 def drawn_record(program: Program, origin: str) -> AgreementRecord:
-    """Numbers within the signals' ranges, or [-1, 1], the same ones every time (Philox)."""
+    """Random samples within the signals' ranges, or [-1, 1], always the same ones (Philox)."""
     random = np.random.Generator(np.random.Philox(0))
     far = reach(program)
     rows = far.rows(_DRAWN_STEPS)
@@ -71,7 +71,7 @@ def drawn_record(program: Program, origin: str) -> AgreementRecord:
 
 
 def _unscored(program: Program) -> Program:
-    """Without what outputs predict: the record need not reach that far."""
+    """The program without `predicts`, so that target rows may be missing."""
     return replace(program, outputs=tuple(replace(o, predicts=None) for o in program.outputs))
 
 

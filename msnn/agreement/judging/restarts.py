@@ -1,4 +1,4 @@
-"""Takes states with `on_range: reset` back to where they began, as deployed code does."""
+"""Resets states with `on_range: reset` to their initial values, like deployed code."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from msnn.agreement.judging.judgement import Arrays
 
 
 def outside(program: Program, states: Arrays, dtype: DTypeLike) -> dict[str, NDArray[np.bool_]]:
-    """At which steps a state with `on_range: reset` is outside, NaN too: (steps,) each.
+    """Masks (steps,) of steps at which a state with `on_range: reset` is outside its range or NaN.
 
-    Limits are rounded to the type that the code computes in.
+    Limits are rounded to the dtype of the deployed code.
     """
     found: dict[str, NDArray[np.bool_]] = {}
     for state in program.states:
@@ -26,7 +26,7 @@ def outside(program: Program, states: Arrays, dtype: DTypeLike) -> dict[str, NDA
 
 
 def begun_again(states: Arrays, at: Mapping[str, NDArray[np.bool_]], first: Arrays) -> Arrays:
-    """The states, at these steps as they were before the first one (1, *shape)."""
+    """The states, with their initial values (1, *shape) at these steps."""
     found = dict(states)
     for name, steps in at.items():
         values = np.array(states[name])

@@ -1,1 +1,1 @@
-"""Finds what rounding alone may change, so that only the rest counts as a fault."""
+"""Determines the effect of rounding, so that only larger differences count as faults."""

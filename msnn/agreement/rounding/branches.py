@@ -1,4 +1,4 @@
-"""Judges values at steps at which rounding decides a condition: they must be one of the choices."""
+"""Checks values at steps where rounding decides a condition: they must match one branch."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from msnn.agreement.subject import Subject
 
 @dataclass(frozen=True, slots=True)
 class Branches:
-    """The steps of a record at which choices that rounding leaves open give different values."""
+    """The steps at which undecided conditions lead to different values."""
 
     at: Mapping[str, NDArray[np.bool_]]
-    """(steps,) by the names that messages give values; a first state has one step."""
+    """Masks (steps,) by names of values in messages; an initial state has one step."""
     faults: tuple[Fault, ...]
-    """Values that are none of the choices."""
+    """Values that match no branch."""
 
     def settled(self, found: Arrays, judged: Arrays) -> dict[str, NDArray[Any]]:
-        """The values found, and at those steps the judge's, so that the others are compared."""
+        """The values with the reference's at these steps, so that only the others are compared."""
         settled = dict(found)
         for name, where in self.at.items():
             if where.any():
@@ -39,23 +39,23 @@ class Branches:
 
     @property
     def counts(self) -> dict[str, int]:
-        """The count of these steps for each value, where there are any."""
+        """Number of these steps per value, where it is not 0."""
         return {name: int(where.sum()) for name, where in self.at.items() if where.any()}
 
     @property
     def untried(self) -> tuple[str, ...]:
-        """The values of which these are all steps, so that no step was compared."""
+        """Values with these steps only, so that no step was compared."""
         return tuple(name for name, where in self.at.items() if where.all())
 
 
 def branches(
     subject: Subject, dtype: FloatType, record: AgreementRecord, wanted: Judgement, found: Arrays
 ) -> Branches:
-    """Compares each step at which a condition is undecided with what either choice gives.
+    """Compares each step with an undecided condition with the results of its branches.
 
-    A step whose choices are all as near to the judge as rounding is none of these: beside the
-    threshold of `where(x > 0, x, 0)` both are the same. Others say nothing of how the condition is
-    written, and are counted; their values must be within rounding of a choice all the same.
+    If all branches agree within rounding, the step is compared normally: near the threshold of
+    `where(x > 0, x, 0)` both are equal. Other steps are counted; their values must match one branch
+    within rounding.
     """
     program = subject.program
     weights = physical_weights(program, subject.weights)
@@ -109,7 +109,7 @@ class _Value:
     judged: NDArray[Any]
     found: NDArray[Any]
     granted: float
-    """Relative to the largest magnitude."""
+    """Tolerance relative to the largest magnitude."""
 
     @property
     def scale(self) -> float:
@@ -118,11 +118,11 @@ class _Value:
         return float(finite.max(initial=0.0))
 
     def is_judged(self, choice: OpenDecision) -> bool:
-        """Whether a choice is what the judge has, within rounding."""
+        """True if a branch agrees with the reference within rounding."""
         return self._excess(choice, self.judged[choice.step]) <= 0.0
 
     def fault(self, choices: list[OpenDecision]) -> Fault | None:
-        """The fault if the value found is none of the choices of its step."""
+        """The fault if the value matches no branch at its step."""
         step = choices[0].step
         if any(self._excess(choice, self.found[step]) <= 0.0 for choice in choices):
             return None
@@ -130,7 +130,7 @@ class _Value:
         return NoChoice(self.name, step, nearest)
 
     def _excess(self, choice: OpenDecision, value: NDArray[Any]) -> float:
-        """The distance of a value from a choice beyond that which rounding explains."""
+        """The difference between a value and a branch, minus the bound of rounding."""
         mine = choice.values[self.name].astype(float)
         # both are within the spread of the exact value
         room = np.maximum(2.0 * choice.spreads[self.name], self.granted * self.scale)
@@ -145,7 +145,7 @@ def _distance(left: NDArray[Any], right: NDArray[Any]) -> float:
 
 
 def _worst(faults: list[Fault]) -> tuple[Fault, ...]:
-    """The worst of each value."""
+    """The largest fault of each value."""
     found: dict[str, Fault] = {}
     for fault in faults:
         assert isinstance(fault, NoChoice)

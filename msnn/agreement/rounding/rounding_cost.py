@@ -1,4 +1,4 @@
-"""Finds what rounding costs a start or step, and how near to the judge a target can come."""
+"""Determines the effect of rounding on single steps, and the achievable accuracy of a target."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from msnn.agreement.judging.record import AgreementRecord
 from msnn.data.dataset import FloatArray
 
 STEP_LIMIT = {"float64": 1e-12, "float32": 1e-5}
-"""One step in the arithmetic of the target from the judge's state: what is always granted."""
+"""Tolerance of one step from reference states, in the arithmetic of the target."""
 
 ORDERS = 16.0
-"""How much more than the interpreter another order of the same operations may be off.
+"""Factor between rounding errors of another order of operations and those of the interpreter.
 
-Any order of n operations errs by at most n ε Σ|terms|, and along a record the worst of hundreds of
-steps comes near to √n of it; 16 covers sums of 256 terms."""
+Any order of n operations has an error of at most n ε Σ|terms|. The maximum over hundreds of steps
+comes close to √n of it; 16 covers sums of 256 terms.
+"""
 
 
 def single_steps(
     program: Program, weights: Mapping[str, FloatArray], record: AgreementRecord, wanted: Judgement
 ) -> dict[str, Arrays]:
-    """Outputs and next states of the interpreter in float32, each step from the judge's state."""
+    """Outputs and next states of the interpreter in float32, each step from the reference state."""
     # states are those of float64, rounded: a step is compared, not the way to it
     log = {name: series.astype(np.float32) for name, series in record.log.items()}
     states = {name: values.astype(np.float32) for name, values in wanted.states.items()}
@@ -47,7 +48,7 @@ def single_steps(
 def first_states(
     program: Program, weights: Mapping[str, FloatArray], record: AgreementRecord
 ) -> Arrays:
-    """The interpreter's states before the first step in float32, (1, *shape) each."""
+    """Initial states of the interpreter in float32, (1, *shape) each."""
     log = {name: series.astype(np.float32) for name, series in record.log.items()}
     with np.errstate(all="ignore"):
         return Interpreter(program, weights, np.float32).start(log, record.t0)
@@ -60,11 +61,11 @@ def within_rounding(
     wanted: Judgement,
     found: Arrays,
 ) -> dict[str, NDArray[np.bool_]]:
-    """The values found that are no farther from the judge than float64 may round them.
+    """Masks of values whose difference from the reference is within the rounding bound of float64.
 
-    A bound of its own for every value (decision 0180): one that is nothing but what rounding leaves
-    of a difference of equal numbers says by its magnitude nothing of how large these were. With
-    each label go the steps at which there is no bound, so that nothing is compared.
+    Every value has its own bound (decision 0180): a difference of nearly equal numbers is small,
+    although its rounding error depends on their size. Also marks the steps without a bound, which
+    are not compared.
     """
     steps = labelled(
         {output.name: output.node for output in program.outputs},
@@ -97,10 +98,10 @@ def within_rounding(
 
 
 def step_limit(dtype: str, rounding: float) -> float:
-    """The deviation that a value is granted which rounds off by so much in single precision.
+    """The tolerance of a value with this rounding error in single precision.
 
-    Rounding errors scale with the precision, whatever magnifies them: a difference of near numbers,
-    a division by a short sample time.
+    Rounding errors scale with the precision, whatever amplifies them: a difference of close
+    numbers, or a division by a short sample time.
     """
     # errors of rounding scale with the precision
     share = float(np.finfo(dtype).eps) / float(np.finfo(np.float32).eps)

@@ -1,4 +1,4 @@
-"""Finds the steps at which rounding decides a condition, and what each choice gives there."""
+"""Finds steps at which rounding decides a condition, and the result of each branch."""
 
 from __future__ import annotations
 
@@ -17,36 +17,38 @@ from compiler.ir.program import Graph, NodeId
 from msnn.agreement.judging.judgement import Arrays, FloatType
 
 MOST_WAYS = 64
-"""In which the undecided conditions of one step are tried."""
+"""Maximum number of combinations of undecided conditions per step."""
 _BLOCK = 256
-"""Steps that are evaluated side by side."""
+"""Number of steps evaluated in parallel."""
 
 _Way: TypeAlias = dict[tuple[NodeId, int], float]
-"""What elements of decisions are, by node and place in C order."""
+"""Outcome of elements of conditions, by node and index in C order."""
 
 
 @dataclass(frozen=True, slots=True)
 class OpenDecision:
-    """One of the values that rounding leaves open at a step, (*shape) by name."""
+    """The values of one combination of branches at a step, (*shape) by name."""
 
     step: int
     values: Arrays
     spreads: Arrays
-    """How far what another program computes in the same arithmetic can be from it."""
+    """Maximum difference to another program in the same arithmetic."""
 
 
 @dataclass(frozen=True, slots=True)
 class Undecided:
-    """The choices that rounding leaves open, with the values of steps by each."""
+    """All combinations of branches that rounding leaves open, with their values."""
 
     choices: tuple[OpenDecision, ...]
     vast: frozenset[int]
-    """Steps that leave open more than is tried."""
+    """Steps with too many combinations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Steps:
-    """A graph at rows of a log, from given states (steps, *shape), and values of it by name."""
+    """A graph evaluated at rows of a log from given states (steps, *shape), and its named
+    values.
+    """
 
     graph: Graph
     nodes: Mapping[str, NodeId]
@@ -57,10 +59,10 @@ class Steps:
 
 
 def undecided(given: Steps, dtype: FloatType) -> Undecided:
-    """The choices of all steps at which a condition is undecided in float64 or float32.
+    """All combinations at steps where a condition is undecided in float64 or float32.
 
-    That is where the rounding of what is compared may decide, and where the arithmetic decides
-    otherwise than float64 since a rounded input lies on the other side.
+    A condition is undecided if the rounding error of its operands may change it. It is also
+    undecided if rounded inputs change it compared with float64.
     """
     own = _Evaluation(given, dtype)
     choices: list[OpenDecision] = []
@@ -87,7 +89,7 @@ class _Evaluation:
         self.decisions = self._bounds.decisions
 
     def doubtful(self, steps: Sequence[int], judge: _Evaluation) -> list[int]:
-        """The steps at which other programs, or the judge, may decide otherwise."""
+        """The steps at which other programs, or the reference, may decide differently."""
         values = self._run(steps, [{} for _ in steps])
         judged = values if judge is self else judge._run(steps, [{} for _ in steps])
         found = np.zeros(len(steps), bool)
@@ -98,7 +100,7 @@ class _Evaluation:
         return [step for step, is_doubtful in zip(steps, found, strict=True) if is_doubtful]
 
     def choices(self, steps: Sequence[int], vast: set[int]) -> list[OpenDecision]:
-        """Every way to decide at the steps; those that have too many are added to `vast`."""
+        """Every combination of branches at the steps; steps with too many are added to `vast`."""
         found: list[OpenDecision] = []
         pending: list[tuple[int, _Way]] = [(step, {}) for step in steps]
         while pending:
@@ -142,7 +144,7 @@ class _Evaluation:
         return found
 
     def _doubts(self, node: NodeId, decision: Bounded, count: int) -> NDArray[np.bool_]:
-        """The undecided elements, (steps, elements)."""
+        """Mask of undecided elements, (steps, elements)."""
         shape = (count, *self._given.graph[node].type.shape)
         return np.broadcast_to(decision.error > 0, shape).reshape(count, -1)
 

@@ -1,1 +1,1 @@
-"""Reads the columns of data files, one format a file."""
+"""Reads the columns of data files; one module per format."""

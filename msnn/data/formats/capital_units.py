@@ -1,4 +1,4 @@
-"""Reads units in capital letters, as devices and tools without small letters write them: `MM/S`."""
+"""Reads units in capital letters, as devices without lower-case letters write them: `MM/S`."""
 
 from __future__ import annotations
 
@@ -13,32 +13,39 @@ from spec_schema.units.spellings import readings_of_capitals
 from spec_schema.units.unit import Unit, UnitError, unit_symbol
 
 MOST_REPAIRS = 3
-"""Of one unit: each is a spelling that is known, as `°` and `Nm`."""
+"""Maximum number of spelling corrections per unit, such as `°` or `Nm`."""
 _SYMBOL = re.compile(r"[^\W\d_¹²³⁰-⁹]+")
 _POWER = re.compile(r"(?<=[^\W\d_])(?=[2-4](?!\w))")
 _TURNS = re.compile(r"\b(?:U|R|TR)(?=\s*/\s*(?:MIN|S|SEC)\b)")
 _MOST_READINGS = 64
 _OFTEN_MEGA = frozenset(["MW", "MN", "MJ", "MΩ"])
 _ACRONYMS = frozenset(["RPM", "UPM", "PSI", "MPH", "KPH", "LPM", "PPM", "HP", "BTU", "ATM"])
-"""Units that people write in capitals beside `km/h`."""
+"""Units that are usually written in capitals, even in files with lower-case units such as
+`km/h`.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class CapitalUnit:
-    """A unit in capital letters: `MV` are megavolts, or the millivolts of a tool that writes all
-    letters as capitals. The unit of the signal decides, or the user."""
+    """A unit in capital letters, which may be ambiguous.
+
+    `MV` means megavolts, or millivolts from a tool that only writes capitals. The signal's declared
+    unit decides, otherwise the user.
+    """
 
     text: str
     readings: tuple[Unit, ...]
     written: Unit | None = None
-    """The unit by its letters as they stand; None where they are none: `MM`."""
+    """The unit as it is written; None if that is not a unit: `MM`."""
     is_as_written: bool = False
-    """Whether the file has small letters elsewhere, so that these are capitals on purpose."""
+    """True if the file has lower-case letters elsewhere, so that capitals are intended."""
 
     def fitting(self, declared: Unit) -> tuple[Unit, ...]:
-        """The different readings that convert to a unit: one where there is no doubt.
+        """The distinct readings that convert to the declared unit: exactly one if it is
+        unambiguous.
 
-        It is that unit itself, or the text as it stands in a file that has small letters.
+        A reading equal to `declared` takes precedence, and so does the written unit if the file
+        uses lower case.
         """
         found = [unit for unit in self.different if unit.converts_to(declared)]
         own = [unit for unit in found if unit.same_as(declared)]
@@ -49,7 +56,7 @@ class CapitalUnit:
 
     @property
     def different(self) -> tuple[Unit, ...]:
-        """The readings, of which L and l are one."""
+        """The distinct readings; L and l, for example, are one reading."""
         found: list[Unit] = []
         for unit in self.readings:
             if not any(map(unit.same_as, found)):
@@ -58,15 +65,15 @@ class CapitalUnit:
 
     @property
     def likely(self) -> Unit:
-        """The reading that messages name if none fits."""
+        """The reading to name in messages if no reading fits."""
         return self.written or self.readings[0]
 
 
 @lru_cache(1024)
 def capital_unit(text: str) -> Unit | CapitalUnit | None:
-    """The unit that a text in capital letters means, or all units that it may mean.
+    """The unit of a text in capital letters, or all units that it may mean.
 
-    None for other texts, and for those that mean no unit.
+    None for texts with lower-case letters, and if no reading is a unit.
     """
     if not is_capital(text):
         return None
@@ -94,15 +101,15 @@ def capital_unit(text: str) -> Unit | CapitalUnit | None:
 
 
 def is_capital(text: str) -> bool:
-    """Whether a text has letters and none of them is small."""
+    """True if a text has letters and none of them is lower case."""
     return text.upper() == text and text.lower() != text
 
 
 def keeps_case(text: str, units: Iterable[str], names: Iterable[str]) -> bool:
-    """True if a unit means its capitals in a file with these texts of units and these names.
+    """True if capitals in a unit are intended, judging by the file's other units and names.
 
-    Units decide: `km/h` has small letters, and `KM/H` lacks them. Names with small letters decide
-    without such units, for what is often counted in millions: `MW`, but not `MV`.
+    Units decide first: `km/h` has lower-case letters, `KM/H` lacks them. Otherwise names with
+    lower-case letters decide, but only for units that are common with mega: `MW`, but not `MV`.
     """
     texts = tuple(dict.fromkeys(units))
     has_small = any(text.upper() != text for text in texts)
@@ -121,7 +128,7 @@ def _lacks_small(text: str) -> bool:
 
 
 def repaired(text: str) -> Unit | None:
-    """The unit of a text, spellings whose meaning is certain included; None where it is none."""
+    """The unit of a text, after corrections of unambiguous spellings; None if it is not a unit."""
     for _ in range(MOST_REPAIRS):
         try:
             return parse_unit(text) if text else None

@@ -1,4 +1,4 @@
-"""Columns read from one file, whatever its format."""
+"""Columns read from one file, in any format."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ ColumnKey = str | int
 
 
 def _no_place(row: int) -> Span | None:
-    """Rows of a binary file stand nowhere that a message could show."""
+    """None: rows of a binary file have no line that a message could show."""
     del row
 
 
 def _no_cell(row: int, key: ColumnKey) -> tuple[str, Span | None]:
-    """Numbers of a binary file have no text but this where they are missing."""
+    """The text of a missing value in a binary file, without a place."""
     del row, key
     return "NaN", None
 
 
 @dataclass(frozen=True, slots=True)
 class TimeSource:
-    """The column of times that the spec names, where it is named, and the unit given there."""
+    """The time column named in the spec, where it is named, and its unit if the spec gives one."""
 
     column: ColumnKey
     place: Span
@@ -38,17 +38,19 @@ class TimeSource:
 
 @dataclass(frozen=True, slots=True)
 class WantedColumns:
-    """The columns to read of a file; `users` names for each column what wants it, for messages."""
+    """The columns to read from a file; `users` names for each column what needs it, for
+    messages.
+    """
 
     users: Mapping[ColumnKey, str]
     optional: frozenset[ColumnKey] = frozenset()
-    """Columns in which values may be missing."""
+    """Columns that may have missing values."""
     spare: frozenset[ColumnKey] = frozenset()
-    """Columns that a file need not have."""
+    """Columns that the file may lack."""
     moments: frozenset[ColumnKey] = frozenset()
-    """Columns of time, which may have dates in place of numbers."""
+    """Time columns, which may contain dates instead of numbers."""
     time: TimeSource | None = None
-    """The times of values in a file that keeps several; None for those it keeps by itself."""
+    """The time source of a file with several clocks; None for the file's default."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,19 +59,19 @@ class ColumnTable:
 
     columns: Mapping[ColumnKey, FloatArray]
     time: FloatArray | None = None
-    """Seconds of each row, where the format keeps them itself."""
+    """Time of each row in seconds, if the format stores it."""
     time_begins: Moment | None = None
-    """The moment of their time 0, where the format keeps it."""
+    """The date of time 0, if the format stores it."""
     place: Callable[[int], Span | None] = _no_place
-    """Where a row stands in the file."""
+    """The place of a row in the file, for messages."""
     cell: Callable[[int, ColumnKey], tuple[str, Span | None]] = _no_cell
-    """The text of the cell in a row and column, and where it stands."""
+    """The text of the cell in a row and column, and its place."""
     units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
-    """What the file itself says of columns."""
+    """Units that the file states for columns."""
     packed: Mapping[ColumnKey, str] = field(default_factory=dict[ColumnKey, str])
-    """How the file scales the numbers of columns, which are unpacked: `scale_factor 0.1`."""
+    """Scaling that was applied when columns were unpacked: `scale_factor 0.1`."""
     begins: Mapping[ColumnKey, Moment] = field(default_factory=dict[ColumnKey, Moment])
-    """Of columns of dates, which are seconds from their first row: the moment of that row."""
+    """The date of the first row, for date columns; their values are seconds since that row."""
 
     @property
     def rows(self) -> int:
@@ -78,12 +80,12 @@ class ColumnTable:
 
 @dataclass(frozen=True, slots=True)
 class Streams:
-    """Columns that were each recorded at moments of their own: (seconds, values)."""
+    """Columns with their own timestamps: (seconds, values)."""
 
     columns: Mapping[ColumnKey, tuple[FloatArray, FloatArray]]
     units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
-    """What the file itself says of columns."""
+    """Units that the file states for columns."""
     time_units: Mapping[ColumnKey, StatedUnit] = field(default_factory=dict[ColumnKey, StatedUnit])
-    """Units of times that are values of the file, as far as it states them; others are seconds."""
+    """Units of times taken from channels, if the file states them; other times are in seconds."""
     begins: Moment | None = None
-    """The moment of time 0, where the file keeps it."""
+    """The date of time 0, if the file stores it."""

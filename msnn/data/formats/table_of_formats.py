@@ -1,4 +1,4 @@
-"""Lists the formats of data files by suffix, and what must be installed to read each."""
+"""Lists the data file formats by suffix, and the packages required to read each."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileFormat:
-    """One kind of file. The reader is `read` of `module`, loaded when a file needs it."""
+    """One file format. The reader is the function `read` of `module`, imported on first use."""
 
     name: str
     suffixes: tuple[str, ...]
@@ -29,11 +29,13 @@ class FileFormat:
     packages: tuple[OptionalPackage, ...] = ()
     is_text: bool = False
     is_isolated: bool = False
-    """Whether a process of its own reads it: a broken file ends its compiled reader."""
+    """True if a separate process reads it, because a malformed file may crash its compiled
+    reader.
+    """
     text_keys: tuple[str, ...] = ()
-    """The keys of `csv:` that say something of it."""
+    """The keys of `csv:` that apply to this format."""
     keeps_time: bool = False
-    """Whether the file itself says when each value was recorded."""
+    """True if the file itself stores the time of each value."""
 
     @property
     def reader(self) -> Reader:
@@ -46,7 +48,7 @@ class FileFormat:
 
     @property
     def missing(self) -> tuple[OptionalPackage, ...]:
-        """The packages that read it and are not installed."""
+        """The required packages that are not installed."""
         return tuple(package for package in self.packages if not package.is_installed)
 
 
@@ -109,13 +111,13 @@ SUFFIXES = tuple(suffix for format in FORMATS for suffix in format.suffixes)
 
 
 def format_of(path: Path | str) -> FileFormat:
-    """The format of a file; a suffix that says nothing stands for text."""
+    """The format of a file; an unknown suffix means text."""
     suffix = Path(path).suffix.lower()
     return next((format for format in FORMATS if suffix in format.suffixes), TEXT)
 
 
 def require_reader(path: Path | str) -> None:
-    """Raises MissingExtraError if what reads this file is not installed."""
+    """Raises MissingExtraError if a package that reads this file is not installed."""
     format = format_of(path)
     if format.missing:
         names = " and ".join(package.name for package in format.missing)

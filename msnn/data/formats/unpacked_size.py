@@ -1,4 +1,4 @@
-"""Refuses archives that unpack to far more than a measurement would, before they are unpacked."""
+"""Refuses archives that would unpack to much more data than a measurement."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from msnn.errors.data.files import unreadable_file
 from spec_schema.diagnostics.diagnostic import SpecError
 
 FREE = 1 << 28
-"""Bytes that any file may unpack to."""
+"""Unpacked size in bytes that is always allowed."""
 TIMES_SIZE = 200
-"""Real logs are packed by 20 at most, a flag that hardly changes by more."""
+"""Maximum compression ratio: real logs reach 20:1, a rarely changing flag more."""
 _MB = 1_000_000
 
 
 def refuse_unpacking(
     path: Path, shown: str, unpacked: int, *, free: int = FREE, times_size: int = TIMES_SIZE
 ) -> None:
-    """Raises SpecError (E0802) if the directory of an archive states so many bytes that it is none.
+    """Raises SpecError (E0802) if an archive's directory states an implausible unpacked size.
 
-    A directory that states too few is no way out: readers take no more than it says.
+    Understating the size does not help an attacker: readers unpack at most the stated size.
     """
     size = path.stat().st_size
     if unpacked <= free or unpacked <= times_size * size:

@@ -1,4 +1,4 @@
-"""Reads units as loggers write them: `F [N]`, `F (N)`, `°C`, `m/s²`, a line of units."""
+"""Reads units in the spellings of data loggers: `F [N]`, `F (N)`, `°C`, `m/s²`, a line of units."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from spec_schema.units.spellings import is_doubtful, without_doubtful
 from spec_schema.units.unit import Unit, UnitError
 
 MISSING = frozenset(("", "na", "n/a", "#n/a", "nan", "null", "-"))
-"""Words for a value that was not measured, in small letters."""
+"""Texts that mark a missing value, in lower case."""
 
 # lazy up to the last brackets; what stands in these has none of their kind itself
 _INSIDE = r"(?:[^()]|\([^()]*\))*"
-"""The text in parentheses, which may contain further ones, as in `(J/(kg K))`."""
+"""The text in parentheses, which may contain nested ones, as in `(J/(kg K))`."""
 _BRACKETS = re.compile(rf"(.*?)\s*(?:\[([^\[\]]*)\]|\(({_INSIDE})\))\s*", re.DOTALL)
 _COLUMN_AND_UNIT = re.compile(rf"(.*\S)(?:\s*\[([^\[\]]*)\]|\s+\(({_INSIDE})\))\s*", re.DOTALL)
 _AROUND = re.compile(rf"\[(.*)\]|\(({_INSIDE})\)")
@@ -39,16 +39,16 @@ _WHOLE_TEXTS = {
     "degrees_north": "deg",
     "degrees_east": "deg",
 }
-"""Words of CF and of loggers that are no symbols."""
+"""Words of CF and of loggers that are not unit symbols."""
 _DEGREES = re.compile(
     r"(?<![a-z])(?:[°º]|deg(?:ree)?s?|grad)[ _.]*(C|F|celsius|fahrenheit)(?![a-z])", re.IGNORECASE
 )
-"""Temperatures, of which blanks are no products."""
+"""Temperature units, in which a blank does not mean a product."""
 _NOT_AN_INDEX = re.compile(r"[^\W\d_]|[%‰°℃℉㍱-㏟-]")
 
 
 def plain_label(label: str) -> tuple[str, str]:
-    """A header without the brackets at its end, and what stands in them."""
+    """A header without the brackets at its end, and the text in these brackets."""
     found = _BRACKETS.fullmatch(label)
     if found is None or not found[1]:
         return label, ""
@@ -56,9 +56,9 @@ def plain_label(label: str) -> tuple[str, str]:
 
 
 def column_and_unit(label: str) -> tuple[str, Unit | CapitalUnit | None]:
-    """The column that a header such as `F [N]` or `F (N)` names, and its unit.
+    """The column name and the unit in a header such as `F [N]` or `F (N)`.
 
-    What no unit stands in is the name as it is: `x[1]`, `f(x)`, `v (filtered)`.
+    If the brackets contain no unit, they belong to the name: `x[1]`, `f(x)`, `v (filtered)`.
     """
     found = _COLUMN_AND_UNIT.fullmatch(label)
     text = "" if found is None else found[2] or found[3] or ""
@@ -67,7 +67,7 @@ def column_and_unit(label: str) -> tuple[str, Unit | CapitalUnit | None]:
 
 
 def written_unit(text: str) -> Unit | CapitalUnit | None:
-    """The unit that a text means, spellings of loggers included; None where it means none."""
+    """The unit of a text, including spellings of loggers; None if it is not a unit."""
     # the only powers that loggers write as letters; behind `⁻` the parser knows them
     text = _SUPERSCRIPT.sub(lambda found: f"^{_DIGITS[found.group()]}", text.strip())
     text = "1" if text == "-" else _DEGREES.sub(_degrees, text)
@@ -86,17 +86,17 @@ def _degrees(found: re.Match[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class UnknownUnit:
-    """A text where a file states a unit that is none; `meant` is one that is like it."""
+    """A unit text of a file that is not a known unit; `meant` is a similar known one."""
 
     text: str
     meant: str | None
     scale: float = 1.0
-    """By which numbers are multiplied to be in `meant`."""
+    """Factor that converts values to `meant`."""
 
 
 @dataclass(frozen=True, slots=True)
 class TwoUnits:
-    """Different units that a file states of one column: in its name, and apart from it."""
+    """Conflicting units that a file states for one column: in its name, and separately."""
 
     named: Unit
     stated: Unit
@@ -105,19 +105,18 @@ class TwoUnits:
 
 @dataclass(frozen=True, slots=True)
 class ShownUnit:
-    """The unit with which a workbook shows cells, or None; the first of these cells, and how many
-    they are."""
+    """A display unit of a workbook's cells (or None), the first such cell, and their count."""
 
     unit: Unit | CapitalUnit | UnknownUnit | None
     cell: str
     count: int
     thousands: int = 0
-    """How often their numbers are divided by 1000 to be shown in that unit."""
+    """The number of divisions by 1000 in the display."""
 
 
 @dataclass(frozen=True, slots=True)
 class MixedUnits:
-    """Units with which a workbook shows the cells of one column."""
+    """Several display units within one column of a workbook."""
 
     shown: tuple[ShownUnit, ...]
 
@@ -126,13 +125,13 @@ StatedUnit: TypeAlias = Unit | CapitalUnit | UnknownUnit | TwoUnits | MixedUnits
 
 
 def joint_unit(label: str, stated: StatedUnit | None) -> StatedUnit | None:
-    """The unit of a column with this header, of which the file states another unit apart."""
+    """The unit of a column from its header and from a separate statement; they may conflict."""
     named = column_and_unit(label)[1]
     return (stated or unknown_unit(label)) if named is None else one_unit(named, stated)
 
 
 def one_unit(first: StatedUnit | None, second: StatedUnit | None) -> StatedUnit | None:
-    """The unit on which two statements of a file agree, or both; a known one before others."""
+    """Merges two statements of a unit in one file: equal units, a known one, or a conflict."""
     match first, second:
         case (None, found) | (found, None):
             return found
@@ -153,9 +152,9 @@ def one_unit(first: StatedUnit | None, second: StatedUnit | None) -> StatedUnit 
 
 
 def unit_of_cells(shown: Sequence[ShownUnit], stated: StatedUnit | None) -> StatedUnit | None:
-    """The unit of cells that a workbook shows, with that which the file states of the column.
+    """The unit of a workbook's cells from their display units and the column's stated unit.
 
-    Cells that are shown without a unit are in the stated one.
+    Cells displayed without a unit have the stated one.
     """
     known = stated if isinstance(stated, Unit | CapitalUnit) else None
     different: list[ShownUnit] = []
@@ -176,9 +175,9 @@ def unit_of_cells(shown: Sequence[ShownUnit], stated: StatedUnit | None) -> Stat
 def _thousandth(
     unit: Unit | CapitalUnit | UnknownUnit | None, times: int
 ) -> Unit | CapitalUnit | UnknownUnit | None:
-    """The unit of cells that are divided by 1000 so many times to be shown in `unit`.
+    """The unit of the stored values if `times` divisions by 1000 give `unit` on display.
 
-    N for kN and g for kg; a text of no unit where none with a prefix is that.
+    N for kN and g for kg; an UnknownUnit if no prefix fits.
     """
     if not times or unit is None or isinstance(unit, UnknownUnit):
         return unit
@@ -209,23 +208,23 @@ def _readings(unit: Unit | CapitalUnit) -> tuple[Unit, ...]:
 def with_case(
     unit: StatedUnit | None, labels: Sequence[str], texts: Sequence[str]
 ) -> StatedUnit | None:
-    """The unit, which knows then whether a file with these headers and units keeps case."""
+    """The unit, with `is_as_written` set from the other units and headers of the file."""
     if not isinstance(unit, CapitalUnit):
         return unit
     return replace(unit, is_as_written=is_case_kept(unit, labels, texts))
 
 
 def is_case_kept(unit: CapitalUnit, labels: Sequence[str], texts: Sequence[str]) -> bool:
-    """True if a unit means its capitals in a file with these headers and other units."""
+    """True if capitals of a unit are intended in a file with these headers and other units."""
     plain = [plain_label(label) for label in labels]
     units = [text for text in (*texts, *(unit for _, unit in plain)) if text]
     return keeps_case(unit.text, units, (name for name, _ in plain))
 
 
 def stated_unit(text: str) -> Unit | CapitalUnit | UnknownUnit | None:
-    """The unit in a file's own field for it, such as `km/h`, `m s-1` or `seconds since 1970-01-01`.
+    """The unit in a file's unit field, such as `km/h`, `m s-1` or `seconds since 1970-01-01`.
 
-    None where the field says nothing: empty, or a word for a missing value.
+    None if the field is empty or a marker for a missing value.
     """
     text = text.strip()
     # of times that CF counts from a date; products stand side by side there and in UDUNITS
@@ -238,7 +237,7 @@ def stated_unit(text: str) -> Unit | CapitalUnit | UnknownUnit | None:
 
 
 def unknown_unit(label: str) -> UnknownUnit | None:
-    """The text in the brackets of a header where a unit would stand, and none does."""
+    """The text in the brackets of a header if it should be a unit but is not one."""
     found = _COLUMN_AND_UNIT.fullmatch(label)
     text = "" if found is None else (found[2] or found[3] or "").strip()
     if not _NOT_AN_INDEX.search(text) or text.lower() in MISSING or written_unit(text) is not None:
@@ -247,7 +246,7 @@ def unknown_unit(label: str) -> UnknownUnit | None:
 
 
 def _unknown(text: str, plain: str) -> UnknownUnit:
-    """A text of no unit, with one that is like it: `rpm` for numbers of `krpm` times 1000."""
+    """An unknown unit and a similar known one: `rpm` with factor 1000 for `krpm`."""
     scale = 1.0
     plain = without_doubtful(plain)
     for _ in range(MOST_REPAIRS):
@@ -262,22 +261,22 @@ def _unknown(text: str, plain: str) -> UnknownUnit:
 
 
 def is_unit(cell: str) -> bool:
-    """Whether a cell is empty or a unit, with or without brackets around it."""
+    """True if a cell is empty or a unit, with or without brackets."""
     text = without_brackets(cell)
     return not text or written_unit(text) is not None
 
 
 def without_brackets(cell: str) -> str:
-    """The text of a cell without the brackets around it: `N` of `[N]`, but not of `J/(kg K)`."""
+    """The text of a cell without enclosing brackets: `N` of `[N]`, but `J/(kg K)` unchanged."""
     text = cell.strip()
     found = _AROUND.fullmatch(text)
     return text if found is None else found[1] or found[2] or ""
 
 
 def units_line(cells: Sequence[str]) -> tuple[str, ...] | None:
-    """The texts of a line in which every cell is a unit or empty and none is a number.
+    """The texts of a line of units: every cell is a unit or empty, and none is a number.
 
-    None for any other line; one of words for missing values alone is a row without values.
+    None for any other line. A line with only markers for missing values is a data row.
     """
     if any(map(is_number, cells)) or not all(map(is_unit, cells)):
         return None
@@ -287,7 +286,7 @@ def units_line(cells: Sequence[str]) -> tuple[str, ...] | None:
 
 
 def is_number(text: str) -> bool:
-    """Whether a cell holds a number; NaN and infinities count, `1_000` does not."""
+    """True if a cell is a number; NaN and infinities are numbers, `1_000` is not."""
     try:
         float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Chooses the columns that feed each signal, and converts their numbers to the signal's."""
+"""Selects the columns of each signal, and converts their values to the signal's unit."""
 
 from __future__ import annotations
 
@@ -28,14 +28,16 @@ LOG_SUFFIX = ".meas"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Feed:
-    """A signal's columns, one an element in C order, and how their cells become its values."""
+    """A signal's columns, one per element in C order, and their conversions to the signal's
+    unit.
+    """
 
     signal: Signal
     keys: tuple[ColumnKey, ...]
     lines: tuple[Line, ...]
-    """One for each column."""
+    """The conversion of each column."""
     column: Column | None = None
-    """What the spec says of them."""
+    """The entry of the spec for these columns."""
 
     def series(self, columns: Mapping[ColumnKey, FloatArray]) -> FloatArray:
         """(rows, *shape) in the signal's unit."""
@@ -44,7 +46,7 @@ class Feed:
         return values.reshape(len(values), *(axis.size for axis in self.signal.axes))
 
     def series_if_there(self, columns: Mapping[ColumnKey, FloatArray], rows: int) -> FloatArray:
-        """The series; missing values where the file has not all of its columns."""
+        """The series, filled with NaN if the file lacks one of its columns."""
         if all(key in columns for key in self.keys):
             return self.series(columns)
         return np.full((rows, *(axis.size for axis in self.signal.axes)), np.nan)
@@ -53,7 +55,7 @@ class Feed:
 def feeds(
     signals: Iterable[Signal], columns: Mapping[str, Column], findings: Findings
 ) -> list[Feed]:
-    """The feed of every signal; a signal without an entry has the column of its own name."""
+    """The feed of every signal; without an entry in the spec, the column has the signal's name."""
     found: list[Feed] = []
     for signal in signals:
         name = signal.name.removesuffix(LOG_SUFFIX)
@@ -77,14 +79,14 @@ def feeds(
 def in_units_of_file(
     found: Iterable[Feed], units: Mapping[ColumnKey, StatedUnit], file: str, findings: Findings
 ) -> list[Feed]:
-    """Feeds that convert from what the file says of its columns, where the spec says no unit."""
+    """Feeds that convert from the units stated in the file, unless the spec states a unit."""
     return [_in_units(feed, units, file, findings) for feed in found]
 
 
 def report_scaled_twice(
     found: Iterable[Feed], packed: Mapping[ColumnKey, str], findings: Findings
 ) -> None:
-    """Reports columns that the file scales and the spec as well: both may be the same factor."""
+    """Reports columns scaled by the file and by the spec: both may state the same factor."""
     for feed in found:
         column = feed.column
         if column is None or (column.scale == 1.0 and column.offset == 0.0):
@@ -99,7 +101,7 @@ def _in_units(
     feed: Feed, units: Mapping[ColumnKey, StatedUnit], file: str, findings: Findings
 ) -> Feed:
     declared, column = feed.signal.unit, feed.column
-    # what the spec says goes before what a file says
+    # units in the spec take precedence over units in the file
     if declared is None or (column is not None and column.unit is not None):
         return feed
     span = feed.signal.span if column is None else column.place.value
@@ -133,10 +135,10 @@ def file_unit(
     span: Span | None,
     findings: Findings,
 ) -> Unit | None:
-    """The unit that a file states of a column; None, reported where it states one, if not clear."""
+    """The unit that a file states for a column; None, with a report, if it is unclear."""
     match stated:
         case UnknownUnit(text=text, meant=meant, scale=scale):
-            # a likeness of another dimension is no advice
+            # a similar unit of another dimension is not suggested
             if meant is not None and not parse_unit(meant).converts_to(declared):
                 meant, scale = None, 1.0
             findings.report(
@@ -198,14 +200,14 @@ def file_unit(
 def _unfit_unit(
     signal: str, column: str, unit: Unit, declared: Unit, span: Span | None
 ) -> Diagnostic | None:
-    """What is wrong with a unit that a file states of a column, None if it converts."""
+    """The diagnostic for a unit that does not fit the signal's unit; None if it converts."""
     if not unit.converts_to(declared):
         return misfit(signal, column, unit, declared, span)
     return _turns_fault(signal, column, unit, declared, span)
 
 
 def misfit(signal: str, column: str, unit: Unit, declared: Unit, span: Span | None) -> Diagnostic:
-    """E0999, with the unit that the file may mean by the one that it states."""
+    """Diagnostic E0999, with the unit that was probably intended."""
     return data_units.misfitting_file_unit(
         signal=signal,
         column=column,
@@ -217,7 +219,9 @@ def misfit(signal: str, column: str, unit: Unit, declared: Unit, span: Span | No
 
 
 def _meant(unit: Unit, declared: Unit) -> str | None:
-    """The unit that people may mean by one that does not convert to the signal's, if it does."""
+    """A unit that is often confused with `unit` and converts to the signal's unit, if there is
+    one.
+    """
     found = (other for other in confused_units(unit) if other.converts_to(declared))
     return next((other.text for other in found), None)
 
@@ -239,7 +243,7 @@ def _turns_fault(
 
 
 def wanted_columns(found: Iterable[Feed]) -> dict[ColumnKey, str]:
-    """Every column that is read, with the signal that it is read for."""
+    """Every column to read, with the signal that needs it."""
     wanted: dict[ColumnKey, str] = {}
     for feed in found:
         for key in feed.keys:
@@ -248,14 +252,14 @@ def wanted_columns(found: Iterable[Feed]) -> dict[ColumnKey, str]:
 
 
 def columns_of_only(found: Iterable[Feed], names: Collection[str]) -> frozenset[ColumnKey]:
-    """Columns that feed none but these signals."""
+    """The columns that feed only these signals."""
     found = tuple(found)
     needed = {key for feed in found if feed.signal.name not in names for key in feed.keys}
     return frozenset(key for feed in found for key in feed.keys if key not in needed)
 
 
 def _conversion(signal: Signal, column: Column, findings: Findings) -> Line:
-    """From cells to the signal's unit (the only place where units convert)."""
+    """From cells to the signal's unit. Units are converted only here."""
     declared: Unit | None = signal.unit
     line = UNCHANGED
     if column.unit is not None and declared is None:

@@ -1,4 +1,4 @@
-"""Converts cells of data as numbers of a spec are converted: rounded once."""
+"""Converts cells with a single rounding, exactly like numbers in a spec."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from msnn.data.dataset import FloatArray
 from spec_schema.units.unit import DIGITS, UNCHANGED, Line, nearest_float
 
 _REACH = 280
-"""Powers of ten between which no step below leaves the floats."""
+"""Decimal exponents within which no intermediate result overflows or underflows."""
 _SPLIT = float(2**27 + 1)
 _AT_ONCE = 1 << 14
-"""Cells whose intermediate results stay in the cache: a fifth of the time of all together."""
+"""Cells per block: intermediate results stay in the cache, which takes a fifth of the time."""
 
 _Pair: TypeAlias = tuple[float, float]
-"""The float nearest to a number, and what it lacks."""
+"""The float nearest to a number, and the difference from the number."""
 
 
 def converted_cells(cells: FloatArray, line: Line) -> FloatArray:
-    """factor · cell + summand, of the decimal number that a cell means where it means one.
+    """factor · cell + summand, with the cell as the decimal number that was written.
 
-    3 mm are 0.003 m in a spec, and 9 · 0.001 is 0.009000000000000001. Sums and products are of
-    pairs of floats (Dekker, Numer. Math. 18, 1971), so that only the last one rounds. Decibels are
-    20 log10 of a ratio: NaN where that is below 0.
+    3 mm must become 0.003 m, as in a spec, but 9 · 0.001 is 0.009000000000000001. Sums and products
+    use pairs of floats (Dekker, Numer. Math. 18, 1971), so that only the result is rounded.
+    Decibels are 20 log10 of a ratio: NaN if it is negative.
     """
     if line == UNCHANGED:
         return cells
     factor, summand = _pair(line.factor), _pair(line.summand)
     found = np.empty(len(cells))
-    # infinities, and numbers beside which a rest is beyond floats; logarithms of what is below 0
+    # infinities, differences below the smallest float, and logarithms of negative values
     with np.errstate(all="ignore"):
         for begin in range(0, len(cells), _AT_ONCE):
             some = slice(begin, begin + _AT_ONCE)
@@ -59,7 +59,7 @@ def _on_line(cells: FloatArray, factor: _Pair, summand: _Pair) -> FloatArray:
 
 
 def _decimal_rest(cells: FloatArray) -> FloatArray:
-    """The rest to the decimal number of few digits that a cell was read from; else 0."""
+    """The difference between the decimal number that was written and the cell; 0 if unknown."""
     size = np.abs(cells)
     inside = (size > 10.0**-_REACH) & (size < 10.0**_REACH)
     at = DIGITS - 1 - np.floor(np.log10(np.where(inside, size, 1.0))).astype(np.int64)
@@ -77,7 +77,7 @@ def _decimal_rest(cells: FloatArray) -> FloatArray:
 
 
 def _product_rest(left: FloatArray, right: FloatArray | float, product: FloatArray) -> FloatArray:
-    """The rest that rounding took from a product."""
+    """The rounding error of a product."""
     left_high = left * _SPLIT - (left * _SPLIT - left)
     right_high = right * _SPLIT - (right * _SPLIT - right)
     left_low, right_low = left - left_high, right - right_high
@@ -87,7 +87,7 @@ def _product_rest(left: FloatArray, right: FloatArray | float, product: FloatArr
 
 @cache
 def _powers_of_ten() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """10ᵏ, and 10⁻ᵏ as pairs, for k from -_REACH - DIGITS."""
+    """10ᵏ as floats, and 10⁻ᵏ as pairs, for k ≥ -_REACH - DIGITS."""
     span = range(-_REACH - DIGITS, _REACH + DIGITS + 1)
     inverses = np.array([_pair(Fraction(10) ** -k) for k in span])
     return np.array([float(f"1e{k}") for k in span]), inverses[:, 0], inverses[:, 1]

@@ -1,4 +1,4 @@
-"""Moves the series of one file after the other to disk, so that memory holds a file at a time."""
+"""Moves the series to disk file by file, so that memory holds one data file at a time."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from msnn.data.dataset import FloatArray
 from msnn.data.reading.part import FilePart
 
 _TIME = "time of rows"
-"""Beside the names of signals, which have no blanks."""
+"""A key that no signal has, because names of signals contain no blanks."""
 
 
 class DiskSeries:
-    """The series of all parts in files without a name beside the kernels, one a signal."""
+    """The series of all parts in unnamed files in the cache folder, one per signal."""
 
     def __init__(self) -> None:
         self._files: dict[str, ArrayFile] = {}
 
     def taken(self, part: FilePart) -> FilePart:
-        """The part without its series, which are on disk from now on."""
+        """Appends the series of the part to disk, and returns the part without series."""
         series = part.series if part.time is None else {**part.series, _TIME: part.time}
         for name, values in series.items():
             if name not in self._files:
@@ -34,14 +34,14 @@ class DiskSeries:
         return replace(part, series={}, time=empty, pieces=pieces)
 
     def forget(self) -> None:
-        """Drops all of it."""
+        """Deletes all files."""
         for file in self._files.values():
             file.forget()
 
     def returned(
         self, parts: Sequence[FilePart]
     ) -> tuple[list[FilePart], Mapping[str, FloatArray]]:
-        """The parts with what is theirs of the series on disk, and the whole series."""
+        """The parts with views of their series on disk, and the whole series by signal."""
         whole = {name: file.array() for name, file in self._files.items()}
         # one array for all parts, of which some may have none
         time = whole.pop(_TIME, None)

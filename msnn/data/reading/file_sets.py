@@ -1,4 +1,4 @@
-"""Reads the files that entries of `validate:` name, as sets of their own."""
+"""Reads the files of entries of `validate:` as separate sets."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
 
 def file_sets(checks: Sequence[Validation]) -> dict[str, Source]:
-    """The files of all entries by the name of their set; entries that ask for the same share one.
+    """The files of all entries by set name; entries with equal files and keys share a set.
 
-    A set is named by its patterns, a second one of the same patterns but other keys has a number.
+    A set is named by its patterns. A further set of the same patterns with other keys gets a
+    number.
     """
     found: dict[str, Source] = {}
     for check in checks:
@@ -35,15 +36,15 @@ def file_sets(checks: Sequence[Validation]) -> dict[str, Source]:
 
 
 def set_of(files: Source, sets: dict[str, Source]) -> str | None:
-    """The name of the set that says the same of the same files."""
+    """The name of the set with the same files and keys."""
     wanted = _text(files)
     return next((name for name, source in sets.items() if _text(source) == wanted), None)
 
 
 def load_file_sets(program: Program, spec: Spec, folder: Path) -> dict[str, Dataset]:
-    """The records of every set by its name, each a data set of its own, not split.
+    """The recordings of every set by its name, each as a separate dataset without a split.
 
-    Relative paths start in `folder`. Raises SpecError with the faults of the files of a set.
+    Relative paths start in `folder`. Raises SpecError with the errors in the files of a set.
     """
     from msnn.data.reading.load import load_data
     from msnn.data.reading.row_filter import row_filters
@@ -55,7 +56,7 @@ def load_file_sets(program: Program, spec: Spec, folder: Path) -> dict[str, Data
 
 
 def file_sections(spec: Spec) -> dict[str, Data]:
-    """For every set a data section of its files alone, with the defaults of the spec's."""
+    """A data section for every set, with its files only and the defaults of the spec's section."""
     defaults = spec.data or Data.model_construct(place=spec.place, source={})
     return {
         name: defaults.model_copy(update={"source": {name: source}, "split": None})

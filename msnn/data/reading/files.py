@@ -27,21 +27,21 @@ from spec_schema.sections.data.data import Data, Source
 from spec_schema.sections.data.splits import SETS
 
 GIVEN = "data"
-"""The set of data that somebody gives in place of the spec's, where nobody names it."""
+"""The name of the set for data that replace the spec's data, if the user names none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataFile:
-    """One file of a set; `shown` is its name in messages, as short as it can be."""
+    """One file of a set; `shown` is its name in messages, shortened where possible."""
 
     path: Path
     shown: str
     source: str
     layout: Source
     arrays: NamedArrays | None = None
-    """Arrays of a session in place of a file; `path` only names them."""
+    """Arrays of a data frame instead of a file; `path` is then only a name."""
     is_row_group: bool = False
-    """Whether the file at `path` has other records too."""
+    """True if the file at `path` contains further recordings."""
 
     @property
     def format(self) -> FileFormat:
@@ -53,14 +53,14 @@ class DataFile:
 
     @property
     def keeps_time(self) -> bool:
-        """Whether the file itself says when each value was recorded."""
+        """True if the file itself stores the time of each value."""
         return self.arrays is None and self.format.keeps_time
 
 
 def find_files(data: Data, folder: Path, findings: Findings) -> list[DataFile]:
-    """The files of all sources in the order of the spec, those of one pattern by name.
+    """The files of all sources in the order of the spec, the files of one pattern by name.
 
-    A folder stands for the data files in it. A pattern that matches nothing is an error.
+    A folder means the data files in it. A pattern without a match is an error.
     """
     found: list[DataFile] = []
     for name, source in data.source.items():
@@ -85,7 +85,7 @@ def find_files(data: Data, folder: Path, findings: Findings) -> list[DataFile]:
 
 
 def _records(file: DataFile, records: str | None, findings: Findings) -> list[DataFile]:
-    """The file itself, or its row groups where it has such."""
+    """The file itself, or its row groups if `records: row_group`."""
     if records != "row_group" or file.path.suffix.lower() != ".parquet":
         return [file]
     require_reader(file.path)
@@ -101,15 +101,15 @@ def _records(file: DataFile, records: str | None, findings: Findings) -> list[Da
 
 
 def data_of_files(data: Data, files: Sequence[Path], data_set: str | None = None) -> Data:
-    """The section for other files, in one set that is not split: `data_set`, by default `data`.
+    """A data section for other files as one set without a split; default name is `data`.
 
-    They are laid out like the files of that set, by default as those of all sets are. Rows are not
-    picked by `from`, `to`: these belong to the files of the spec. SpecError where there is no such
-    set, or where the sets differ and none is named.
+    The files have the layout of set `data_set`, else the common layout of all sets. `from` and `to`
+    are ignored, because they belong to the spec's files. Raises SpecError if there is no such set,
+    or if layouts differ and none is named.
     """
     layout = _layout(data, data_set)
     formats = [format_of(path) for path in files]
-    # keys that say nothing of the given files say something of those of the spec
+    # keys that do not apply to the given files may apply to those of the spec
     unread: dict[str, None] = {}
     if not any(format.is_text for format in formats):
         unread["csv"] = None
@@ -123,7 +123,7 @@ def data_of_files(data: Data, files: Sequence[Path], data_set: str | None = None
 
 
 def _layout(data: Data, data_set: str | None) -> Source:
-    """The layout that a set gives its files, without their names and the choice of rows."""
+    """The layout of a set's files, without their names and the selection of rows."""
     plain = {
         name: source.model_copy(update={"files": (), "first": None, "last": None})
         for name, source in data.source.items()
@@ -145,7 +145,7 @@ def _layout(data: Data, data_set: str | None) -> Source:
 
 
 def matching(folder: Path, pattern: str) -> list[Path]:
-    """The files that a name, a pattern or a folder stands for."""
+    """The files that match a name, a pattern or a folder."""
     plain = folder / pattern
     if plain.is_dir():
         direct = sorted(p for p in plain.iterdir() if p.suffix.lower() in SUFFIXES and _is_data(p))
@@ -162,9 +162,9 @@ def matching(folder: Path, pattern: str) -> list[Path]:
 
 
 def nearest_path(folder: Path, pattern: str) -> str | None:
-    """The pattern with its first part that is not there replaced by the most similar one that is.
+    """The pattern with its first missing part replaced by the most similar existing name.
 
-    None where nothing is similar, or where the rest then matches nothing either.
+    None if no name is similar, or if the corrected pattern matches nothing either.
     """
     parts = Path(pattern).parts
     for place, part in enumerate(parts):
@@ -184,7 +184,7 @@ def nearest_path(folder: Path, pattern: str) -> str | None:
 
 
 def _why_refused(path: Path) -> str | None:
-    """Why a file that is there is not to be read."""
+    """The reason why an existing file cannot be read; None if it can."""
     try:
         if path.exists():
             refuse_endless(path)
@@ -194,7 +194,7 @@ def _why_refused(path: Path) -> str | None:
 
 
 def _is_data(path: Path) -> bool:
-    """A file, or a link that leads nowhere: reading that says so, skipping it would lose data."""
+    """True for a file and for a broken link: the reader reports it instead of losing data."""
     return path.is_file() or (path.is_symlink() and not path.exists())
 
 

@@ -1,4 +1,4 @@
-"""Reads data of a session in place of files: frames of pandas or polars, mappings of arrays."""
+"""Reads data from memory instead of files: pandas or polars frames, mappings of arrays."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class FrameLike(Protocol):
 
 Frame: TypeAlias = "FrameLike | Mapping[str, ArrayLike]"
 Frames: TypeAlias = "Frame | Sequence[Frame] | Mapping[str, Frame | Sequence[Frame]]"
-"""One record, several, or one or several for each set: `{"train": [a, b], "val": c}`."""
+"""One recording, several, or one or several per set: `{"train": [a, b], "val": c}`."""
 
 
 def frame_data(
@@ -57,21 +57,23 @@ def frame_data(
     split: bool = True,
     as_recorded: bool = False,
 ) -> Dataset:
-    """Records of a session, read as the `data` section reads files: columns, units, split, gaps.
+    """Recordings in memory, read like the files of the `data` section: columns, units, split, gaps.
 
-    Each frame is a record; a mapping is one of sets if its values are frames or lists of them, and
-    of columns otherwise. What `data` says of files is left out, and what its first source says of
-    columns holds for all. A mapping may also have a signal under its own name: an array
-    (rows, *shape) in the signal's unit, where the columns of the spec are not there. `whole`
-    is the model of which the program is a part: the signals that it predicts besides are read where
-    a frame has them. Without `split` the records of no set are in `data`; `as_recorded` does not
-    resample them. Raises SpecError with everything that is wrong, TypeError for other things than
-    frames.
+    Each frame is one recording. A mapping is one of sets if its values are frames or lists of
+    frames, else one of columns. The columns of the first source of `data` apply to all frames; its
+    keys about files are ignored.
+
+    A mapping may contain a signal under its own name instead of the spec's columns: an array (rows,
+    *shape) in the signal's unit. `whole` is the complete model of which `program` is a part;
+    signals that only `whole` predicts are read if a frame has them. Without `split`, recordings
+    without a set are in set `data`. `as_recorded` disables resampling.
+
+    Raises SpecError with all errors, and TypeError for objects that are not frames.
     """
     sets = _sets(frames, "train" if split else GIVEN)
     layout = _layout(data, place)
     section = data or Data.model_construct(place=place, source={GIVEN: layout})
-    # each record says by itself where its columns and its time are
+    # each recording states where its columns and its time are
     columns, time = {**section.columns, **layout.columns}, layout.time or section.time
     layout = layout.model_copy(update={"columns": {}, "time": None})
     update = {"source": dict.fromkeys(sets, layout), "columns": {}, "time": None}
@@ -111,14 +113,14 @@ def _sets(frames: Frames, alone: str) -> dict[str, list[Frame]]:
 
 
 def refuse_sets(frames: Frames | None) -> None:
-    """Raises TypeError for frames of several sets where a split makes the sets."""
+    """Raises TypeError for frames of several sets if the split defines the sets."""
     if isinstance(frames, Mapping) and _is_of_sets(frames):
         message = "folds divide the records of one set: give a frame or a list of frames"
         raise TypeError(message)
 
 
 def with_training_rows(data: object) -> Frames | None:
-    """The frames of sets among which is `train`; None of other data."""
+    """The frames by set if they include `train`; None for other data."""
     if not isinstance(data, Mapping) or "train" not in data:
         return None
     frames = cast("Mapping[str, Frame | Sequence[Frame]]", data)
@@ -194,9 +196,9 @@ def _arrays(shown: str, frame: Frame) -> NamedArrays:
 
 
 def _index_levels(frame: FrameLike) -> dict[str, Any]:
-    """The index of a frame of pandas as columns, named as in Parquet files that pandas writes.
+    """The index of a pandas frame as columns, named as pandas names them in Parquet files.
 
-    An index without a name is one if it has dates or durations, not if it counts rows.
+    An unnamed index is a column if it contains dates or durations, not if it counts rows.
     """
     index: Any = getattr(frame, "index", None) if hasattr(frame, "iloc") else None
     levels = [index.get_level_values(level) for level in range(getattr(index, "nlevels", 0))]
@@ -208,9 +210,9 @@ def _index_levels(frame: FrameLike) -> dict[str, Any]:
 
 
 def _report_index_of_other_times(frame: Frame, shown: str, step: float, findings: Findings) -> None:
-    """Reports an index of dates or durations whose usual step is not that of rows, in seconds.
+    """Reports an index of dates or durations whose median step differs from `step` (seconds).
 
-    Nobody reads it without `time:`, and its frame would be taken as one of the sample time.
+    Without `time:` the index is ignored, and the rows would silently be taken as one sample apart.
     """
     levels = {} if isinstance(frame, Mapping) else _index_levels(frame)
     for name, level in levels.items():
@@ -223,8 +225,10 @@ def _report_index_of_other_times(frame: Frame, shown: str, step: float, findings
 
 
 def _labels(columns: Sequence[Any]) -> tuple[str, ...]:
-    """The names of columns: `a.b` for the pair (a, b) of a header of two lines, or `a [km/h]` where
-    the second line is one of units."""
+    """The names of columns with a header of two lines.
+
+    `a.b` for the pair (a, b), or `a [km/h]` if the second line contains units.
+    """
     pairs = [_levels(column) for column in columns]
     last = [pair[-1] if len(pair) > 1 else "" for pair in pairs]
     has_units = any(last) and units_line(last) is not None
@@ -245,7 +249,7 @@ def _levels(label: object) -> tuple[str, ...]:
 
 
 def _numbers(column: Any) -> NDArray[Any]:
-    """The values of a column; NaN where pandas has its own mark for a missing number."""
+    """The values of a column; NaN for pandas' marker of a missing number."""
     found = np.asarray(column.to_numpy())
     if found.dtype.kind == "O" and getattr(column.dtype, "kind", "O") in "biuf":
         return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan))
@@ -253,7 +257,7 @@ def _numbers(column: Any) -> NDArray[Any]:
 
 
 def _unmasked(values: ArrayLike) -> NDArray[Any]:
-    """An array in which what a mask leaves out is missing: NaN, or NaT of dates."""
+    """The array with masked elements as NaN, or NaT for dates."""
     if not isinstance(values, np.ma.MaskedArray):
         return np.asarray(getattr(values, "magnitude", values))  # numbers of pint
     masked = cast("np.ma.MaskedArray[Any, Any]", values)

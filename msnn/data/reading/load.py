@@ -1,4 +1,4 @@
-"""Reads all data of a spec into one `Dataset`, and reports every bad file at once."""
+"""Reads all data of a spec into one `Dataset`, and reports all faulty files together."""
 
 from __future__ import annotations
 
@@ -41,19 +41,20 @@ def load_data(
     *,
     as_recorded: bool = False,
 ) -> Dataset:
-    """The measured series of all signals of the program, divided into records and sets.
+    """The measured series of all signals of the program, divided into recordings and sets.
 
-    Relative paths start in `folder`: that of the spec, or `--data-root`. `filters` are those of
-    the sources by name. `whole` is the model of which `program` is a part, as a simulation is: the
-    signals that it predicts besides are read where a file has them. `as_recorded` keeps the rows of
-    files where they are rows, joined as `resample:` wants it, and does not resample them. Raises
-    SpecError
-    with the faults of all files, and MissingExtraError where the reader of a format is missing.
+    Relative paths start in `folder`: the spec's folder, or `--data-root`. `filters` maps names of
+    sources to row filters. `whole` is the complete model of which `program` is a part; signals that
+    only `whole` predicts are read if a file has them. `as_recorded` joins files as for `resample:`,
+    but keeps their rows.
+
+    Raises SpecError with the errors of all files, and MissingExtraError if a required reader is not
+    installed.
     """
     findings = Findings()
     files = find_files(data, folder, findings)
     for file in files:
-        # all formats before the first file is read: a package that is missing is told at once
+        # check all formats before reading the first file: a missing package is reported immediately
         require_reader(file.path)
     findings.report(*unused_keys(data, files, program.sample_time))
     return joined_files(program, data, files, filters or {}, findings, whole, as_recorded)
@@ -68,7 +69,7 @@ def joined_files(
     whole: Program | None = None,
     as_recorded: bool = False,
 ) -> Dataset:
-    """The series of these files, or arrays in their place. Raises SpecError with all faults."""
+    """The dataset of these files, or of arrays in memory. Raises SpecError with all errors."""
     disk = DiskSeries() if data.keep == "disk" else None
     if disk is not None and (data.join or any(source.join for source in data.source.values())):
         reason = "`join: true` puts files together in memory"
@@ -123,13 +124,13 @@ def joined_files(
 
 
 def _is_outside(file: DataFile, own: Findings) -> bool:
-    """Whether a row group has no row between `from` and `to`, as others of its file may have."""
+    """True if a row group has no row between `from` and `to`, though other groups may have."""
     faults = [found.code for found in own.since(0) if found.severity == "error"]
     return file.is_row_group and faults == ["E0818"]
 
 
 def _texts(files: Iterable[DataFile], faults: Iterable[Diagnostic]) -> list[SourceText]:
-    """The texts of faulty files, so that messages can show the line; large ones are only named."""
+    """The texts of faulty files, so that messages can show the line; large files are omitted."""
     faulty = {fault.span.file for fault in faults if fault.span is not None}
     return [
         SourceText(file.shown, file.path.read_text("utf-8-sig", errors="replace"))
@@ -139,7 +140,7 @@ def _texts(files: Iterable[DataFile], faults: Iterable[Diagnostic]) -> list[Sour
 
 
 def _once(faults: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Faults with those that differ in the file only as one: it names the first file."""
+    """Merges diagnostics that differ only in the file; the result names the first file."""
     alike: dict[Diagnostic, list[Diagnostic]] = {}
     for fault in faults:
         file = "" if fault.span is None else fault.span.file
@@ -159,7 +160,7 @@ def _dropped(part: FilePart, findings: Findings) -> bool:
 
 
 def _groups(files: Sequence[DataFile], data: Data) -> Iterator[list[DataFile]]:
-    """Each file alone, those of a set that are joined together."""
+    """Each file alone, except that files of a set with `join: true` form one group."""
     joining: dict[str, list[DataFile]] = {}
     for file in files:
         if file.layout.join if file.layout.join is not None else data.join:
@@ -180,7 +181,7 @@ def _recordings(
     findings: Findings,
     whole: Program | None,
 ) -> list[ReadFile]:
-    """The files of a group, those that follow each other in time as one; reports faulty ones."""
+    """The recordings of a group: consecutive files become one. Reports faulty files."""
     own = Findings()
     read = [read_file(program, data, file, condition, own, whole) for file in group]
     findings.report(*own.since(0))
@@ -197,7 +198,7 @@ def _sets(
     sample_time: float | None,
     findings: Findings,
 ) -> list[SetCodes]:
-    """The set of every row of every part."""
+    """The set index of every row of every part."""
     codes = {name: index for index, name in enumerate(sets)}
     # int8: a byte a row, as there are no 127 sets
     rows = [np.full(len(p.usable), codes[p.file.source], dtype=np.int8) for p in parts]
@@ -226,7 +227,7 @@ def _times(part: FilePart, sample_time: float | None) -> RecordTimes:
 def _report_ranges(
     signals: Sequence[Signal], parts: Sequence[FilePart], findings: Findings
 ) -> None:
-    """Data outside a signal's `range:` is a warning, never clamped (rule R10)."""
+    """Warns of data outside a signal's `range:`; values are never clamped (rule R10)."""
     for signal in signals:
         if signal.range is None:
             continue
@@ -264,7 +265,7 @@ def _report_ranges(
 def _report_shared(
     parts: Sequence[FilePart], files: Sequence[DataFile], data: Data, findings: Findings
 ) -> None:
-    """Warns of rows of one file that are in two sets: what is measured on them was trained on."""
+    """Warns of rows of one file that are in two sets: an evaluation would use training data."""
     paths = {(file.source, file.shown): file for file in files}
     seen: dict[object, list[tuple[str, FileRows]]] = {}
     for part in parts:
@@ -285,7 +286,7 @@ def _report_shared(
 
 
 def _report_kept(parts: Sequence[FilePart], sample_time: float | None, findings: Findings) -> None:
-    """Tells of measured values what resampling made of them, unless every row has just one."""
+    """Reports how resampling mapped measured values to rows, unless each row has exactly one."""
     total: dict[ColumnKey, KeptValues] = {}
     for part in parts:
         for key, kept in part.kept.items():
@@ -312,7 +313,7 @@ def _joined(
     warnings: tuple[Diagnostic, ...],
     whole: Mapping[str, FloatArray] | None,
 ) -> Dataset:
-    """All parts one after the other; `whole` are their series where these are on disk."""
+    """The dataset of all parts in sequence; `whole` has their series if they are on disk."""
     records: list[Record] = []
     start = 0
     for part in parts:
@@ -342,7 +343,7 @@ def _joined(
 
 
 def _measured(parts: Sequence[FilePart]) -> dict[str, BoolArray]:
-    """The rows of all parts with a measured value, of signals that lack it in some."""
+    """The rows with a measured value, for signals that lack one in some rows."""
     names = dict.fromkeys(name for part in parts for name in part.measured)
     found = {
         # a part that is not resampled has the values that its file has

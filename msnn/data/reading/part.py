@@ -1,4 +1,4 @@
-"""Picks the rows of a recording, as series of signals with their gaps and missing inputs."""
+"""Selects the rows of a recording, as series of signals with their gaps and missing inputs."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from spec_schema.expressions.moments import Moment
 from spec_schema.sections.data.data import Data
 
 _FEWEST_VALUES = 4
-"""A column with fewer has no usual step."""
+"""Minimum number of values from which the usual step of a column is determined."""
 _HAIR = 1e-9
-"""Seconds by which summed and printed times of one row differ."""
+"""Maximum difference in seconds between summed and printed times of the same row."""
 
 
 @dataclass(frozen=True, slots=True)
 class KeptValues:
-    """The measured values of a column, by what resampling made of them."""
+    """Counts of a column's measured values before and after resampling."""
 
     measured: int
     kept: int
-    """Rows that have one."""
+    """Rows with a measured value."""
     lost: int
-    """Values for which there is no row, or only one at which an input is missing."""
+    """Values without a row, or only with a row at which an input is missing."""
     rows: int
-    """All rows, with and without a value."""
+    """All rows, with and without a measured value."""
     offset: float = 0.0
-    """Most seconds between a value and its row, of those that are taken as they were measured."""
+    """Maximum seconds between a value and its row, among values that are not interpolated."""
 
     def __add__(self, other: KeptValues) -> KeptValues:
         return KeptValues(
@@ -56,23 +56,23 @@ class KeptValues:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilePart:
-    """The picked rows of one file, or of several that follow each other."""
+    """The selected rows of one file, or of several consecutive files."""
 
     file: DataFile
     pieces: tuple[FileRows, ...]
     series: dict[str, FloatArray]
     time: FloatArray | None
-    """Seconds of each row, where the file says."""
+    """Time of each row in seconds, if the file has a time."""
     continues: BoolArray
     usable: BoolArray
     begins: Moment | None = None
-    """Time 0, where the file says."""
+    """The date of time 0, if the file has one."""
     kept: Mapping[ColumnKey, KeptValues] = field(default_factory=dict[ColumnKey, KeptValues])
-    """Of resampled columns that predictions are compared with."""
+    """Counts for resampled columns that predictions are compared with."""
     measured: Mapping[str, BoolArray] = field(default_factory=dict[str, BoolArray])
-    """Of resampled signals that are read as well as compared: the rows with a measured value."""
+    """For resampled signals that are both read and compared: mask of rows with a measured value."""
     missing: tuple[str, int] | None = None
-    """The file and the row in it that lacks an input although it is used, of several the first."""
+    """The file and row of the first missing input in a used row."""
 
 
 def part_of(
@@ -82,13 +82,13 @@ def part_of(
     row_filter: RowFilter | None,
     findings: Findings,
 ) -> FilePart | None:
-    """The rows of a recording that the spec picks; None after a report of what is wrong."""
+    """The rows of a recording that the spec selects; None after reporting errors."""
     rows = record_rows(recording, data, program.sample_time, findings)
     if rows is None:
         return None
     found, uses = recording.found, recording.uses
     series = {feed.signal.name: feed.series(rows.columns) for feed in found}
-    # a row in a hole is no measurement, a row without an input cannot be simulated; both end an
+    # rows in a hole were not measured, rows without an input cannot be simulated: both end an
     # episode
     usable = rows.covered.copy()
     in_hole = ~rows.covered
@@ -155,7 +155,7 @@ def part_of(
 
 
 def _needed(program: Program, found: Sequence[Feed], rows: RecordRows) -> list[Feed]:
-    """The inputs of the program, but for those that predictions alone are compared with."""
+    """The inputs of the program, without those that are only compared with predictions."""
     return [
         feed
         for feed in found
@@ -166,7 +166,7 @@ def _needed(program: Program, found: Sequence[Feed], rows: RecordRows) -> list[F
 
 
 def _is_known(row_filter: RowFilter, series: Mapping[str, FloatArray], rows: int) -> BoolArray:
-    """The rows that have all values that a filter reads."""
+    """The rows in which all values read by a filter are present."""
     known = np.ones(rows, np.bool_)
     for name in row_filter.read:
         values = series[name]
@@ -183,9 +183,9 @@ def _first_missing(
     sample_time: float | None,
     findings: Findings,
 ) -> tuple[str, int] | None:
-    """The first row, and its file, that lacks an input although it is used; None where none does.
+    """File and row of the first missing input in a used row; None if no input is missing.
 
-    Reports each column that does, where that is an error.
+    Reports each column with missing inputs if the spec makes them an error.
     """
     first: int | None = None
     for key in dict.fromkeys(key for feed in needed for key in feed.keys):
@@ -224,7 +224,7 @@ def _first_missing(
 def _is_slow(
     recording: ReadFile, data: Data, values: FloatArray, sample_time: float | None
 ) -> bool:
-    """True for a column without `resample:` whose empty cells lie between values at even steps."""
+    """True for a column that is sampled more slowly than the rows and has no `resample:`."""
     if sample_time is None or not isinstance(recording.read, ColumnTable):
         return False
     time = recording.read.time
@@ -245,7 +245,7 @@ def _pieces(recording: ReadFile, rows: RecordRows) -> tuple[FileRows, ...]:
         starts = [bisect_left(rows.rows, origin.row) for origin in origins]
     else:
         assert rows.time is not None, "rows between those of a file have a time"
-        # the grid is summed up: a row may be a hair before its file
+        # the grid is a cumulative sum: rounding may put a row slightly before its file
         starts = [int(np.searchsorted(rows.time, origin.begins - _HAIR)) for origin in origins]
     starts[0] = 0
     found: list[FileRows] = []
@@ -284,7 +284,7 @@ def _at_moments(key: ColumnKey, rows: RecordRows) -> FloatArray:
 
 
 def _marked(key: ColumnKey, rows: RecordRows) -> BoolArray:
-    """The rows to which a measured value of a resampled column belongs."""
+    """Mask of the rows to which a measured value of a resampled column belongs."""
     marked = np.zeros(len(rows.continues), dtype=np.bool_)
     marked[rows.moments[key][rows.moments[key] >= 0]] = True
     return marked

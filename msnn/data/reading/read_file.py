@@ -1,4 +1,4 @@
-"""Reads the columns of a file that signals need, with the seconds of its rows."""
+"""Reads the columns of a file that the signals need, and the time of each row in seconds."""
 
 from __future__ import annotations
 
@@ -36,73 +36,73 @@ from spec_schema.yaml_tree.writer import scalar_text
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColumnUses:
-    """The columns of a file by the way in which a model uses them; it reads the others."""
+    """The columns of a file by their use; all other columns are inputs of the model."""
 
     beside: frozenset[ColumnKey] = frozenset()
-    """They have no say in which rows there are."""
+    """Columns that do not determine which rows exist."""
     scored: frozenset[ColumnKey] = frozenset()
-    """A value that is missing in them ends nothing: predictions are compared with them."""
+    """Columns compared with predictions, in which a missing value does not end an episode."""
     measured: frozenset[ColumnKey] = frozenset()
-    """Those of which nobody needs the values between the measured ones."""
+    """Columns whose interpolated values are never needed."""
     compared: frozenset[ColumnKey] = frozenset()
-    """Predictions may be compared with them: a value that was not measured is not compared."""
+    """Columns compared with predictions; interpolated values are excluded from the comparison."""
     counted: frozenset[ColumnKey] = frozenset()
-    """Those with which predictions of the program are compared."""
+    """Columns that are compared with predictions of the program."""
 
 
 @dataclass(frozen=True, slots=True)
 class FileOrigin:
-    """A file of a recording, and where its rows begin there."""
+    """A file of a recording, and its position in the recording."""
 
     file: str
     row: int
-    """The row of the recording that is its row 0."""
+    """The row of the recording that is row 0 of the file."""
     begins: float
-    """Seconds of its first row in the recording."""
+    """Time of the file's first row in the recording, in seconds."""
     seconds: float
-    """Its time 0 in the recording."""
+    """The file's time 0 in the recording, in seconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadFile:
-    """All rows of a file, or of several that follow each other, for the signals that they feed."""
+    """All rows of a file, or of several consecutive files, for the signals that they feed."""
 
     file: DataFile
     read: ColumnTable | Streams
-    """Times of rows are seconds."""
+    """The columns; times are in seconds."""
     found: Sequence[Feed]
-    """Of the signals of the program and of the filter."""
+    """Feeds of the signals of the program and of the filter."""
     more: Sequence[Feed]
-    """Of signals that the file need not have."""
+    """Feeds of signals that the file may lack."""
     uses: ColumnUses
     origins: tuple[FileOrigin, ...]
     time_unit: TimeUnit | None = None
 
     def as_recorded(self) -> ReadFile:
-        """The same with its rows as they are: not resampled, and gaps are none of an error."""
+        """The same file without resampling; gaps are not errors."""
         layout = self.file.layout.model_copy(update={"resample": "none"})
         return replace(self, file=replace(self.file, layout=layout))
 
     @property
     def rows(self) -> int:
-        """The count of rows; of streams with several times that of the first."""
+        """The number of rows; for streams, the number of values of the first column."""
         if isinstance(self.read, ColumnTable):
             return self.read.rows
         return len(next(iter(self.read.columns.values()))[0])
 
     def row_of(self, row: int) -> tuple[str, int]:
-        """The file that a row of the recording is from, and which row it is there."""
+        """The file that a row of the recording comes from, and its row in that file."""
         origin = next(origin for origin in reversed(self.origins) if origin.row <= row)
         return origin.file, row - origin.row
 
     @property
     def begins(self) -> Moment | None:
-        """Time 0, where times are dates."""
+        """Time 0, if times are dates."""
         return self.read.begins if isinstance(self.read, Streams) else self.read.time_begins
 
     @property
     def times(self) -> Mapping[ColumnKey, FloatArray] | None:
-        """The seconds at which each column was recorded that decides which rows there are."""
+        """The times in seconds of each column that determines which rows exist."""
         if isinstance(self.read, Streams):
             return {k: t for k, (t, _) in self.read.columns.items() if k not in self.uses.beside}
         time = self.read.time
@@ -117,9 +117,9 @@ def read_file(
     findings: Findings,
     whole: Program | None = None,
 ) -> ReadFile | None:
-    """The columns of a file; None after a report of what is wrong.
+    """The columns of a file; None after reporting errors.
 
-    The file need not have signals that the model `whole` predicts and the program does not read.
+    The file may lack signals that the model `whole` predicts and the program does not read.
     """
     # of its own: `failed` is then about this file alone
     mine = Findings()
@@ -153,7 +153,7 @@ def read_file(
 
 
 def _signals(program: Program, row_filter: RowFilter | None) -> tuple[Signal, ...]:
-    """The signals of the program and those that only the filter reads."""
+    """The signals of the program and additional ones that the filter reads."""
     known = {signal.name for signal in program.signals}
     more = () if row_filter is None else row_filter.signals
     return (*program.signals, *(signal for signal in more if signal.name not in known))
@@ -163,7 +163,7 @@ def _uses(
     program: Program, found: Sequence[Feed], more: Sequence[Feed], whole: Program
 ) -> ColumnUses:
     compared, lone = compared_signals(program), signals_only_compared(program)
-    # a part of a model is compared with what the model is compared with
+    # a part of a model has the same targets as the complete model
     as_measured = signals_only_compared(whole)
     # a column that a signal of the program needs as well may not be missing
     spare = wanted_columns(more).keys() - wanted_columns(found).keys()
@@ -212,14 +212,14 @@ def _columns(
 
 
 def _time_source(file: DataFile, time: TimeColumn | None) -> TimeSource | None:
-    """The column that the spec names, for files whose reader finds the times of values itself."""
+    """The spec's time column for formats that store times themselves; else None."""
     if time is None or not file.keeps_time:
         return None
     return TimeSource(time.column.column, time.place.value, time.unit)
 
 
 def _with_name(fault: Diagnostic, file: DataFile) -> Diagnostic:
-    """The fault; if the file has another format than its name says, with the name for that."""
+    """The diagnostic; if the file's format differs from its suffix, with the correct name."""
     is_unread = fault.code == "E0802" and fault.help is None and not file.is_text
     return (
         replace(fault, help=other_name(file.path)) if is_unread and file.arrays is None else fault
@@ -243,7 +243,7 @@ def _dialect(csv: Csv | None, *, tabs: bool) -> Dialect:
 def _in_seconds(
     read: ColumnTable | Streams, file: DataFile, column: TimeColumn | None, findings: Findings
 ) -> ColumnTable | Streams | None:
-    """Columns whose times are seconds; None after a report."""
+    """Columns with times converted to seconds; None after reporting errors."""
     if column is None:
         return read
     if isinstance(read, Streams):
@@ -287,7 +287,7 @@ def _time_unit(read: ColumnTable | Streams, column: TimeColumn | None) -> TimeUn
 def _to_seconds(
     column: TimeColumn, stated: StatedUnit | None, file: str, findings: Findings
 ) -> Line | None:
-    """From the unit of the spec, else from that which the file states, to seconds."""
+    """The conversion to seconds from the unit in the spec, else from the unit in the file."""
     place, key = column.place.value, str(column.column.column)
     if column.unit is not None:
         unit = column.unit.value

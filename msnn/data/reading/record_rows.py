@@ -1,4 +1,4 @@
-"""Picks the rows of one record by `from`, `to` and `every`, resampled or checked for gaps."""
+"""Selects the rows of a recording by `from`, `to` and `every`, and resamples or checks gaps."""
 
 from __future__ import annotations
 
@@ -27,28 +27,30 @@ _HOUR = 3600.0
 
 
 _HAIR = 1e-6
-"""Part of a step between rows by which printed times may be off."""
+"""Maximum error of printed times, as a fraction of the step between rows."""
 
 
 @dataclass(frozen=True, slots=True)
 class LostValues:
-    """The values of a column that are missing although it usually has one."""
+    """Values that a column lacks although it usually has one."""
 
     wanting: BoolArray
-    """Whether a picked row wants one of them."""
+    """Mask of selected rows that need one of these values."""
     rows: IntArray
-    """Their rows in the file."""
+    """The rows of the missing values in the file."""
     places: FloatArray
-    """Where each is among the picked rows: 2.5 between those of index 2 and 3."""
+    """Positions among the selected rows: 2.5 is between the rows with indices 2 and 3."""
 
     def of(self, used: BoolArray) -> IntArray:
-        """Those of them that used rows want, and those before the first row and after the last."""
+        """File rows of missing values that used rows need, or that are before the first or after
+        the last.
+        """
         wanting = np.flatnonzero(self.wanting & used)
         after = np.clip(np.searchsorted(self.places, wanting), 0, max(len(self.rows) - 1, 0))
         before = np.maximum(after - 1, 0)
         is_before = wanting - self.places[before] <= self.places[after] - wanting
         found = np.where(is_before & (after > before), before, after)
-        # places are computed from printed times: rounding takes none out of the first or last row
+        # positions come from printed times: tolerate rounding at the first and last row
         last = len(used) - 1 + _HAIR
         outside = np.flatnonzero((self.places < -_HAIR) | (self.places > last))
         return self.rows[np.union1d(found, outside)]
@@ -56,28 +58,28 @@ class LostValues:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordRows:
-    """Columns of the picked rows, and how the rows follow each other."""
+    """Columns of the selected rows, and their continuity."""
 
     columns: Mapping[ColumnKey, FloatArray]
     rows: range | IntArray
-    """The file's row of each; BETWEEN_ROWS for moments that resampling put between two."""
+    """Row in the file of each row; BETWEEN_ROWS for resampled times between two rows."""
     time: FloatArray | None
     continues: BoolArray
-    """Whether a row is one sample after the row before."""
+    """True for a row one sample after the previous row."""
     covered: BoolArray
-    """Whether a row stands on data: false for moments that resampling put into a hole."""
+    """False for resampled times in a hole of the data."""
     moments: Mapping[ColumnKey, IntArray] = field(default_factory=dict[ColumnKey, IntArray])
-    """Of resampled columns that are compared: the row of each measured value, or −1."""
+    """For each compared resampled column: the row of each measured value, or −1."""
     measured: Mapping[ColumnKey, FloatArray] = field(default_factory=dict[ColumnKey, FloatArray])
-    """Of those that are only scored: the values in these rows, NaN in all others."""
+    """For each column that is only scored: the values in these rows, NaN in all others."""
     offsets: Mapping[ColumnKey, float] = field(default_factory=dict[ColumnKey, float])
-    """Of those the most seconds between a measured value and its row."""
+    """For each of these columns: maximum seconds between a measured value and its row."""
     lost: Mapping[ColumnKey, LostValues] = field(default_factory=dict[ColumnKey, LostValues])
-    """Of columns that are needed in every row."""
+    """Missing values of columns that every row needs."""
 
 
 def resampling(file: DataFile, data: Data) -> Method | None:
-    """The method that brings the rows of a file to the sample time; None where none does."""
+    """The method for resampling a file to the sample time; None without resampling."""
     how = file.layout.resample or data.resample
     return how if how in ("linear", "nearest") else None
 
@@ -85,11 +87,11 @@ def resampling(file: DataFile, data: Data) -> Method | None:
 def record_rows(
     recording: ReadFile, data: Data, sample_time: float | None, findings: Findings
 ) -> RecordRows | None:
-    """The rows of a record that the spec picks; None after a report of what is wrong."""
+    """The rows of a recording that the spec selects; None after reporting errors."""
     read, file, uses = recording.read, recording.file, recording.uses
     span = file.layout.place.key
     method = resampling(file, data)
-    # resampling brings columns beside to the moments; without it only those of the same times fit
+    # without resampling, columns in `beside` are used only if they have the same times
     fitting = uses.beside if method is None else ()
     table = _one_table(read, fitting) if isinstance(read, Streams) else read
     if method is not None:
@@ -112,7 +114,9 @@ def record_rows(
 
 
 def _one_table(streams: Streams, beside: Collection[ColumnKey]) -> ColumnTable | None:
-    """The streams as rows where all have the same times, without those beside that have others."""
+    """The streams as one table if all have the same times; `beside` columns with other times are
+    dropped.
+    """
     times = {key: time for key, (time, _) in streams.columns.items()}
     first = next(time for key, time in times.items() if key not in beside)
     alike = {key for key, time in times.items() if np.array_equal(time, first)}
@@ -262,7 +266,7 @@ def _on_grid(
 
 
 def _missing(column: FloatArray, picked: RowRange) -> LostValues:
-    """The values that are missing in picked rows."""
+    """The values that are missing in selected rows."""
     wanting = np.isnan(column)
     absent = np.flatnonzero(wanting)
     return LostValues(wanting, picked.first + absent * picked.every, absent.astype(np.float64))
@@ -271,7 +275,7 @@ def _missing(column: FloatArray, picked: RowRange) -> LostValues:
 def _lost(
     samples: Samples, picked: RowRange, sample_time: float, grid: FloatArray, wanting: BoolArray
 ) -> LostValues:
-    """The values that a column has lost; `wanting` are the moments of the grid that want one."""
+    """The values that a column lacks; `wanting` is the mask of grid points that need one."""
     absent = lost_values(samples, sample_time)
     places = np.full(len(absent), -1.0)  # without rows all of them are outside
     if len(grid):
@@ -282,7 +286,7 @@ def _lost(
 def _rows_at(
     grid: FloatArray, moments: FloatArray, picked: RowRange, sample_time: float
 ) -> IntArray:
-    """The rows of a file at moments of a grid; BETWEEN_ROWS where it has none at that moment."""
+    """The row of the file at each grid point; BETWEEN_ROWS if none has that time."""
     after = np.clip(np.searchsorted(moments, grid), 0, len(moments) - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.where(grid - moments[before] < moments[after] - grid, before, after)
@@ -294,7 +298,7 @@ def _rows_at(
 def _time_span(
     file: DataFile, data: Data, begins: Moment | None, findings: Findings
 ) -> tuple[float, float] | None:
-    """`from` and `to` in seconds; rows cannot be counted where every column has its own."""
+    """`from` and `to` in seconds. Reports row counts, which need a common time of all columns."""
     bounds = [-np.inf, np.inf]
     layout: Layout = file.layout
     lengths = (layout.first or data.first, layout.last or data.last)

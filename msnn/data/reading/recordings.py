@@ -1,4 +1,4 @@
-"""Joins files that follow each other in time into recordings, before their rows are picked."""
+"""Joins consecutive files into recordings, before their rows are selected."""
 
 from __future__ import annotations
 
@@ -27,10 +27,11 @@ _TO = " … "
 def recordings(
     files: Sequence[ReadFile], data: Data, sample_time: float | None, findings: Findings
 ) -> list[ReadFile]:
-    """The files of a set with `join: true`, those that follow each other as one recording.
+    """The files of a set with `join: true`; consecutive files become one recording.
 
-    The order is that of the files that begin a recording. A file follows another if it begins one
-    sample after its end; with `resample:`, after no hole. Reports what is not joined.
+    A file continues another if it begins one sample after its end; with `resample:`, if there is no
+    hole between them. Recordings have the order of their first files. Reports files that are not
+    joined.
     """
     clock = [_seconds_between(files[0], file) for file in files]
     parts = [_Part.of(file, seconds) for file, seconds in zip(files, clock, strict=True)]
@@ -64,17 +65,17 @@ def recordings(
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """A file with its times in seconds of a common clock."""
+    """A file with its times in seconds on a common clock."""
 
     file: ReadFile
     times: Mapping[ColumnKey, FloatArray]
     first: float
-    """NaN where it has no time that compares with that of the others."""
+    """NaN if the file's times cannot be compared with those of the others."""
     end: float
     early_end: float
-    """The last row of the column that ends first."""
+    """The last time of the column that ends first."""
     longest: float
-    """The longest step, of any column, that is no hole."""
+    """The longest step of any column that is not a hole."""
 
     @classmethod
     def of(cls, file: ReadFile, seconds: float) -> _Part:
@@ -86,7 +87,7 @@ class _Part:
 
 
 def _seconds_between(one: ReadFile, other: ReadFile) -> float:
-    """From the time 0 of a file to that of another; NaN where the files do not tell."""
+    """Seconds from time 0 of one file to that of another; NaN if the files do not determine it."""
     begins, ends = one.begins, other.begins
     if begins is None and ends is None:
         return 0.0
@@ -112,7 +113,7 @@ def _follows(before: _Part, after: _Part, data: Data, sample_time: float) -> boo
 
 
 def _unlike_columns(one: ReadFile, other: ReadFile) -> bool:
-    """Whether the columns of files are not converted alike, or one has not those of the other."""
+    """True if two files have different columns or different conversions."""
     feeds = zip((*one.found, *one.more), (*other.found, *other.more), strict=True)
     if any(a.keys != b.keys or a.lines != b.lines for a, b in feeds):
         return True
@@ -120,7 +121,7 @@ def _unlike_columns(one: ReadFile, other: ReadFile) -> bool:
 
 
 def _joined(files: Sequence[ReadFile], clock: Sequence[float]) -> ReadFile:
-    """One recording of files that follow each other; `clock` has the time 0 of each."""
+    """One recording of consecutive files; `clock` has the time 0 of each."""
     first = files[0]
     if len(files) == 1:
         return first
@@ -191,7 +192,7 @@ def _report(
     found: Sequence[ReadFile],
     findings: Findings,
 ) -> None:
-    """Says which files are not joined, of the first two of them why."""
+    """Reports files that are not joined, and the reason for the first pair."""
     if len(found) == 1 or not any(part.times for part in parts):
         return  # without times it is another message that says so
     in_time = sorted(range(len(parts)), key=lambda index: parts[index].first)

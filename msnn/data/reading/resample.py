@@ -1,4 +1,4 @@
-"""Brings rows and streams to the sample time of the model, without inventing data over holes."""
+"""Resamples rows and streams to the model's sample time, without interpolating over holes."""
 
 from __future__ import annotations
 
@@ -14,32 +14,34 @@ from msnn.data.reading.rows import GAP_TOLERANCE
 
 Method = Literal["linear", "nearest"]
 Samples = tuple[FloatArray, FloatArray]
-"""Seconds, and the values at them; NaN where nothing was measured."""
+"""Times in seconds, and values; NaN if nothing was measured."""
 
 LONGEST_STEP = 2.0
-"""A step longer than this many sample times, and than this many usual steps, is a hole."""
+"""A step longer than this many sample times and this many usual steps is a hole."""
 LOST_STEP = 1.5
-"""Empty cells in a step longer than this many usual ones are values that were lost."""
+"""Empty cells within a step longer than this many usual steps are missing values."""
 
 _SLACK = 1e-6
-"""Part of the sample time by which sums of it and printed times may differ."""
+"""Tolerance between summed and printed times, as a fraction of the sample time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Resampled:
-    """Columns on one even grid; `covered` is false for moments that lie in a hole of a column."""
+    """Columns on one uniform grid; `covered` is false for times in a hole of a column."""
 
     time: FloatArray
     columns: dict[ColumnKey, FloatArray]
     covered: BoolArray
     moments: Mapping[ColumnKey, IntArray]
-    """For each compared column the moment that each of its measured values belongs to, or −1."""
+    """For each compared column: the grid index of each measured value, or −1."""
     measured: Mapping[ColumnKey, FloatArray]
-    """For each scored column its values at these moments, NaN at all others."""
+    """For each scored column: its values at these grid points, NaN at all others."""
     offsets: Mapping[ColumnKey, float]
-    """For each scored column the most seconds between such a value and its moment."""
+    """For each scored column: maximum seconds between such a value and its grid point."""
     lost: Mapping[ColumnKey, BoolArray]
-    """For columns that have lost values the moments that want them, which are not covered."""
+    """For columns with missing values: mask of grid points that need them; these are not
+    covered.
+    """
 
 
 def resample(
@@ -53,21 +55,20 @@ def resample(
     predicted: Collection[ColumnKey] = (),
     on_lines: Collection[ColumnKey] = (),
 ) -> Resampled:
-    """Columns (seconds, values) at the moments that all of them cover, `sample_time` apart.
+    """Resamples columns (seconds, values) to a common grid with step `sample_time`.
 
-    The grid begins where all columns have begun that are not `predicted`. A predicted one, scored
-    or read, covers the moments within half a sample time of its first and last value too, and
-    takes none of the others into the grid: what a program reads of it shifts no moment.
+    The grid begins where all columns that are not `predicted` have begun. A predicted column also
+    covers the grid points within half a sample time of its first and last value. It adds no grid
+    points and does not shift the grid.
 
-    `linear` draws straight lines between the measured values of a column, `nearest` takes the
-    closest of them, the earlier of two. `span` limits the moments.
+    `linear` interpolates linearly between the measured values of a column. `nearest` takes the
+    nearest value, and the earlier of two equally near ones. `span` limits the grid.
 
-    Of columns that are only `scored` holes end nothing. A measured value of theirs stays as it is,
-    at the moment within half a sample time; where no step between two of them is longer than 1.5
-    sample times, `linear` takes the line at that moment. `compared` columns are read as well:
-    `moments` says which moments have a measured value. Columns `beside` are scored ones
-    that have no say in which moments there are; those of them `on_lines` are compared as a signal
-    that is read.
+    Holes of columns that are only `scored` do not end an episode. Their measured values are
+    assigned to the grid point within half a sample time. If no step between two values exceeds 1.5
+    sample times, `linear` interpolates them at that point. `compared` columns are also read:
+    `moments` maps measured values to grid points. Columns in `beside` are scored but do not
+    determine which grid points exist. Those in `on_lines` are compared like a signal that is read.
     """
     scored = {key for key in scored if key not in beside}
     measured = {key: _measured(samples) for key, samples in columns.items()}
@@ -145,11 +146,11 @@ def resample(
 
 
 def lost_values(samples: Samples, sample_time: float) -> IntArray:
-    """The rows at which a column has no value although it usually has one.
+    """The rows at which a column lacks a value although it usually has one.
 
-    Empty cells between the values of a slower column are none: no value is more than a sample time
-    and 1.5 usual steps from the next. Rows before its first value and after its last count by the
-    same measure.
+    Empty cells between the values of a slow column do not count, if successive values are at most a
+    sample time or 1.5 usual steps apart. The same limit applies before the first value and after
+    the last.
     """
     time, values = samples
     absent = np.flatnonzero(np.isnan(values))
@@ -170,18 +171,18 @@ def _measured(samples: Samples) -> Samples:
 
 
 def _moments_of(grid: FloatArray, time: FloatArray, sample_time: float) -> IntArray:
-    """The nearest moment of each measured value; −1 where none is within half a sample time."""
+    """The nearest grid index of each measured value; −1 if none is within half a sample time."""
     if not len(grid):
         return np.full(len(time), -1, np.int64)
     place = (time - grid[0]) / sample_time
-    # of two moments alike far the earlier; the first one has none before it
+    # of two equally near grid points the earlier; the first point has none before it
     index = np.ceil(place - 0.5 - _SLACK).astype(np.int64)
     index[(index == -1) & (place >= -0.5 - _SLACK)] = 0
     return np.where((index < 0) | (index >= len(grid)), -1, index)
 
 
 def _marked(count: int, moments: IntArray) -> BoolArray:
-    """The moments that are listed."""
+    """Mask of the listed grid points."""
     marked = np.zeros(count, dtype=np.bool_)
     marked[moments[moments >= 0]] = True
     return marked
@@ -190,7 +191,9 @@ def _marked(count: int, moments: IntArray) -> BoolArray:
 def _as_measured(
     grid: FloatArray, marked: BoolArray, samples: Samples, sample_time: float, method: Method
 ) -> tuple[FloatArray, float]:
-    """The values at marked moments, NaN at others, and the most seconds by which one is off."""
+    """The values at marked grid points, NaN elsewhere, and the maximum time difference in
+    seconds.
+    """
     time, values = samples
     found = np.full(len(grid), np.nan)
     rows = np.flatnonzero(marked)
@@ -218,12 +221,12 @@ def _at(grid: FloatArray, time: FloatArray, values: FloatArray, method: Method) 
 
 
 def _nearest(grid: FloatArray, time: FloatArray) -> IntArray:
-    """The value closest to each moment."""
+    """The index of the value nearest to each grid point."""
     if len(time) == 1:
         return np.zeros(len(grid), np.int64)
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     before = after - 1
-    # of two alike far the earlier: the later one was not known at that moment
+    # of two equally near values the earlier: the later one was not yet known then
     # the grid is summed up and times are printed: rounding makes no difference between them
     later = (grid - time[before]) - (time[after] - grid)
     slack = _SLACK * (time[after] - time[before]) + 4 * np.spacing(np.abs(grid))
@@ -231,7 +234,7 @@ def _nearest(grid: FloatArray, time: FloatArray) -> IntArray:
 
 
 def longest_step(time: FloatArray, sample_time: float) -> float:
-    """The longest step, in seconds, between values of a column that is no hole."""
+    """The longest step in seconds between values of a column that is not a hole."""
     # a slow column has no holes between all of its rows
     # printed times of equal steps differ in their last digits
     return LONGEST_STEP * max(sample_time, _usual_step(time)) * (1 + _SLACK)
@@ -247,7 +250,7 @@ def _in_holes(grid: FloatArray, time: FloatArray, sample_time: float) -> BoolArr
 
 
 def _in_lost(grid: FloatArray, samples: Samples, sample_time: float) -> BoolArray:
-    """The moments between the values around those that a column has lost."""
+    """Mask of grid points between the neighbours of a column's missing values."""
     own = _measured(samples)[0]
     lost = np.searchsorted(own, samples[0][lost_values(samples, sample_time)]) - 1
     steps = np.zeros(max(len(own) - 1, 0), dtype=np.bool_)
@@ -257,7 +260,7 @@ def _in_lost(grid: FloatArray, samples: Samples, sample_time: float) -> BoolArra
 
 
 def _inside(grid: FloatArray, time: FloatArray, steps: BoolArray, sample_time: float) -> BoolArray:
-    """The moments that lie inside of the chosen steps of a time."""
+    """Mask of grid points inside the chosen steps of `time`."""
     inside = np.zeros(len(grid), dtype=np.bool_)
     # rows at the ends of a step are data, whatever rounding and jitter have made of the grid
     slack = GAP_TOLERANCE * sample_time

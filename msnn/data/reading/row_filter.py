@@ -1,4 +1,4 @@
-"""Keeps the rows of a record for which the `filter:` of the spec holds."""
+"""Selects the rows of a recording that satisfy the `filter:` of the spec."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _AT_ONCE = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class RowFilter:
-    """A condition on the signals of one row: a model with one loss, of 1 where it holds, else 0.
+    """A condition on the signals of one row: a model with one loss, 1 if it is true, else 0.
 
-    A loss, since only losses may read targets.
+    It is a loss because only losses may read targets.
     """
 
     program: Program
@@ -46,7 +46,7 @@ class RowFilter:
         return tuple(reads(self.program.step, [self.program.losses[0].prediction]))
 
     def kept(self, series: Mapping[str, FloatArray], rows: int) -> BoolArray:
-        """The mask of rows where the condition holds; a missing value makes no condition true."""
+        """Mask of rows that satisfy the condition; a missing value makes it false."""
         judge = Interpreter(self.program)
         kept = np.zeros(rows, dtype=np.bool_)
         # in parts: the interpreter holds an array for each operation
@@ -59,10 +59,10 @@ class RowFilter:
 
 
 def row_filters(spec: Spec) -> dict[str, RowFilter]:
-    """The filter of every source of data that has one, or that has the default one.
+    """The row filter of every data source with a `filter:`, including the default one.
 
-    The spec has the entries of sub-models under their full names. Raises SpecError with everything
-    that is wrong with the filters.
+    The spec must have the entries of sub-models under their full names. Raises SpecError with all
+    errors in the filters.
     """
     data = spec.data
     if data is None:

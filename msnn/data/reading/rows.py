@@ -1,4 +1,4 @@
-"""Picks the rows of a file that make a record, and finds the gaps in its time."""
+"""Selects the rows of a file that form a recording, and finds the gaps in its time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from spec_schema.expressions.tree import Samples
 from spec_schema.sections.data.data import Layout
 
 GAP_TOLERANCE = 0.01
-"""Part of the sample time by which a time step may be off (rule R10)."""
+"""Tolerance of time steps, as a fraction of the sample time (rule R10)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,16 +34,16 @@ class RowRange:
 
 @dataclass(frozen=True, slots=True)
 class TimeFault:
-    """A place where the time of a record is not what it should be."""
+    """An error in the times of a recording."""
 
     kind: Literal["gap", "sample time", "order"]
     row: int
     """Row of the file."""
     step: float
-    """Seconds: of the step before the row, or the usual step where that is another one."""
+    """Seconds: the step before the row, or the usual step if it is not the sample time."""
     more: int
     is_even: bool = True
-    """Whether all steps are alike."""
+    """True if all steps are equal."""
 
 
 def picked_rows(
@@ -55,9 +55,9 @@ def picked_rows(
     begins: Moment | None,
     findings: Findings,
 ) -> RowRange | None:
-    """The rows that `from`, `to` and `every` leave of a file; None after a report.
+    """The rows of a file selected by `from`, `to` and `every`; None after reporting errors.
 
-    `begins` is time 0 where times are dates.
+    `begins` is time 0 if times are dates.
     """
     first_length = layout.first or defaults.first
     last_length = layout.last or defaults.last
@@ -68,7 +68,7 @@ def picked_rows(
             continue
         if isinstance(length, Samples):
             # `to: n` includes row n
-            # so that of both ends `stop` is exclusive afterwards
+            # so `stop` is exclusive in either case
             bounds[index] = length.count + index
             continue
         if time is None:
@@ -102,7 +102,9 @@ def picked_rows(
 
 
 def _disorder(time: FloatArray) -> tuple[int, float, int]:
-    """The first row whose time is not later than before, that step, and how many rows more."""
+    """The first row that is not later than the previous one, its step, and the count of further
+    ones.
+    """
     steps = np.diff(time)
     wrong = ~(steps > 0)
     row = int(np.argmax(wrong))
@@ -112,9 +114,9 @@ def _disorder(time: FloatArray) -> tuple[int, float, int]:
 def continuity(
     time: FloatArray, picked: RowRange, sample_time: float
 ) -> tuple[BoolArray, list[TimeFault]]:
-    """The mask of picked rows one sample after the one before, and the faults elsewhere.
+    """Mask of rows one sample after the previous row, and the faults in the other steps.
 
-    The first row continues nothing. `time` holds the picked rows only.
+    The first row is False. `time` has the selected rows only.
     """
     steps = np.diff(time)
     good = np.abs(steps - sample_time) <= GAP_TOLERANCE * sample_time

@@ -1,4 +1,4 @@
-"""Divides records into the sets train, val and test: by file, block, fraction, time or fold."""
+"""Divides recordings into the sets train, val and test: by file, block, fraction, time or fold."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SetCodes = NDArray[np.int8]
 
 
 def split_source(sources: Sequence[str], split: Split, findings: Findings) -> str | None:
-    """The source that a split divides: `train`, or the only one there is."""
+    """The source that a split divides: `train`, or the only source."""
     if "train" in sources:
         return "train"
     if len(sources) == 1:
@@ -41,23 +41,23 @@ def split_source(sources: Sequence[str], split: Split, findings: Findings) -> st
 
 @dataclass(frozen=True, slots=True)
 class RecordTimes:
-    """The count of a record's rows and their times, for splits."""
+    """The number of rows of a recording and their times, for splits."""
 
     rows: int
     time: FloatArray | None
-    """Seconds of each row; None where neither a time column nor a sample time says."""
+    """Time of each row in seconds; None without a time column and a sample time."""
     begins: Moment | None = None
-    """Time 0, where times are dates."""
+    """Time 0, if times are dates."""
     file: str = ""
-    """What messages call it."""
+    """Name in messages."""
 
 
 def split_rows(
     split: Split, records: Sequence[RecordTimes], codes: Mapping[str, int], findings: Findings
 ) -> list[SetCodes]:
-    """The set of every row of every record.
+    """The set index of every row of every recording.
 
-    Reports a set that is asked for and gets no row, and a range of time that is partly outside.
+    Reports a requested set that gets no rows, and a time range that is partly outside the data.
     """
     found = _rows_of_sets(split, records, codes, findings)
     for name, share in _shares(split).items():
@@ -77,13 +77,13 @@ def split_rows(
 
 
 def _shares(split: Split) -> dict[str, OneShare]:
-    """The shares that the spec names, by their sets."""
+    """The shares in the spec, by set."""
     shares = {"train": split.train, "val": split.val, "test": split.test}
     return {name: share for name, share in shares.items() if share is not None}
 
 
 def _covered(split: Split, records: Sequence[RecordTimes]) -> str | None:
-    """From when to when the data are, of a split by time."""
+    """The time range of the data as text, for a split by time; else None."""
     ends = [(float(t[0]), float(t[-1])) for r in records if (t := r.time) is not None and len(t)]
     if split.by != "time" or not ends:
         return None
@@ -92,7 +92,7 @@ def _covered(split: Split, records: Sequence[RecordTimes]) -> str | None:
         for r in records
         if (t := r.time) is not None and len(t) and r.begins is not None
     ]
-    # of dates with and without a zone nobody knows which come first
+    # dates with and without a time zone cannot be ordered
     if len(dated) == len(ends) and len({first.endswith("Z") for first, _ in dated}) == 1:
         return f"{min(a for a, _ in dated)} to {max(b for _, b in dated)}"
     return f"{min(a for a, _ in ends):.6g} s to {max(b for _, b in ends):.6g} s"
@@ -101,7 +101,9 @@ def _covered(split: Split, records: Sequence[RecordTimes]) -> str | None:
 def _seconds_outside(
     share: TimeRange | DateRange, records: Sequence[RecordTimes]
 ) -> tuple[float, float]:
-    """The seconds of a range before the first row and after the last; 0 for less than a step."""
+    """Seconds by which a range begins before the first row and ends after the last; 0 within a
+    step.
+    """
     before: list[float] = []
     after: list[float] = []
     for record in records:
@@ -146,7 +148,7 @@ def _rows_of_sets(
 def _time_rows(
     split: Split, record: RecordTimes, codes: Mapping[str, int], findings: Findings
 ) -> SetCodes:
-    """Rows by their time; those that no set names belong to `train` unless its range is given."""
+    """Set index of rows by time; rows in no range belong to `train` unless its range is given."""
     rest = UNASSIGNED if split.train is not None else codes["train"]
     # `val` and `test` are written over `train` where ranges touch
     rows = np.full(record.rows, rest, dtype=np.int8)
@@ -166,7 +168,7 @@ def _time_rows(
 def _bounds(
     share: TimeRange | DateRange, record: RecordTimes, what: str, findings: Findings
 ) -> tuple[TimeBound, TimeBound] | None:
-    """The ends of a range in the times of a record; None after a report of dates."""
+    """The bounds of a range on a recording's clock; None after reporting invalid dates."""
     if isinstance(share, TimeRange):
         return bound_of_seconds(share.start), bound_of_seconds(share.stop)
     start = time_bound(what, share.start, record.begins, record.file, findings)
@@ -202,7 +204,7 @@ def _fold_rows(
 
 
 def _fractions(split: Split) -> dict[str, float]:
-    """The share of each set; what is left over belongs to `train` unless its share is given."""
+    """The share of each set; the remainder belongs to `train` unless its share is given."""
     given = {"train": split.train, "val": split.val, "test": split.test}
     shares = {name: s.value if isinstance(s, Fraction) else 0.0 for name, s in given.items()}
     if split.train is None:
@@ -211,7 +213,7 @@ def _fractions(split: Split) -> dict[str, float]:
 
 
 def _files(shares: Mapping[str, float], count: int) -> list[str]:
-    """A set for each file, spread evenly over the files in their order: no chance involved."""
+    """A set for each file, spread evenly over the order of the files; deterministic."""
     # what belongs to no set takes its turn like a set
     shares = {**shares, "": max(1.0 - sum(shares.values()), 0.0)}
     owed = dict.fromkeys(shares, 0.0)
@@ -248,7 +250,7 @@ def _block_rows(split: Split, length: int, codes: Mapping[str, int]) -> SetCodes
 
 
 def _blocks(split: Split, count: int) -> dict[str, tuple[int, ...]]:
-    """The blocks of each set; those that no set names belong to `train` unless its are given."""
+    """The blocks of each set; the remaining ones belong to `train` unless its blocks are given."""
     given = {"train": split.train, "val": split.val, "test": split.test}
     named = {name: s.numbers if isinstance(s, Blocks) else () for name, s in given.items()}
     if split.train is None:

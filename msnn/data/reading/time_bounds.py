@@ -1,4 +1,4 @@
-"""Finds where a time or a date of a spec is among the seconds of a record."""
+"""Converts times and dates of a spec to seconds on a recording's clock."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from spec_schema.expressions.tree import Duration
 
 @dataclass(frozen=True, slots=True)
 class TimeBound:
-    """Seconds of a record, and by how much a row may be off and still be at them."""
+    """A time in seconds, and the tolerance within which a row is at that time."""
 
     seconds: float
     slack: float
 
 
 def bound_of_seconds(seconds: float) -> TimeBound:
-    """The bound at a time that rows may print otherwise: 59.99999 and 60 mean the same row."""
+    """The bound at a time, tolerant to rounding: 59.99999 and 60 mean the same row."""
     return TimeBound(seconds, 1e-6 * max(abs(seconds), 1.0))
 
 
 def time_bound(
     what: str, wanted: Duration | Date, begins: Moment | None, file: str, findings: Findings
 ) -> TimeBound | None:
-    """The bound in a record whose time 0 is `begins`, None where its times are no dates.
+    """The bound in a recording whose time 0 is `begins`; None if its times are not dates.
 
-    None after a report of a date that cannot be compared with the record's times.
+    Returns None after reporting a date that cannot be compared with the recording's times.
     """
     match wanted:
         case Duration():

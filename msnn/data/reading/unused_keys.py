@@ -1,4 +1,4 @@
-"""Reports keys of a data section that change nothing about any of its files."""
+"""Reports keys of a data section that have no effect on any of its files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spec_schema.sections.data.data import Data, Layout
 def unused_keys(
     data: Data, files: Sequence[DataFile], sample_time: float | None
 ) -> Iterator[Diagnostic]:
-    """One error for each key that is given and that no file in its scope has a use for."""
+    """Yields one error for each key that affects no file in its scope."""
     for scope in (data, *data.source.values()):
         yield from _of_text(scope, _scope(scope, "csv", data, files))
         yield from _of_records(scope, _scope(scope, "records", data, files))
@@ -21,7 +21,7 @@ def unused_keys(
 
 
 def _scope(scope: Layout, key: str, data: Data, files: Sequence[DataFile]) -> list[DataFile]:
-    """The files for which a key counts: a set's own stands before the default of all sets."""
+    """The files that a key applies to; a set's own key overrides the default of all sets."""
     if scope is data:
         return [file for file in files if getattr(file.layout, key) is None]
     return [file for file in files if file.layout is scope]

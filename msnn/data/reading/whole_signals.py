@@ -1,4 +1,4 @@
-"""Takes signals that a mapping of arrays has under their own names, whole, in their units."""
+"""Uses complete arrays of a mapping that have the name and unit of a signal."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from spec_schema.sections.data.data import Source
 def with_whole_signals(
     arrays: NamedArrays, layout: Source, signals: Iterable[Signal], findings: Findings
 ) -> tuple[NamedArrays, Source]:
-    """The arrays of a mapping, and a layout in which each signal has columns that are there.
+    """The arrays of a mapping, and a layout in which each signal refers to existing columns.
 
-    A signal whose columns by the spec are missing is found under its own name, (rows, *shape).
-    Without the spec's column of time the rows are one sample apart.
+    A signal without the spec's columns uses the array with its own name, (rows, *shape). Without
+    the spec's time column, rows are one sample apart.
     """
     columns, flat = dict(layout.columns), set[str]()
     for signal in signals:
@@ -59,7 +59,7 @@ def _has(arrays: NamedArrays, column: Column) -> bool:
 
 
 def _is_column(shape: tuple[int, ...]) -> bool:
-    """Whether an array is a column of one number a row, however it lies."""
+    """True if an array has one value per row: shape (n,), (n, 1) or (1, n)."""
     return len(shape) == 1 or (len(shape) == 2 and 1 in shape)
 
 

@@ -1,1 +1,1 @@
-"""Runs what was exported on this machine: C that was built, units, rollouts in them."""
+"""Runs exports on this machine: compiled C, FMUs, rollouts in them."""

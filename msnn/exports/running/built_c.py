@@ -1,4 +1,4 @@
-"""Builds the C that an export wrote with a compiler of this machine, to run it."""
+"""Compiles exported C with a local compiler, to run it."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from msnn.exports.target import Written
 
 @contextmanager
 def built_c(written: Written) -> Generator[CStep]:
-    """One instance of the model in the files that were written, ready to run.
+    """One instance of the model in the written files, compiled and loaded.
 
-    Raises MissingExtraError without a C compiler that builds it.
+    Raises MissingExtraError without a suitable C compiler.
     """
     with built_folder(written, "model.so") as folder:
         yield CStep.of_folder(folder, folder / "model.so")
@@ -27,9 +27,9 @@ def built_c(written: Written) -> Generator[CStep]:
 
 @contextmanager
 def built_folder(written: Written, library: str) -> Generator[Path]:
-    """A folder of the files that were written alone, with the built `library`.
+    """A temporary folder with only the written files and the built `library`.
 
-    Raises MissingExtraError without a C compiler that builds it.
+    Raises MissingExtraError without a suitable C compiler.
     """
     # Windows does not remove a library that is loaded
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:

@@ -1,4 +1,4 @@
-"""Runs rollouts in an export: the model is written, loaded, and given the rows of the log."""
+"""Runs rollouts in an export: writes the model, loads it, and feeds it the rows of the data."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ Arrays = Mapping[str, FloatArray]
 
 
 def chosen_engine(model: Model, name: str) -> Engine:
-    """The engine of that name; one that is an export has the options of the spec's entry.
+    """The engine with that name; an export uses the options of the spec's entry.
 
-    Raises SpecError for a name that is none, MissingExtraError where a package is missing.
+    Raises SpecError for an unknown name, MissingExtraError for a missing package.
     """
     known_engine(name)
     return _export_engine(model, name) if name in get_args(ExportName) else name
@@ -71,7 +71,9 @@ def _export_engine(model: Model, name: str) -> EngineToOpen:
 
 @dataclass(frozen=True, slots=True)
 class ExportedRollouts:
-    """The engine of one program, written as a plan says: what it closes and keeps is not asked."""
+    """An engine for one program, exported with the options of a plan, but not its loops and
+    outputs.
+    """
 
     plan: AnyPlan
     program: Program
@@ -79,7 +81,7 @@ class ExportedRollouts:
     series: Arrays
 
     def outputs(self, runs: Runs, advance: Advance) -> dict[str, FloatArray]:
-        """Every output of the program, one rollout after the other."""
+        """Every output of the program, rollout after rollout."""
         names = [output.name for output in self.program.outputs]
         # the program of the rollout, not the plan's: what is closed is the caller's choice
         program = to_step_form(prune_outputs(self.program, names))
@@ -111,6 +113,8 @@ class ExportedRollouts:
     def losses(
         self, runs: Runs, skip: int, scored: Mapping[str, BoolArray] | None, advance: Advance
     ) -> dict[str, LossSum]:
-        """Every loss of the program, which the interpreter computes: an export has none."""
+        """Every loss of the program, computed by the interpreter because an export has no
+        losses.
+        """
         judge = interpreted_rollouts(self.program, self.weights, self.series)
         return judge.losses(runs, skip, scored, advance)

@@ -1,4 +1,4 @@
-"""Runs a Functional Mock-up Unit through FMPy: one instance, the same for both versions of FMI."""
+"""Runs a Functional Mock-up Unit with FMPy, with the same interface for both FMI versions."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ Array = NDArray[Any]
 
 
 class UnfitUnitError(Exception):
-    """FMPy finds that a unit does not keep to the standard."""
+    """FMPy reports that a unit violates the FMI standard."""
 
 
 @contextmanager
 def fmu_instance(path: Path) -> Generator[FmuInstance]:
-    """An instance of the unit in an archive, which FMPy validates first.
+    """An instance of the FMU in an archive, which FMPy validates first.
 
-    Raises MissingExtraError where it has no binary for this machine, UnfitUnitError.
+    Raises MissingExtraError if it has no binary for this platform, and UnfitUnitError.
     """
     fmpy: Any = import_module("fmpy")
     validate_fmu: Any = import_module("fmpy.validation").validate_fmu
@@ -47,7 +47,7 @@ def fmu_instance(path: Path) -> Generator[FmuInstance]:
 
 
 class FmuInstance:
-    """One instance. `messages` are what it logged; FMPy raises where a call is refused."""
+    """One instance; `messages` is its log. FMPy raises an error if a call is refused."""
 
     def __init__(self, description: Any, folder: str) -> None:
         fmi2: Any = import_module("fmpy.fmi2")
@@ -58,7 +58,7 @@ class FmuInstance:
         kind: Any = fmi3.FMU3Slave if self._is_3 else fmi2.FMU2Slave
         types = {variable.type for variable in description.modelVariables}
         self.dtype = np.dtype("float32" if "Float32" in types else "float64")
-        """Of the numbers that FMI exchanges."""
+        """The type of exchanged numbers."""
         # FMI 3.0 has a type for each width, FMI 2.0 doubles alone
         self._number = "Real" if not self._is_3 else self.dtype.name.capitalize()
         self._fmu: Any = kind(
@@ -79,7 +79,7 @@ class FmuInstance:
             self._fmu.instantiate(callbacks=self._callbacks)
 
     def initialise(self) -> None:
-        """As it was made, ready for values before the first step."""
+        """Resets the instance and enters initialisation mode."""
         self._fmu.reset()
         if not self._is_3:
             # gone in FMI 3.0, mandatory in 2.0
@@ -87,16 +87,16 @@ class FmuInstance:
         self._fmu.enterInitializationMode()
 
     def begin(self) -> None:
-        """Makes the first states of what was set."""
+        """Leaves initialisation mode, which computes the initial states."""
         self._fmu.exitInitializationMode()
 
     def set(self, first: int, values: Array) -> None:
-        """The numbers of the variable that begins with this reference."""
+        """Sets the elements of the variable with this first value reference."""
         numbers = np.asarray(values, self.dtype).ravel()
         self._call("set", self._references(first, numbers.size), numbers.tolist())
 
     def get(self, first: int, shape: Sequence[int]) -> Array:
-        """The numbers of a variable."""
+        """Reads the elements of a variable."""
         size = int(np.prod(shape, dtype=int))
         references = self._references(first, size)
         # FMI 3.0 wants the number of values beside the references, as one may stand for an array
@@ -104,7 +104,7 @@ class FmuInstance:
         return np.array(found, self.dtype).reshape(shape)
 
     def count(self, reference: int) -> int:
-        """The whole number that has this reference."""
+        """Reads the integer with this value reference."""
         if self._is_3:
             (found,) = self._fmu.getUInt32([reference], 1)
         else:
@@ -112,15 +112,15 @@ class FmuInstance:
         return int(found)
 
     def step(self, number: int, seconds: float) -> None:
-        """Step number `number` since the start."""
+        """Executes step `number` since the start."""
         self._fmu.doStep(number * seconds, seconds)
 
     def end(self) -> None:
-        """Ends the simulation: only a reset begins another."""
+        """Terminates the simulation; a reset starts another."""
         self._fmu.terminate()
 
     def slopes(self, unknowns: Mapping[int, int], knowns: Mapping[int, Array]) -> Array:
-        """The changes of unknowns of so many numbers with knowns that change so."""
+        """Directional derivatives: changes of unknowns (by size) for given changes of knowns."""
         rows = [r for first, size in unknowns.items() for r in self._references(first, size)]
         columns = [r for first, v in knowns.items() for r in self._references(first, v.size)]
         seeds = np.concatenate([values.ravel() for values in knowns.values()]).tolist()
@@ -130,7 +130,7 @@ class FmuInstance:
 
     @property
     def state(self) -> bytes:
-        """The whole state, serialised."""
+        """The complete serialised state."""
         fmu = self._fmu
         state = fmu.getFMUState() if self._is_3 else fmu.getFMUstate()
         found = (fmu.serializeFMUState if self._is_3 else fmu.serializeFMUstate)(state)
@@ -145,7 +145,7 @@ class FmuInstance:
         (fmu.freeFMUState if self._is_3 else fmu.freeFMUstate)(state)
 
     def close(self) -> None:
-        """Frees it and its library."""
+        """Frees the instance and its library."""
         self._fmu.freeInstance()
 
     def _references(self, first: int, size: int) -> list[int]:
@@ -156,6 +156,6 @@ class FmuInstance:
         return getattr(self._fmu, f"{verb}{self._number}")(*arguments)
 
     def _hear(self, *told: Any) -> None:
-        """Keeps a message, which is the last argument of both loggers."""
+        """Logs a message, which is the last argument of both logger interfaces."""
         message = told[-1]
         self.messages.append(message.decode() if isinstance(message, bytes) else str(message))

@@ -1,4 +1,4 @@
-"""Runs built C in floating point: freely, in single steps, and its slopes."""
+"""Runs compiled floating-point C: simulation, single steps and Jacobian."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from msnn.agreement.loaded import ExportedSlopes, Loaded, stacked
 
 
 def loaded_c(step: CStep, interface: Interface) -> Loaded:
-    """Calls one instance of the C; with slopes where the export has a Jacobian."""
+    """Uses one instance of the C code; with Jacobian if the export has one."""
     model = _CModel(step, interface)
     matrices = interface.jacobian
     slopes = None if matrices is None else ExportedSlopes(matrices.jacobian, model.slopes)
@@ -26,7 +26,7 @@ class _CModel:
     interface: Interface
 
     def start(self, beginning: Beginning) -> Arrays:
-        """The state that `reset` makes of the samples around the first step."""
+        """The initial states that `reset` computes from the samples around the first step."""
         windows = {
             field.name: beginning.window(
                 field.name, port.first, port.last - port.first + 1
@@ -41,7 +41,7 @@ class _CModel:
         return {name: value[np.newaxis] for name, value in self.step.states().items()}
 
     def run(self, beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
-        """A run of the loop in C from there."""
+        """Simulates with the loop in C."""
         self.start(beginning)
         return self.step.run(inputs, steps)[0]
 

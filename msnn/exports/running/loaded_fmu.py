@@ -1,4 +1,4 @@
-"""Runs both units of an FMU export: freely, and in single steps through their serialised state."""
+"""Runs both FMUs of an export: as simulation, and by single steps through the serialised state."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from msnn.exports.target import Written
 
 @contextmanager
 def loaded_fmu(program: Program, interface: Interface, written: Written) -> Generator[Loaded]:
-    """Calls the unit of FMI 3.0; in free runs that of FMI 2.0 must give the same bits."""
+    """Runs the FMI 3.0 unit; in simulations, the FMI 2.0 unit must give the same bits."""
     with ExitStack() as stack:
         paths = sorted(path for path in written.files if path.suffix == ".fmu")
         # the names differ in the version alone, so that sorted 2.0 comes first
@@ -47,7 +47,7 @@ class _FmuModel:
         self._memory = StateStruct(layout_metadata(program, interface, weights)["c"])
 
     def run(self, beginning: Beginning, inputs: Arrays, steps: int) -> Arrays:
-        """A run from there in both units."""
+        """Simulates with both units."""
         found = self._run(self._third, beginning, inputs, steps)
         other = self._run(self._second, beginning, inputs, steps)
         for name, values in found.items():
@@ -58,13 +58,13 @@ class _FmuModel:
         return found
 
     def start(self, beginning: Beginning) -> Arrays:
-        """The states that the samples around the first step give."""
+        """The initial states computed from the samples around the first step."""
         self._begin(self._third, beginning)
         _, memory = self._state()
         return {name: value[np.newaxis] for name, value in self._memory.values(memory).items()}
 
     def step_each(self, inputs: Arrays, states: Arrays, steps: int) -> tuple[Arrays, Arrays]:
-        """Single steps from states that are written into the state of a unit that was started."""
+        """Single steps from states written into the serialised state of a started unit."""
         outputs: list[Arrays] = []
         following: list[Arrays] = []
         for k in range(steps):
@@ -108,7 +108,7 @@ class _FmuModel:
         return self._by_place[f"{struct}.{identifier}"]
 
     def _state(self) -> tuple[_Serialised, Any]:
-        """The serialised state of the unit, and its state struct as a record."""
+        """The serialised state of the unit, and its state struct as a numpy record."""
         parts = _Serialised(self._third.state, self._memory.struct.dtype.itemsize)
         return parts, np.frombuffer(parts.memory, self._memory.struct.dtype).copy()[0]
 
@@ -121,15 +121,16 @@ class _FmuModel:
 
 @dataclass(frozen=True, slots=True)
 class _Serialised:
-    """A token that ends with a zero, a checksum of all that follows, the state struct, and what
-    else an instance remembers."""
+    """The layout of a serialised state: a zero-terminated token, a checksum, the state struct, the
+    rest.
+    """
 
     data: bytes
     size: int
 
     @property
     def _checksum(self) -> int:
-        """The address of the checksum."""
+        """Offset of the checksum."""
         return self.data.index(b"\0") + 1
 
     @property
@@ -139,7 +140,7 @@ class _Serialised:
         return self.data[begin : begin + self.size]
 
     def replaced(self, memory: bytes) -> bytes:
-        """The same with another state struct."""
+        """The same data with another state struct and an updated checksum."""
         behind = self.data[self._checksum + _CHECKSUM_BYTES + self.size :]
         checksum = zlib.crc32(memory + behind).to_bytes(_CHECKSUM_BYTES, sys.byteorder)
         return self.data[: self._checksum] + checksum + memory + behind

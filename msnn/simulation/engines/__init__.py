@@ -1,1 +1,1 @@
-"""Runs rollouts: in the interpreter, in native kernels, in torch."""
+"""Runs rollouts in the reference interpreter, in native kernels or in torch."""

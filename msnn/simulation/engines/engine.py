@@ -1,4 +1,4 @@
-"""Says what an engine of rollouts does, whoever computes."""
+"""Defines the interface of rollout engines."""
 
 from __future__ import annotations
 
@@ -15,50 +15,50 @@ from msnn.simulation.rollout import LossSum
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 EngineName: TypeAlias = Literal["interpreter", "native", "torch"]
-"""What is always there to simulate with."""
+"""Engines that need no export."""
 
 ExportName: TypeAlias = Literal["onnx", "casadi", "c", "fmu"]
-"""Exports that data can be run through."""
+"""Exports that can simulate data."""
 
 Advance: TypeAlias = Callable[[int], None]
-"""Is told now and then how many more steps of rollouts are done."""
+"""Callback with the number of further completed steps."""
 
 
 class RolloutEngine(Protocol):
-    """Runs rollouts of one program, its loops closed, with one set of weights over one log."""
+    """Runs rollouts of one closed-loop program with one set of weights on one dataset."""
 
     def outputs(self, runs: Runs, advance: Advance) -> Mapping[str, FloatArray]:
-        """Every output of the program, (Σ steps, *shape): one rollout after the other."""
+        """Every output of the program, (Σ steps, *shape), rollout after rollout."""
         ...
 
     def losses(
         self, runs: Runs, skip: int, scored: Mapping[str, BoolArray] | None, advance: Advance
     ) -> dict[str, LossSum]:
-        """Every loss of the program from evaluation `skip` on, on the rows that are `scored`."""
+        """Every loss of the program, over steps from `skip` on and over rows that are `scored`."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class OpenedRollouts:
-    """An engine that is ready, which one it is, and what the user should know of the choice."""
+    """An opened engine with its name, and notes for the user about the selection."""
 
     engine: RolloutEngine
     name: str
-    """Of `EngineName` or `ExportName`."""
+    """One of `EngineName` or `ExportName`."""
     notes: tuple[Diagnostic, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class EngineToOpen:
-    """An engine that is made elsewhere, for a program whose loops are closed, weights and a log."""
+    """A factory of an engine, called with a closed-loop program, weights and data."""
 
     open: Callable[[Program, Mapping[str, FloatArray], Mapping[str, FloatArray]], OpenedRollouts]
 
 
 Engine: TypeAlias = str | EngineToOpen
-"""A name that `open_rollouts` knows, or an engine that is made elsewhere."""
+"""A name for `open_rollouts`, or a factory."""
 
 
 def first_places(runs: Runs) -> IntArray:
-    """The place of each rollout's first step in the results of `outputs`."""
+    """The position of each rollout's first step in the results of `outputs`."""
     return np.cumsum(runs.steps) - runs.steps

@@ -1,4 +1,4 @@
-"""Compares fresh kernels with the interpreter, so that nothing trains on wrong losses or slopes."""
+"""Compares new kernels with the reference interpreter: losses and gradients must agree."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from msnn.data.starts import Runs
 from msnn.simulation.engines.kernel_trials import Weights, cases, compare
 
 _MORE = 3
-"""Rollouts more than a group of lanes has: one group is full and one is not."""
+"""Rollouts in addition to a full group of SIMD lanes, to test a partial group too."""
 
 
 def check_kernel(kernel: Kernel, series: Weights, runs: Runs, weights: Weights) -> None:
-    """Compares the losses of a kernel, and its slopes, with the interpreter's. WrongKernelError."""
+    """Compares losses and gradients of a kernel with the interpreter's. Raises WrongKernelError."""
     # different weights: slopes of two losses that took each other's place would cancel in none
     shares = {name: 1.0 + 0.3 * i for i, name in enumerate(kernel.source.losses)}
     for case in cases(kernel.program, series, runs, weights, kernel.lanes + _MORE):
@@ -49,7 +49,7 @@ def check_sensitivities(
     runs: Runs,
     weights: Weights,
 ) -> None:
-    """As `check_kernel`, of the products of residuals and slopes."""
+    """Compares products of residuals and Jacobians like `check_kernel`."""
     for case in cases(found.program, series, runs, weights, kernel.lanes + _MORE):
         few = case.runs
         steps = np.full(len(few.t0), few.steps)
@@ -88,7 +88,7 @@ def _joined(one: Products) -> FloatArray:
 
 
 def _summed(runs: ProductsOfRuns, some: slice) -> Products:
-    """The products of some runs in which every number is their own."""
+    """The summed products of some runs, in which every variable belongs to one run."""
     return Products(
         curvature=runs.blocks.curvature[some].sum(axis=0),
         slope=runs.blocks.slope[some].sum(axis=0),

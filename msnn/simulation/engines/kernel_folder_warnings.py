@@ -1,4 +1,4 @@
-"""Warns that kernels are kept in another folder than the one that was wanted."""
+"""Warns if kernels are stored in another folder than requested."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 
 
 def kernel_folder_warnings(found: KernelFolder) -> tuple[Diagnostic, ...]:
-    """The warning, where there is something to warn of."""
+    """The warning; empty if the requested folder is used."""
     refused = found.refused
     if refused is None:
         return ()

@@ -1,8 +1,8 @@
-"""Tries fresh kernels on a few short rollouts, beside the interpreter.
+"""Tests new kernels on a few short rollouts against the reference interpreter.
 
-Both run the same graphs in the same precision. Every value may differ by what rounding explains,
-which is bounded along the computation (decision 0180), and by nothing more: no model and no data
-make a right kernel fail.
+Both run the same graphs in the same precision. Values may differ by rounding only, and the rounding
+error is bounded along the computation (decision 0180). A correct kernel therefore passes for any
+model and data.
 """
 
 from __future__ import annotations
@@ -22,41 +22,42 @@ from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.data.starts import Runs, reach
 
 NO_FALLBACK = "MSNN_NO_FALLBACK"
-"""The variable that makes every mistake of msnn an exception; the test-suite sets it."""
+"""The variable that turns every internal error into an exception; the test suite sets it."""
 
 _AS_GIVEN = 4
-"""Steps of the rollouts over the data as they are."""
+"""Steps of the rollouts on the original data."""
 
 LONGEST = 10
-"""Steps of the rollouts over drawn rows: kernels take up to eight at once, then one by one."""
+"""Steps of the rollouts on shuffled rows: kernels process eight steps at once, then single ones."""
 
 _GAP = 3
-"""One of so many targets is missing among drawn rows."""
+"""One in this many targets is removed from the shuffled rows."""
 
 _MOVED, _BESIDE = 0.3, 0.05
-"""How many of the drawn numbers stand beside one that is compared, and how far from it they may be,
-of the span of the data."""
+"""Fraction of values moved next to a threshold, and their maximum distance relative to the data's
+span.
+"""
 
 _NEARBY = 0.05
-"""Weights are drawn so near, relative to each, that a model stays what it is."""
+"""Relative distance within which weights are varied, so that the model's behaviour is preserved."""
 
 Weights = Mapping[str, FloatArray]
 
 
 class WrongKernelError(Exception):
-    """A kernel's losses or slopes are not those of the program: a bug of msnn."""
+    """Losses or gradients of a kernel are wrong, which is a bug of msnn."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Rollouts at some weights."""
+    """Rollouts and weights of one test."""
 
     runs: Rollouts
     weights: Weights
 
 
 def check_if_fresh(built: Built, check: Callable[[], None]) -> None:
-    """Checks a kernel that nobody has found right since it was built."""
+    """Checks a kernel that has not been checked since it was built."""
     if not built.is_checked:
         check()
         built.mark_checked()
@@ -65,10 +66,10 @@ def check_if_fresh(built: Built, check: Callable[[], None]) -> None:
 def cases(
     program: Program, series: Weights, runs: Runs, weights: Weights, members: int
 ) -> Iterable[Case]:
-    """A few rollouts over the data at the weights; the same over drawn rows at weights nearby.
+    """A few rollouts on the data at the weights, and on shuffled rows at nearby weights.
 
-    Where the model fits its data the first leave nothing but rounding: rows that do not belong
-    together have residuals as large as the signals.
+    For a well-fitted model the first leave only rounding errors. Shuffled rows have residuals as
+    large as the signals.
     """
     series, runs = _first_rows(program, series, runs)
     # a seed of its own: a kernel that is wrong is found wrong by everybody
@@ -87,7 +88,7 @@ def cases(
 
 
 def _first_rows(program: Program, series: Weights, runs: Runs) -> tuple[Weights, Runs]:
-    """Data larger than what is in memory at a time without the rows beyond, where runs are left."""
+    """The first block of data that are larger than memory, and the runs within it."""
     rows, far = len(next(iter(series.values()))), reach(program)
     ends = runs.t0 + runs.steps + max(far.ahead, far.start_ahead)
     early = np.flatnonzero(ends < AT_ONCE)
@@ -97,7 +98,7 @@ def _first_rows(program: Program, series: Weights, runs: Runs) -> tuple[Weights,
 
 
 def _drawn_rows(program: Program, series: Weights, random: np.random.Generator) -> Weights:
-    """The logs with whole rows drawn from those in which no input is missing."""
+    """The data with rows drawn at random from those without missing inputs."""
     rows = len(next(iter(series.values())))
     whole = np.ones(rows, bool)
     for signal in program.signals:
@@ -112,7 +113,7 @@ def _drawn_rows(program: Program, series: Weights, random: np.random.Generator) 
 
 
 def _knots(program: Program) -> FloatArray:
-    """The numbers of a step from which its comparisons are made."""
+    """The constants of a step with which values are compared."""
     # corners of min, max, clamp and comparisons: kernels choose a branch there
     compared = [
         arg
@@ -127,9 +128,9 @@ def _knots(program: Program) -> FloatArray:
 
 
 def _some_near(knots: FloatArray, values: FloatArray, random: np.random.Generator) -> FloatArray:
-    """The values, some of them moved a little beside a number that is compared and is among them.
+    """The values, some of them moved close to a threshold within their range.
 
-    Rows of data leave out what lies between a corner and one that is a little wrong.
+    The original rows may never distinguish a correct threshold from a slightly wrong one.
     """
     known = values[np.isfinite(values)]
     low, high = (known.min(), known.max()) if known.size else (0.0, 0.0)
@@ -144,7 +145,9 @@ def _some_near(knots: FloatArray, values: FloatArray, random: np.random.Generato
 
 
 def _without_some_targets(program: Program, log: Weights, t0: IntArray) -> Weights:
-    """The logs with gaps where only losses read them, so that what tells them apart is run too."""
+    """The data with gaps in values that only losses read, to test the handling of missing
+    targets.
+    """
     read = {node.op.signal for _, node in program.step if isinstance(node.op, ReadSignal)}
     around = reach(program)
     # a state that begins at NaN would stay there
@@ -164,7 +167,7 @@ def _with_gaps(values: FloatArray, gaps: BoolArray) -> FloatArray:
 
 
 def nearby(program: Program, weights: Weights, random: np.random.Generator) -> Weights:
-    """Weights near the given ones, inside their bounds; those that are 0 are not any more."""
+    """Weights near the given ones, within their bounds; zeros become non-zero."""
     found: dict[str, FloatArray] = {}
     for parameter in program.parameters:
         value = np.asarray(weights[parameter.name], float)
@@ -185,10 +188,10 @@ def compare(
     right: FloatArray | float,
     off: FloatArray | float,
 ) -> None:
-    """Raises WrongKernelError where a number is farther off than rounding explains.
+    """Raises WrongKernelError if a difference exceeds the bound of rounding errors.
 
-    That is twice `off`, since both may be that far from the exact one. Where nothing bounds it, as
-    beyond the numbers of the precision, it proves nothing.
+    The bound is twice `off`, because both values may have that error. A value without a bound, e.g.
+    after overflow, is not compared.
     """
     values, expected = np.asarray(found, float), np.asarray(right, float)
     with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Runs rollouts in a native kernel, which is compared with the interpreter when it is built."""
+"""Runs rollouts in a native kernel, which is checked against the interpreter when it is built."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from msnn.simulation.engines.kernel_trials import (
 from msnn.simulation.rollout import LossSum
 
 _MORE = 3
-"""Rollouts more than a group of lanes has: one group is full and one is not."""
+"""Rollouts in addition to a full group of SIMD lanes, to test a partial group too."""
 
 _ROWS = 4096
-"""Rows of the log on which a fresh kernel is tried."""
+"""Number of rows on which a new kernel is checked."""
 
 
 class NativeRollouts:
-    """The engine of one program. Raises CompilerMissingError."""
+    """The native engine of one program. Raises CompilerMissingError."""
 
     def __init__(
         self, program: Program, weights: Mapping[str, FloatArray], series: Mapping[str, FloatArray]
@@ -47,14 +47,14 @@ class NativeRollouts:
         self._series = series
 
     def check(self, runs: Runs) -> None:
-        """Compares a fresh kernel with the interpreter. Raises WrongKernelError."""
+        """Compares a newly built kernel with the reference interpreter. Raises WrongKernelError."""
         kernel = self._kernel
         check_if_fresh(
             kernel.built, lambda: check_rollouts(kernel, self._series, runs, self._weights)
         )
 
     def outputs(self, runs: Runs, advance: Advance) -> dict[str, FloatArray]:
-        """Every output of the program, one rollout after the other: views of one array."""
+        """Every output of the program, rollout after rollout, as views of one array."""
         program = self._kernel.program
         data = self._kernel.data(self._series)
         rolled = self._kernel.run(data, runs.t0, runs.steps, self._physical, advance).outputs
@@ -73,11 +73,11 @@ class NativeRollouts:
 
 
 def check_rollouts(kernel: RolloutKernel, series: Weights, runs: Runs, weights: Weights) -> None:
-    """Compares outputs and losses of a kernel with the interpreter's. WrongKernelError."""
+    """Compares outputs and losses of a kernel with the interpreter's. Raises WrongKernelError."""
     program = kernel.program
     builder = GraphBuilder(program.step)
     terms = loss_terms(builder, program)
-    # with the terms of the losses as nodes, which the judge evaluates as any other
+    # with the terms of the losses as nodes, which the interpreter evaluates like any other
     judged = replace(program, step=builder.graph())
     wanted = [output.node for output in program.outputs]
     wanted += [node for term in terms for node in (term.total, term.count) if node is not None]
@@ -110,8 +110,8 @@ def check_rollouts(kernel: RolloutKernel, series: Weights, runs: Runs, weights: 
 
 
 def _beginning(program: Program, series: Weights, runs: Runs) -> tuple[Weights, Runs]:
-    """A piece of the log, and the rollouts that begin in it."""
-    # the judge is slow and a log may have millions of rows: few of them tell a wrong kernel
+    """A section of the data, and the rollouts that begin in it."""
+    # the interpreter is slow and data may have millions of rows: a few reveal a wrong kernel
     far, first = reach(program), int(runs.t0.min())
     begin = first - far.back
     stop = first + _ROWS + max(far.ahead, far.start_ahead)
@@ -122,7 +122,7 @@ def _beginning(program: Program, series: Weights, runs: Runs) -> tuple[Weights, 
 
 
 def _by_name(program: Program, rolled: FloatArray) -> dict[str, FloatArray]:
-    """The columns of every output in its shape."""
+    """The columns of every output, reshaped to its shape."""
     found: dict[str, FloatArray] = {}
     begin = 0
     for output in program.outputs:

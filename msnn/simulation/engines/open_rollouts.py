@@ -1,4 +1,4 @@
-"""Chooses what runs rollouts: kernels where the work is worth a compiler, else the interpreter."""
+"""Selects the engine of rollouts: kernels if the work justifies compiling, else the interpreter."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 AUTO = "auto"
 ENGINES: tuple[str, ...] = (AUTO, *get_args(EngineName), *get_args(ExportName))
-"""What may be asked for."""
+"""All names of engines."""
 
 _TO_COMPILE = 0.7
-"""Seconds to load the emitter and to compile a kernel (decision 0218)."""
+"""Seconds to import the code generator and to compile a kernel (decision 0218)."""
 
 _TO_COMPILE_A_NODE = 1.5e-3
-"""And for each operation of the step."""
+"""Additional seconds for each operation of the step."""
 
 _SECONDS_A_NODE = 0.8e-6
-"""That numpy takes to call one operation, 0.4 to 0.9 µs there."""
+"""Seconds per call of one numpy operation, measured 0.4 to 0.9 µs."""
 
 _SECONDS_A_NUMBER = 1e-9
-"""And for each number that the operation computes."""
+"""Additional seconds for each computed element."""
 
 Arrays = Mapping[str, FloatArray]
 
@@ -47,10 +47,10 @@ Arrays = Mapping[str, FloatArray]
 def open_rollouts(
     engine: Engine, program: Program, weights: Arrays, series: Arrays, runs: Runs
 ) -> OpenedRollouts:
-    """The engine that is asked for, ready for a program whose loops are closed.
+    """Opens the requested engine for a closed-loop program.
 
-    `auto` takes a kernel where these rollouts are worth it, and the interpreter where there is no
-    compiler. Raises SpecError for kernels that cannot be had.
+    `auto` selects a kernel if these rollouts justify compiling, and the interpreter without a
+    compiler. Raises SpecError if a requested kernel is not possible.
     """
     match engine:
         case EngineToOpen():
@@ -85,7 +85,7 @@ def open_rollouts(
 
 
 def known_engine(name: str, *more: str) -> str:
-    """The name, if it is one of `ENGINES` that runs here, or one more that a caller knows.
+    """The name, if it is one of `ENGINES` or `more` and its packages are installed.
 
     Raises SpecError and MissingExtraError.
     """
@@ -98,12 +98,12 @@ def known_engine(name: str, *more: str) -> str:
 
 
 def kernel_seconds(program: Program) -> float:
-    """About how long it takes to have a kernel that must be compiled first."""
+    """Estimated time to compile a kernel."""
     return _TO_COMPILE + len(program.step) * _TO_COMPILE_A_NODE
 
 
 def interpreter_seconds(program: Program, runs: Runs) -> float:
-    """About how long the interpreter takes on a machine of today."""
+    """Estimated time of the reference interpreter."""
     wanted = [output.node for output in program.outputs]
     wanted += [state.next for state in program.states]
     wanted += [node for loss in program.losses for node in loss.nodes]

@@ -1,4 +1,4 @@
-"""Tells whoever waits for rollouts how far they are."""
+"""Reports the progress of rollouts."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 RolloutProgress: TypeAlias = Callable[[int, int], None]
-"""Is told now and then how many steps are done, and of how many."""
+"""Callback with the number of completed steps and the total."""
 
 
 def nobody(done: int, total: int) -> None:
-    """Waits for nothing."""
+    """Ignores progress."""
     del done, total
 
 
 class Count:
-    """Adds up the steps that engines do."""
+    """Sums the completed steps of engines."""
 
     def __init__(self, progress: RolloutProgress, total: int) -> None:
         self._progress, self._done, self._total = progress, 0, total
 
     def advance(self, steps: int) -> None:
-        """So many more are done; those that the interpreter judges again count once more."""
+        """Adds completed steps; steps that the interpreter repeats count again."""
         self._done += steps
         # never more done than there is
         self._progress(self._done, max(self._done, self._total))

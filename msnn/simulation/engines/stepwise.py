@@ -1,4 +1,4 @@
-"""Runs rollouts step by step, all side by side: in the interpreter, or in whatever steps alike."""
+"""Runs rollouts step by step in parallel, in the interpreter or any engine with single steps."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from msnn.simulation.engines.engine import Advance, first_places
 from msnn.simulation.rollout import LossSum, RolloutRow, moments, summed
 
 SIDE_BY_SIDE = 4096
-"""Rollouts that run at once; bounds the memory."""
+"""Number of rollouts that run in parallel; limits the memory."""
 
 Steps = Callable[[Runs, bool], Iterable[RolloutRow]]
-"""Every step of rollouts, with the losses if they are wanted."""
+"""Yields every step of rollouts, with losses on request."""
 
 
 class StepwiseRollouts:
-    """An engine made of something that computes one step of many rollouts."""
+    """An engine based on a function that computes one step of many rollouts."""
 
     def __init__(self, program: Program, steps: Steps) -> None:
         self._program, self._steps = program, steps
 
     def outputs(self, runs: Runs, advance: Advance) -> dict[str, FloatArray]:
-        """Every output of the program, one rollout after the other."""
+        """Every output of the program, rollout after rollout."""
         total, step = int(runs.steps.sum()), self._program.step
         found = {
             out.name: np.empty((total, *step[out.node].type.shape)) for out in self._program.outputs
@@ -48,7 +48,7 @@ class StepwiseRollouts:
     def losses(
         self, runs: Runs, skip: int, scored: Mapping[str, BoolArray] | None, advance: Advance
     ) -> dict[str, LossSum]:
-        """Every loss of the program, part after part of the rollouts."""
+        """Every loss of the program, summed over batches of rollouts."""
         losses = self._program.losses
         totals = {loss.name: LossSum(0.0, 0) for loss in losses}
         for part in _parts(runs):
@@ -61,7 +61,7 @@ class StepwiseRollouts:
 def interpreted_rollouts(
     program: Program, weights: Mapping[str, FloatArray], series: Mapping[str, FloatArray]
 ) -> StepwiseRollouts:
-    """The judge of every other engine."""
+    """The reference interpreter as an engine."""
     judge = Interpreter(program, weights)
     return StepwiseRollouts(
         program, lambda runs, losses: moments(judge, series, runs, losses=losses)

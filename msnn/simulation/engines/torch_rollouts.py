@@ -1,4 +1,4 @@
-"""Runs rollouts step by step in torch, in float64: a second opinion, made of other code."""
+"""Runs rollouts step by step in torch, in float64, as an independent check."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from msnn.simulation.rollout import RolloutRow, longest_first
 def torch_rollouts(
     program: Program, weights: Mapping[str, FloatArray], series: Mapping[str, FloatArray]
 ) -> StepwiseRollouts:
-    """The module of the program on the CPU, at exactly these weights."""
+    """The program's module on the CPU, with exactly these weights."""
     model = TorchModel(program, torch.float64, torch.device("cpu"))
     physical = {
         name: torch.from_numpy(value) for name, value in physical_weights(program, weights).items()

@@ -21,11 +21,11 @@ class Device:
 
     torch: str
     for_all: bool
-    """Whether stages go there that leave the engine open, and kernels with them."""
+    """True if stages with `engine: auto` run on this device too, instead of by native kernels."""
 
     @property
     def name(self) -> str:
-        """The name by which `find_device` finds it on this machine."""
+        """The argument with which `find_device` returns this device."""
         return self.torch if self.for_all or self.torch == "cpu" else "auto"
 
 
@@ -33,10 +33,10 @@ CPU = Device("cpu", for_all=False)
 
 
 def find_device(name: str) -> Device:
-    """The device of that name: cpu, cuda, cuda:N, or auto, which is CUDA where torch can use it.
+    """The device for `cpu`, `cuda`, `cuda:N` or `auto`; `auto` is CUDA if torch can use it, else
+    CPU.
 
-    Raises SpecError for another name or a card that this machine does not have, MissingExtraError
-    where there is no CUDA.
+    Raises SpecError for an unknown name or a missing card, and MissingExtraError without CUDA.
     """
     match = _NAME.fullmatch(name)
     if match is None:
@@ -61,7 +61,7 @@ def find_device(name: str) -> Device:
 
 
 def on_device(plans: Sequence[StagePlan], device: Device, findings: Findings) -> list[StagePlan]:
-    """The stages with their place; one that insists on kernels goes to no card, which is said."""
+    """The stages with their device; reports stages with `engine: native`, which stay on the CPU."""
     if device.torch == "cpu":
         return list(plans)
     placed: list[StagePlan] = []

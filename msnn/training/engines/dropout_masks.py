@@ -1,4 +1,4 @@
-"""Draws the factors of dropout, one series a mask, by a counter: the same ones ever."""
+"""Draws dropout factors, one series per mask, with a counter-based generator: reproducible."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from msnn.training.plans.stage_plan import StagePlan
 
 
 def with_all_kept(series: Mapping[str, FloatArray], masks: Sequence[Mask]) -> dict[str, FloatArray]:
-    """The series of a stage before anything is drawn: every factor is 1."""
+    """The series with all dropout factors set to 1."""
     rows = len(next(iter(series.values()), np.zeros(0)))
     return {**series, **{mask.signal: np.ones((rows, mask.size)) for mask in masks}}
 
@@ -20,10 +20,10 @@ def with_all_kept(series: Mapping[str, FloatArray], masks: Sequence[Mask]) -> di
 def factors_of(
     plan: StagePlan, series: Mapping[str, FloatArray], epoch: int, attempt: int = 0
 ) -> dict[str, FloatArray]:
-    """The factors of an epoch for the rows of these series: (rows, elements) a mask.
+    """The dropout factors of an epoch for all rows: (rows, elements) per mask.
 
-    Philox (Salmon et al. 2011) keyed by seed, stage, epoch, attempt and mask counts through rows
-    and elements: a step at row t takes row t, whichever rollout it belongs to.
+    The generator is Philox (Salmon et al. 2011), keyed by seed, stage, epoch, attempt and mask. A
+    step at row t uses the factors of row t, in any rollout.
     """
     found: dict[str, FloatArray] = {}
     rows = len(next(iter(series.values()), np.zeros(0)))

@@ -1,4 +1,4 @@
-"""Defines what a training engine must do; stages drive any engine through this alone."""
+"""Defines the interface of training engines, through which stages drive any engine."""
 
 from __future__ import annotations
 
@@ -23,10 +23,9 @@ def batches_of(runs: Runs, size: int) -> Iterator[Runs]:
 
 
 class NonFiniteLossError(Exception):
-    """The loss of a batch, its slope, or a parameter after it is infinite or NaN.
+    """The loss of a batch, its gradient, or an updated parameter is infinite or NaN.
 
-    `runs` is the batch; `slopes` names parameters in which the loss has no finite slope, where an
-    engine knows them.
+    `runs` is the batch. `slopes` names the parameters with a non-finite derivative, if known.
     """
 
     def __init__(self, runs: Runs, slopes: tuple[str, ...] = ()) -> None:
@@ -36,7 +35,7 @@ class NonFiniteLossError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class EngineState:
-    """All that an engine needs to go on later bit for bit: arrays by name and a JSON value."""
+    """The complete state of an engine, to continue with identical bits: arrays and a JSON value."""
 
     arrays: Mapping[str, FloatArray]
     structure: object
@@ -50,27 +49,29 @@ class Engine(Protocol):
         ...
 
     def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
-        """Draws what dropout leaves out and sets learning rates to `rate` times those of the stage.
+        """Draws dropout masks, and sets learning rates to `rate` times those of the stage.
 
-        Priors count by `spread`, ŝ²/n. The same however often it is asked; each `attempt` at the
-        stage has its own.
+        Priors are weighted by `spread`, ŝ²/n. Repeated calls draw the same masks; each `attempt` at
+        the stage draws its own.
         """
         ...
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
-        """Replaces series by which runs start: of those that are watched, or trained on."""
+        """Replaces the series with the start values of runs, either of watched or of training
+        runs.
+        """
         ...
 
     def measure(self, runs: Runs) -> LossSums:
-        """The losses of rollouts to train on at the current weights, nothing left out of them."""
+        """The losses of training rollouts at the current weights, without dropout."""
         ...
 
     def order(self, count: int, key: int) -> IntArray:
-        """The order of an epoch of `count` rollouts: that of `epoch_order.shuffled`."""
+        """The order of an epoch of `count` rollouts, equal to `epoch_order.shuffled`."""
         ...
 
     batches_a_call: int
-    """Most batches that `train_batches` is given at once; a stage can stop between two calls."""
+    """Maximum number of batches per call of `train_batches`; a stage can stop between two calls."""
 
     def train_batches(
         self,
@@ -79,41 +80,45 @@ class Engine(Protocol):
         members: IntArray | None = None,
         before: LossSums | None = None,
     ) -> LossSums:
-        """One optimiser step on each `size` of the rollouts in order, the last ones fewer.
+        """Takes one optimiser step per batch of `size` rollouts; the last batch may be smaller.
 
-        `members` are those that are trained on, in that order; by default all as they stand.
-        Returns the losses before each step, added to those of the batches `before`, one batch
-        after the other: weights and losses have the same bits wherever an epoch is divided into
-        calls. Raises NonFiniteLossError.
+        `members` are the indices of the training rollouts in order; by default all in sequence.
+        Returns the losses before each step, added to `before`, the losses of earlier batches.
+        Weights and losses have the same bits for any division of an epoch into calls. Raises
+        NonFiniteLossError.
         """
         ...
 
     left_out: int
-    """Batches of the last call without a step, as their slopes are infinite (decision 0184)."""
+    """Batches of the last call that were skipped because of infinite derivatives (decision
+    0184).
+    """
 
     has_left_out: bool
-    """Whether anything has had no share in a step so far, as its slopes are infinite."""
+    """True if some batch or residual was skipped so far because of infinite derivatives."""
 
     finished: str | None
-    """Why further batches would change nothing; None as long as they may."""
+    """The reason why further batches would change nothing; None while training can continue."""
 
     def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of these rollouts at the current weights, on the rows that count."""
+        """The losses of these rollouts at the current weights, on the scored rows."""
         ...
 
     def state(self) -> EngineState:
-        """Parameters and optimiser as they are now."""
+        """The current parameters and optimiser state."""
         ...
 
     def restore(self, state: EngineState) -> None:
-        """Goes back to a state of the same stage."""
+        """Restores a state of the same stage."""
         ...
 
 
 @runtime_checkable
 class StartsEstimator(Protocol):
-    """An engine to which the starts of runs can be unknowns, beside the parameters."""
+    """An engine that can estimate the initial states of runs together with the parameters."""
 
     def starts(self) -> EstimatedStarts | None:
-        """Where the runs that it trains on start now; None where it estimates no starts."""
+        """The current initial states of the training runs; None if the engine does not estimate
+        them.
+        """
         ...

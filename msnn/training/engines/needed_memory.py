@@ -1,4 +1,4 @@
-"""Estimates what torch keeps of a batch for its gradient, before it does."""
+"""Estimates the memory that torch needs for the gradient of a batch."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from msnn.training.plans.stage_plan import StagePlan
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _SHARE = 0.5
-"""Of the memory of a machine: more than that is told before the stage begins."""
+"""Fraction of the installed memory above which a warning precedes the stage."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +33,10 @@ class Needed:
 
 
 def memory_warnings(plan: StagePlan, runs: Runs, installed: int | None) -> tuple[Diagnostic, ...]:
-    """Warns of a stage on torch that needs more than half of the installed memory.
+    """Warns if a stage on torch needs more than half of the installed memory.
 
-    Kernels cut long rollouts into pieces that fit (`KEPT_BYTES`), least squares take the starts in
-    portions; torch keeps the values of every step until the gradient is known.
+    Kernels cut long rollouts into pieces that fit (`KEPT_BYTES`), and least squares process the
+    start rows in portions. torch keeps the values of every step until the gradient is computed.
     """
     needed = needed_by_torch(plan, runs)
     if installed is None or needed.total <= _SHARE * installed:
@@ -54,10 +54,10 @@ def memory_warnings(plan: StagePlan, runs: Runs, installed: int | None) -> tuple
 
 
 def needed_by_torch(plan: StagePlan, runs: Runs) -> Needed:
-    """The values of all operations of a step, for each start and each step of a batch.
+    """Estimates the values of all operations of a step, for each start row and step of a batch.
 
-    What windows and reshapes show of other values is not counted, nor what depends on parameters
-    alone. Measured: 0.5 to 0.9 of it, the more the longer the rollouts.
+    Views, such as windows and reshapes, and values that depend on parameters only are not counted.
+    The measured memory is 0.5 to 0.9 of this, more for longer rollouts.
     """
     starts = len(runs) if plan.batch is None else min(plan.batch, len(runs))
     steps = int(np.max(runs.steps, initial=0))
@@ -66,7 +66,7 @@ def needed_by_torch(plan: StagePlan, runs: Runs) -> Needed:
 
 
 def installed_memory() -> int | None:
-    """Bytes of memory of this machine, where its system says."""
+    """Installed memory in bytes; None if the system does not report it."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):  # Windows has no sysconf
@@ -74,7 +74,9 @@ def installed_memory() -> int | None:
 
 
 def _values(program: Program) -> int:
-    """Numbers that a step makes anew for each start: elementwise values, windows, sums."""
+    """Number of elements that a step computes for each start row: elementwise values, windows,
+    sums.
+    """
     graph = program.step
     wanted = [state.next for state in program.states]
     wanted += [loss.prediction for loss in program.losses]

@@ -1,4 +1,4 @@
-"""Chooses the engine of a stage: native kernels where they can be, torch where they cannot."""
+"""Selects the engine of a stage: native kernels if possible, otherwise torch."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ EngineArguments = tuple[
 
 @dataclass(frozen=True, slots=True)
 class OpenedEngine:
-    """An engine ready for a stage, and what the user should know of the choice."""
+    """An engine for a stage, and notes for the user about the selection."""
 
     engine: AnyEngine
     plan: StagePlan
@@ -52,7 +52,7 @@ class OpenedEngine:
 
 
 def try_optimizers(program: Program, plans: Iterable[StagePlan]) -> None:
-    """Makes the optimisers that are torch's; raises SpecError with what torch refuses."""
+    """Constructs the optimisers of torch; raises SpecError with the errors that torch reports."""
     findings = Findings()
     for plan in plans:
         if isinstance(plan.optimizer, TorchOptimizer):
@@ -69,9 +69,9 @@ def open_engine(
     weights: Mapping[str, FloatArray],
     data: StageData,
 ) -> OpenedEngine:
-    """The engine that the stage asks for; `auto` is native, or torch with the reason said.
+    """The engine of a stage; `auto` is native, or torch with a note that gives the reason.
 
-    Raises SpecError where `engine: native` cannot be had.
+    Raises SpecError if `engine: native` is not possible.
     """
     given = (series, weights, data.train_rows, data.watched_rows)
     notes: tuple[Diagnostic, ...] = ()
@@ -79,7 +79,7 @@ def open_engine(
 
         def native(as_it_runs: StagePlan) -> AnyEngine:
             engine = _native((as_it_runs, *given))
-            # compared with the interpreter: a wrong kernel is told here, not by a bad model
+            # compare with the reference interpreter: a wrong kernel must not produce a wrong model
             engine.check(data.train)
             return engine
 
@@ -118,7 +118,7 @@ def open_engine(
 
 
 def _native(arguments: EngineArguments) -> AnyEngine:
-    """Whole epochs in the kernel, or an optimiser outside along the kernel's slopes."""
+    """Trains whole epochs in the kernel, or runs an outer optimiser with the kernel's gradients."""
     optimizer = arguments[0].optimizer
     if optimizer.needs_squares:
         return LevenbergMarquardtEngine(*arguments, NativeSquares)

@@ -1,4 +1,4 @@
-"""Stores an optimiser's nested state as arrays and JSON, for files that hold no code."""
+"""Stores an optimiser's nested state as arrays and JSON, which cannot contain code."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from msnn.training.engines.engine import EngineState
 
 
 def flattened(content: dict[str, Any]) -> EngineState:
-    """Tensors become arrays named by their path; the rest becomes JSON that refers to them."""
+    """Converts tensors to arrays named by their path, and the rest to JSON that refers to them."""
     arrays: dict[str, Any] = {}
     structure = _encoded(content, "", arrays)
     return EngineState(arrays, structure)
 
 
 def rebuilt(state: EngineState) -> dict[str, Any]:
-    """The content that `flattened` was given; raises KeyError or ValueError for anything else."""
+    """The inverse of `flattened`; raises KeyError or ValueError for any other state."""
     content = _decoded(state.structure, state)
     if not isinstance(content, dict):
         message = "an engine state is a mapping"

@@ -1,4 +1,4 @@
-"""The series that change while a stage runs: factors of dropout, and where runs start."""
+"""The series that change during a stage: dropout factors, and initial states of runs."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from msnn.training.plans.stage_plan import StagePlan
 
 
 def own_series(plan: StagePlan, series: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """The series with those that change as arrays of their own, before anything is drawn or found.
+    """The series with separate arrays for those that change during the stage.
 
-    Every factor of dropout is 1 and every run starts from 0.
+    Every dropout factor is 1 and every initial state is 0.
     """
     rows = len(next(iter(series.values()), np.zeros(0)))
     states = () if plan.rollout.starts is None else estimated_states(plan.rollout.starts.program)
@@ -25,6 +25,6 @@ def own_series(plan: StagePlan, series: Mapping[str, FloatArray]) -> dict[str, F
 
 
 def without_masks(plan: StagePlan, series: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """The series that are no factors of dropout: what is measured leaves nothing out."""
+    """The series without dropout factors: evaluations use no dropout."""
     masks = {mask.signal for mask in plan.masks}
     return {name: values for name, values in series.items() if name not in masks}

@@ -1,4 +1,4 @@
-"""Shares the rollouts of least squares among processes, and sums up their products."""
+"""Distributes the rollouts of least squares over processes, and sums their products."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from msnn.data.starts import Runs
 
 
 def own_runs(runs: Runs, ranks: Ranks) -> Runs:
-    """The rollouts of this rank: one after the other, about as many steps as each other rank."""
+    """The consecutive rollouts of this rank, with about the same number of steps on each rank."""
     before = np.cumsum(runs.steps) - runs.steps
     total = int(runs.steps.sum())
     first, end = (
@@ -23,7 +23,7 @@ def own_runs(runs: Runs, ranks: Ranks) -> Runs:
 
 
 def no_products(numbers: int) -> Products:
-    """The products of no rollout."""
+    """The products of an empty set of rollouts."""
     return Products(
         curvature=np.zeros((numbers, numbers)),
         slope=np.zeros(numbers),
@@ -34,7 +34,7 @@ def no_products(numbers: int) -> Products:
 
 
 def summed_products(own: Mapping[str, Products], ranks: Ranks) -> dict[str, Products]:
-    """The products over all ranks, added in their order: the same bits on each."""
+    """The products summed over all ranks in rank order: the same bits on each."""
     parts = [_flat(one) for one in own.values()]
     whole = np.split(added_by(ranks, np.concatenate(parts)), len(parts))
     return {

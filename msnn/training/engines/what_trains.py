@@ -1,4 +1,4 @@
-"""Says before data are read whether what shall train is installed."""
+"""Checks before data are read that everything needed for training is installed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from msnn.packages import TORCH, ZIGLANG
 from spec_schema.sections.training.training import Stage
 
 _IN_TORCH = ("msnn.training.engines.torch.torch_engine", "torch._dynamo")
-"""torch imports its compiler, 900 modules, when it makes its first optimiser."""
+"""Modules imported with the first optimiser: torch then imports its compiler, 900 modules."""
 
 
 def slow_modules(stages: Sequence[Stage]) -> frozenset[str]:
@@ -22,7 +22,7 @@ def slow_modules(stages: Sequence[Stage]) -> frozenset[str]:
 
 
 def require_what_trains(stages: Sequence[Stage]) -> None:
-    """Raises MissingExtraError where a stage needs torch or a C compiler that is not there."""
+    """Raises MissingExtraError if a stage needs torch or a C compiler and it is not installed."""
     for stage in stages:
         optimizer = stage.optimizer.choice
         if optimizer.steps_by == "torch":

@@ -1,1 +1,1 @@
-"""Decides before training what each stage does."""
+"""Plans each stage before training."""

@@ -1,4 +1,4 @@
-"""Says whether the losses of a stage depend on what it trains, and on data."""
+"""Determines if the losses of a stage depend on its trained parameters and on data."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from compiler.ir.program import Graph, Program
 
 
 def concerns(program: Program, weights: Mapping[str, float], trained: Sequence[str]) -> bool:
-    """Whether a loss that counts, at any step of a rollout, depends on something that moves."""
+    """True if a weighted loss depends on a trained parameter, at any step of a rollout."""
     counted = [loss for loss in program.losses if weights[loss.name]]
     wanted = [n for loss in counted for n in loss.nodes]
     following = {state.name: state.next for state in program.states}
@@ -21,7 +21,7 @@ def concerns(program: Program, weights: Mapping[str, float], trained: Sequence[s
 
 
 def of_parameters_alone(program: Program, weights: Mapping[str, float]) -> bool:
-    """Whether the losses that count are the same whatever the data are."""
+    """True if the weighted losses depend on parameters only, not on data."""
     counted = [node for loss in program.losses if weights[loss.name] for node in loss.nodes]
     live = zip(needed(program.step, counted), program.step, strict=True)
     kinds = ReadSamples | ReadState | Window

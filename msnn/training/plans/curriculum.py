@@ -1,4 +1,4 @@
-"""Plans the horizons before a stage's own, and up to which epoch each holds."""
+"""Plans the shorter horizons of a curriculum, and the last epoch of each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spec_schema.sections.training.training import Rollout
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """To the end of epoch `until` rollouts have `horizon` evaluations."""
+    """Until the end of epoch `until`, rollouts have `horizon` steps."""
 
     until: int
     horizon: int
@@ -22,7 +22,7 @@ class Phase:
 def plan_curriculum(
     program: Program, rollout: Rollout, plan: RolloutPlan, epochs: int, findings: Findings
 ) -> tuple[Phase, ...]:
-    """The phases before the whole horizon; what is wrong with them goes to `findings`."""
+    """The phases before the full horizon; errors go to `findings`."""
     if rollout.curriculum is None:
         return ()
     if plan.horizon == "record":

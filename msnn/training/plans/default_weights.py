@@ -1,9 +1,9 @@
-"""Weighs losses that nobody wrote, where their sum would be that of unlike units.
+"""Weights default losses so that quantities with different units can be summed.
 
-Without `losses:` each output that predicts a signal has the loss mse. The sum of an error in Pa²
-and one in K² is that in Pa² alone: where signals have different units, or deviations that differ by
-more than a factor of 10, each loss is divided by the variance of its signal over the rows of
-training, so that the total is the sum of the unexplained parts of the variances.
+Without `losses:`, each output that predicts a signal has the loss mse. A sum of squared errors in
+Pa² and K² would be dominated by Pa². Each loss is divided by the variance of its signal over the
+training rows if signals have different units. So it is if their standard deviations differ by more
+than a factor of 10. The total is then the sum of the unexplained fractions of variance.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from msnn.training.plans.stage_data import TRAIN
 from msnn.training.plans.stage_plan import StagePlan
 
 MOST_UNLIKE = 10.0
-"""Largest over smallest deviation up to which signals of one unit are summed as they are."""
+"""Maximum ratio of standard deviations for which signals of one unit are summed unweighted."""
 
 
 def with_default_weights(plans: Sequence[StagePlan], data: Dataset) -> list[StagePlan]:
-    """The stages; those whose weights nobody wrote have those of the data where they need them."""
+    """The stages; stages without explicit weights get weights from the data if needed."""
     return [_weighed(plan, data) for plan in plans]
 
 
@@ -42,7 +42,7 @@ def _weighed(plan: StagePlan, data: Dataset) -> StagePlan:
 
 
 def _variance(program: Program, loss: Loss, data: Dataset) -> float:
-    """The mean variance of the elements of a signal; of one that never changes its mean square."""
+    """Mean variance of the elements of a signal; for a constant signal, its mean square."""
     signal = compared_signal(program, loss)
     assert signal is not None, "an output predicts a signal"
     rows = data.measured_values(signal)[data.in_set(TRAIN)]

@@ -1,4 +1,4 @@
-"""Refuses what would hold as many numbers as there are rows in memory where data are on disk."""
+"""Refuses stages that would need memory proportional to the number of rows for data on disk."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 
 
 def check_on_disk(plan: StagePlan, findings: Findings) -> None:
-    """Reports why a stage cannot run over data on disk."""
+    """Reports the reasons why a stage cannot run on data on disk."""
     stage, program = f"stage `{plan.name}`", plan.rollout.program
     scaled = [name for name in plan.trained if program.parameter(name).scales_by_data]
     reasons = {

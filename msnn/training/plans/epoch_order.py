@@ -1,4 +1,4 @@
-"""Orders an epoch's rollouts by a counter, so that a resumed run has the same order."""
+"""Shuffles an epoch's rollouts with a counter-based generator, so that resuming is exact."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ _FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 
 def order_key(seed: int, stage: int, epoch: int, attempt: int = 0) -> int:
-    """The 64 bits that decide the order of one epoch."""
+    """The 64-bit key that determines the order of one epoch."""
     source = np.random.SeedSequence([seed, stage, epoch, attempt])
     return int(source.generate_state(1, np.uint64)[0])
 
 
 def shuffled(count: int, key: int) -> IntArray:
-    """The numbers 0 … count−1 in the order that a key decides, count < 2³².
+    """The integers 0 … count−1 in an order determined by a key, count < 2³².
 
     The inside-out form of the Fisher-Yates shuffle (Knuth, The Art of Computer Programming 2,
     algorithm P), with draws of SplitMix64 (Steele, Lea, Flood: Fast Splittable Pseudorandom Number
@@ -31,7 +31,7 @@ def shuffled(count: int, key: int) -> IntArray:
 
 
 def _draws(count: int, key: int) -> IntArray:
-    """For each i < count one of 0 … i."""
+    """For each i < count, a random integer in 0 … i."""
     numbers = np.arange(1, count + 1, dtype=np.uint64)
     bits = np.uint64(key) + numbers * _GOLDEN  # modulo 2⁶⁴, as all of it
     bits = (bits ^ (bits >> np.uint64(30))) * _FIRST

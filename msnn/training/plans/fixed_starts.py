@@ -1,4 +1,4 @@
-"""Finds the states of a stage whose start is right at the first row of a record only."""
+"""Finds the states whose initial value is correct only at the first row of a recording."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from spec_schema.diagnostics.diagnostic import Diagnostic
 
 
 def fixed_starts(plan: StagePlan) -> list[Diagnostic]:
-    """Rule R7: an `init` that reads no log is the value at the first row of a record.
+    """Rule R7: an `init` that does not read data is the value at a recording's first row.
 
-    What says only of the run that it begins is right everywhere, and so is what only losses need:
-    an integral in a loss is that of the rollout. It is for the caller to know that rollouts start
-    inside records.
+    Exempt are states that only mean "a run begins" and states that only losses use: an integral in
+    a loss starts with the rollout. The caller must know that rollouts start inside recordings.
     """
     program = plan.rollout.program
     following = {state.name: state.next for state in program.states}

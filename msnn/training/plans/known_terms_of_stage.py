@@ -1,9 +1,9 @@
-"""Finds what a stage knows of its parameters beside the data: penalties with corners, priors.
+"""Finds the prior knowledge of a stage about its parameters: non-smooth penalties and priors.
 
-A prior is the Gaussian one: with residuals of variance σ² the most probable parameters minimise
-n/σ² · mse + Σ ((p − mean)/std)², so that beside the mse it counts by σ²/n. σ² is taken from the
-residuals themselves, which leads to the minimum of log mse + Σ ((p − mean)/std)²/n: the mode where
-σ² is unknown too.
+Priors are Gaussian. With residuals of variance σ², the maximum a posteriori parameters minimise
+n/σ² · mse + Σ ((p − mean)/std)², so relative to the mse a prior has weight σ²/n. σ² is estimated
+from the residuals. This leads to the minimum of log mse + Σ ((p − mean)/std)²/n, the mode with
+unknown σ².
 """
 
 from __future__ import annotations
@@ -23,42 +23,42 @@ from msnn.training.plans.stage_plan import StagePlan
 
 @dataclass(frozen=True, slots=True)
 class ResidualsOfStage:
-    """The size of a stage's residuals, and their number."""
+    """The mean square and the number of a stage's residuals."""
 
     square: float
-    """Weighted mean square: of magnitudes and roots half of their weighted total."""
+    """Weighted mean square; for MAE and RMSE half of the weighted total."""
     count: float
 
     @property
     def spread(self) -> float:
-        """ŝ²/n, by which priors count."""
+        """ŝ²/n, the weight of priors."""
         return self.square / self.count if self.count else 0.0
 
 
 def known_of(plan: StagePlan, parameters: Sequence[Parameter]) -> KnownTerms:
-    """The known terms of these parameters; none of those that the stage does not train."""
+    """Penalties and priors of these parameters, as far as the stage trains them."""
     return known_terms(parameters, plan.program.losses, plan.loss_weights, plan.trained)
 
 
 def has_priors(plan: StagePlan) -> bool:
-    """Whether a parameter that moves has one."""
+    """True if a trained parameter has a prior."""
     return any(plan.program.parameter(name).prior is not None for name in plan.trained)
 
 
 def residuals_of(plan: StagePlan, sums: Mapping[str, LossSum], runs: Runs) -> ResidualsOfStage:
-    """The residuals behind losses over rollouts, each row counted once however often scored."""
+    """The residuals behind losses over rollouts; a row in several rollouts counts once."""
     square, count = _scored(plan, sums)
     return ResidualsOfStage(square, count * _once(runs, plan.rollout.skip))
 
 
 def square_by_count(plan: StagePlan, sums: Mapping[str, LossSum]) -> float:
-    """ŝ²/n where rollouts score each row once."""
+    """ŝ²/n if rollouts score each row once."""
     square, count = _scored(plan, sums)
     return square / count if count else 0.0
 
 
 def distance(plan: StagePlan, weights: Mapping[str, FloatArray]) -> float:
-    """Σ ((p − mean)/std)² of the parameters that move."""
+    """Σ ((p − mean)/std)² of the trained parameters."""
     total = 0.0
     for name in plan.trained:
         prior = plan.program.parameter(name).prior
@@ -78,7 +78,9 @@ def _scored(plan: StagePlan, sums: Mapping[str, LossSum]) -> tuple[float, float]
 
 
 def _part(loss: Loss, found: LossSum) -> float:
-    """The part of a loss in its likelihood, as the mean square is in that of Gauss."""
+    """The contribution of a loss to the likelihood, corresponding to the mean square of a
+    Gaussian.
+    """
     match loss.measure:
         case Measure.MSE | Measure.HUBER:
             return found.value(loss.measure)
@@ -89,7 +91,7 @@ def _part(loss: Loss, found: LossSum) -> float:
 
 
 def _once(runs: Runs, skip: int) -> float:
-    """The share of the scored steps that has each row once."""
+    """Number of distinct scored rows divided by the number of scored steps."""
     first, last = runs.t0 + skip, runs.t0 + runs.steps
     used = last > first
     # +1 where a run begins to score, −1 behind its end: rows where the sum is not 0 are scored

@@ -1,4 +1,4 @@
-"""Computes the learning rate of each epoch, as a factor of the optimiser's own, and checks it."""
+"""Computes the learning rate of each epoch, as a factor of the optimiser's rate, and checks it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Rule = Cosine | Exponential | Step | Plateau | None
 
 @dataclass(frozen=True, slots=True)
 class Reductions:
-    """The number of a plateau's reductions, and the epoch after which the last one came."""
+    """Number of reductions on a plateau, and the epoch of the last one."""
 
     count: int = 0
     epoch: int = 0
@@ -29,9 +29,9 @@ NO_REDUCTIONS = Reductions()
 
 
 def rate_factor(rule: Rule, epoch: int, epochs: int, reductions: Reductions) -> float:
-    """The factor of the rate in the epoch after `epoch` complete ones of `epochs`.
+    """The factor of the learning rate after `epoch` of `epochs` completed epochs.
 
-    cosine to e: e + (1 − e)(1 + cos(π · epoch / epochs)) / 2; the others are powers.
+    cosine to e: e + (1 − e)(1 + cos(π · epoch / epochs)) / 2; the other schedules are powers.
     """
     match rule:
         case None:
@@ -49,7 +49,9 @@ def rate_factor(rule: Rule, epoch: int, epochs: int, reductions: Reductions) -> 
 
 
 def _kernel(name: str, *arguments: float) -> float:
-    """The project's own function: that of the system has other bits elsewhere."""
+    """Evaluates the project's own function, because results of the system's libm vary in their
+    bits.
+    """
     # `check` plans stages too, and asks for no rate
     from compiler.kernels.evaluate import evaluate
 
@@ -57,7 +59,7 @@ def _kernel(name: str, *arguments: float) -> float:
 
 
 def after_epoch(rule: Rule, epoch: int, better: int, reductions: Reductions) -> Reductions:
-    """The reductions after `epoch` complete ones, the last better monitor after `better`."""
+    """The reductions after `epoch` epochs, if the monitor last improved after `better`."""
     if isinstance(rule, Plateau) and epoch - max(better, reductions.epoch) >= rule.patience:
         return Reductions(reductions.count + 1, epoch)
     return reductions
@@ -71,7 +73,7 @@ def check_rate(
     place: Span | None,
     findings: Findings,
 ) -> None:
-    """Refuses a rate that is infinite in what the stage computes with."""
+    """Reports a learning rate that overflows in the dtype of the stage."""
     largest = max((rate or 0.0) * factor for factor in (1.0, *factors.values()))
     most = float(np.finfo(dtype).max)
     if largest > most:

@@ -1,4 +1,4 @@
-"""Checks penalties and priors of a stage: which of them its optimiser can take to a corner."""
+"""Checks penalties and priors of a stage: which can its optimiser handle?"""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def with_reached_corners(
     stage: str,
     findings: Findings,
 ) -> Program:
-    """The program whose penalties are those that steps of this optimiser take to their corners.
+    """The program with only those penalties that this optimiser can minimise exactly.
 
-    The others are losses like any other, with slopes: those of a negative weight, which have no
-    corner to come to, and with a warning all of an optimiser that knows nothing but slopes.
+    The others become ordinary losses with gradients: those with a negative weight, and, with a
+    warning, all of a purely gradient-based optimiser.
     """
     left = [loss for loss in program.losses if loss.penalty is not None and weights[loss.name]]
     if left and not optimizer.reaches_corners:
@@ -38,7 +38,7 @@ def with_reached_corners(
 
 
 def without_corners(program: Program) -> Program:
-    """The program whose penalties are losses like any other."""
+    """The program with all penalties as ordinary losses."""
     losses = [replace(loss, penalty=None) for loss in program.losses]
     return replace(program, losses=tuple(losses))
 
@@ -51,7 +51,7 @@ def check_priors(
     span: Span | None,
     findings: Findings,
 ) -> None:
-    """Reports priors where no loss compares with what was measured: nothing is their measure."""
+    """Reports priors if no loss has a measured target, because priors then have no scale."""
     measured = any(weights[loss.name] and loss.target is not None for loss in program.losses)
     known = [parameter.name for parameter in trained if parameter.prior is not None]
     if known and not measured:

@@ -1,4 +1,4 @@
-"""Checks what a stage asks of levenberg_marquardt that it cannot do."""
+"""Checks a stage for settings that levenberg_marquardt does not support."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NOT_OF_SECOND_ORDER: Mapping[str, str] = {
 
 
 def check_keys(stage: Stage, findings: Findings) -> None:
-    """Keys of other optimisers that say nothing to levenberg_marquardt."""
+    """Reports keys of other optimisers that have no effect on levenberg_marquardt."""
     place = stage.optimizer.choice.place.key
     for key, reason in _NOT_OF_SECOND_ORDER.items():
         if key in stage.model_fields_set:
@@ -36,7 +36,7 @@ def check_losses(
     weights: Mapping[str, float],
     findings: Findings,
 ) -> None:
-    """Losses that are neither sums of squares nor penalties with corners."""
+    """Reports losses that are neither sums of squares nor non-smooth penalties."""
     for loss in program.losses:
         weight = weights[loss.name]
         if loss.penalty is not None:

@@ -1,11 +1,11 @@
-"""Takes the losses of a program that are sums of squares, roots of them included.
+"""Converts the losses of a program to sums of squares, including square roots of such sums.
 
-`huber` is none far from 0. What its estimate is sure of follows from two sums over its elements
-with error e, slopes j and factor w of the row, where ψ is the derivative of the cost ρ: Σ w ψ' jjᵀ,
-the curvature, and Σ w² ψ² jjᵀ, the covariance of the gradient (the bread and the meat of the
-sandwich; Huber 1967, "The behavior of maximum likelihood estimates under nonstandard conditions").
-As ψ is e clipped to ±δ, ψ' is 0 or 1, so that both are products of the slopes of a residual, and
-every engine has them: of ψ(e) with factor w, and of ρ(e) with factor w².
+`huber` is not a sum of squares. Its standard errors follow from two sums over its elements with
+error e, derivative j, row factor w, and ψ, the derivative of the cost ρ. They are Σ w ψ' jjᵀ, the
+curvature, and Σ w² ψ² jjᵀ, the covariance of the gradient. These are the bread and the meat of the
+sandwich (Huber 1967, "The behavior of maximum likelihood estimates under nonstandard conditions").
+Since ψ is e clipped to ±δ, ψ' is 0 or 1. Both sums are therefore products JᵀJ of a residual, which
+every engine computes: of ψ(e) with factor w, and of ρ(e) with factor w².
 """
 
 from __future__ import annotations
@@ -20,23 +20,22 @@ from compiler.ir.ops import Relation
 from compiler.ir.program import Loss, Measure, NodeId, Program
 
 NUMBER_OF = "number of "
-"""Before the name of a loss: one that counts its residuals."""
+"""Prefix of the name of a loss that counts the residuals of another loss."""
 
 BREAD_OF = "bread of "
-"""Before the name of a robust loss: its clipped residuals, whose slopes make its curvature."""
+"""Prefix for the clipped residuals of a robust loss, whose Jacobian gives its curvature."""
 
 MEAT_OF = "meat of "
-"""The same: its costs, whose slopes make the covariance of its gradient."""
+"""Prefix for the costs of a robust loss, whose Jacobian gives the covariance of its gradient."""
 
 WITHIN = "within delta of "
-"""The same: one that counts the residuals that are not clipped."""
+"""Prefix for the number of residuals that are not clipped."""
 
 
 def squared(program: Program, weights: Mapping[str, float], *, robust: bool = False) -> Program:
-    """The program with the losses that count, each as mse.
+    """The program with its weighted losses, each as mse.
 
-    With `robust`, `huber` stays what it is, and has the three losses beside it by which its
-    standard errors are computed.
+    With `robust`, `huber` is kept, with three additional losses for its standard errors.
     """
     builder = GraphBuilder(program.step)
     losses: list[Loss] = []
@@ -55,7 +54,7 @@ def squared(program: Program, weights: Mapping[str, float], *, robust: bool = Fa
 
 
 def is_all_squared(program: Program, weights: Mapping[str, float]) -> bool:
-    """True if what counts are sums of squares and roots of them, penalties with corners apart."""
+    """True if all weighted losses are sums of squares or their roots, apart from penalties."""
     counted = [one for one in program.losses if weights[one.name] and one.penalty is None]
     return all(
         one.measure is not Measure.HUBER
@@ -65,7 +64,7 @@ def is_all_squared(program: Program, weights: Mapping[str, float]) -> bool:
 
 
 def _counted(builder: GraphBuilder, loss: Loss) -> Loss:
-    """Counts the residuals of a loss whose rows have factors: none below 0, whatever they are."""
+    """A loss that counts residuals with a positive row factor."""
     assert loss.rows is not None
     factors = element_factors(builder, loss, loss.rows)
     axes = builder.type(factors).axes
@@ -75,7 +74,7 @@ def _counted(builder: GraphBuilder, loss: Loss) -> Loss:
 
 
 def _sandwich(builder: GraphBuilder, loss: Loss) -> list[Loss]:
-    """Clipped residuals and costs of a robust loss as squares, and the count of what is inside."""
+    """Clipped residuals and costs of a robust loss as squares, and the count of unclipped ones."""
     assert loss.target is not None, "huber compares with something"
     error = builder.subtract(loss.prediction, loss.target)
     unit, axes = builder.type(error).unit, builder.type(error).axes

@@ -1,4 +1,4 @@
-"""Chooses the rollouts of a stage: those to train on, those that judge the weights."""
+"""Selects the rollouts of a stage for training, and those that select the best weights."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TRAIN, VALIDATION = "train", "val"
 
 @dataclass(frozen=True, slots=True)
 class Lesson:
-    """Shorter rollouts to train on up to the end of epoch `until`."""
+    """Shorter training rollouts until the end of epoch `until`."""
 
     until: int
     runs: Runs
@@ -31,7 +31,7 @@ class Lesson:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageData:
-    """Rollouts and, where not all rows that they reach count, the rows t that do."""
+    """Rollouts of a stage, and masks of the scored rows t if not all are scored."""
 
     train: Runs
     train_rows: Mapping[str, BoolArray] | None
@@ -42,16 +42,16 @@ class StageData:
 
     @property
     def watches_training(self) -> bool:
-        """Whether the rows to train on decide which weights are best."""
+        """True if the training rows also select the best weights."""
         return self.watched_set == TRAIN
 
     def in_epoch(self, epoch: int) -> Runs:
-        """The runs to train on after `epoch` complete epochs."""
+        """The training rollouts after `epoch` completed epochs."""
         return next((each.runs for each in self.lessons if epoch < each.until), self.train)
 
 
 def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData | None:
-    """The runs of a stage; None after a report that there are none."""
+    """The rollouts of a stage; None after reporting that there are none."""
     if data.is_on_disk:
         check_on_disk(plan, findings)
         if findings.failed:
@@ -94,17 +94,17 @@ def stage_data(plan: StagePlan, data: Dataset, findings: Findings) -> StageData 
 
 
 def _steps_lower_the_total(plan: StagePlan, train: Runs) -> bool:
-    """Whether what a stage minimises, not a part of it, has to say which weights are best.
+    """True if the training total itself must select the best weights.
 
-    Rollouts that do not overlap score fewer rows, least beside a long `skip`: they are least at
-    other weights than a stage comes to that takes all rollouts in each step, or weighs its rows
-    against priors (decision 0379). Noise of batches is above that difference.
+    Non-overlapping rollouts score fewer rows, fewest with a long `skip`. Their minimum differs from
+    that of a stage that uses all rollouts in each step, or that weighs its rows against priors
+    (decision 0379). With small batches, noise exceeds that difference.
     """
     return plan.batch is None or len(train) <= plan.batch or has_priors(plan)
 
 
 def _starts_inside(program: Program, data: Dataset, runs: Runs) -> bool:
-    """Whether a rollout starts at another row than the first of its record that can be one."""
+    """True if a rollout starts after the first possible row of its recording."""
     far = reach(program)
     first = np.array([record.start + far.back for record in data.records])
     return not np.isin(runs.t0, first).all()

@@ -37,35 +37,35 @@ from spec_schema.sections.training.optimizers import (
 from spec_schema.sections.training.training import Stage
 
 TOTAL = "total"
-"""What a monitor is called that watches the weighted total."""
+"""Name of the monitor that watches the weighted total."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StagePlan:
-    """One stage of training (rule R12: keys are not inherited from the stage before)."""
+    """One training stage (rule R12: keys are not inherited from the previous stage)."""
 
     index: int
     name: str
     epochs: int
     batch: int | None
-    """None: all starts at once."""
+    """None: all rollouts in one batch."""
     optimizer: OptimizerChoice
     lr: float | None
-    """None where the optimiser has none; 1 where it is searched, as a factor of that."""
+    """None if the optimiser has none; 1 if it is searched, as a factor of the result."""
     searches_rate: bool
-    """Whether the learning rate is found before the first epoch."""
+    """True if the learning rate is searched before the first epoch."""
     rollout: RolloutPlan
     program: Program
-    """What engines train: that of the rollout with its dropout drawn."""
+    """The trained program: that of the rollout, with dropout factors as inputs."""
     masks: tuple[Mask, ...]
-    """The factors of dropout that the program reads beside the log."""
+    """The dropout masks, which the program reads in addition to the data."""
     phases: tuple[Phase, ...]
     """Shorter horizons that are trained first."""
     loss_weights: Mapping[str, float]
     has_written_weights: bool
-    """Whether the stage has `losses:` of its own."""
+    """True if the stage has its own `losses:`."""
     trained: tuple[str, ...]
-    """Parameters that move."""
+    """Names of the trained parameters."""
     lr_factors: Mapping[str, float]
     schedule: Rule
     clip: float | None
@@ -76,41 +76,44 @@ class StagePlan:
     dtype: Literal["float32", "float64"]
     engine: Literal["auto", "native", "torch"]
     device: str
-    """Where torch computes, as torch names it."""
+    """torch's name of the device."""
     threads: int
     reproducible: bool
-    """Whether kernels keep their bits where a processor needs many instructions for that."""
+    """True if kernels must be bitwise reproducible even on processors where that is slow."""
     attempts: int
-    """How often the stage is run, from other initial values each time."""
+    """Number of runs of the stage, each from different initial values."""
     span: Span | None
     weighs_by_variance: bool = False
-    """Whether the weights are those of `default_weights`."""
+    """True if the weights come from `default_weights`."""
     ranks: TrainingRanks | None = None
-    """The processes that share its batches; None for one."""
+    """The processes that share the batches; None for one process."""
 
     @property
     def whole_from(self) -> int:
-        """Epochs after which rollouts have their whole horizon."""
+        """The epoch from which rollouts have their full horizon."""
         return self.phases[-1].until if self.phases else 0
 
     @property
     def estimates_starts(self) -> bool:
-        """Whether fitted starts are unknowns of training, together with the parameters."""
+        """True if initial states are estimated in training together with the parameters."""
         return self.rollout.starts is not None and self.optimizer.needs_squares
 
     @property
     def fits_starts_to_all(self) -> bool:
-        """Whether what is scored decides where runs start: they minimise the total too."""
+        """True if all scored rows determine the initial states, which then also minimise the
+        total.
+        """
         starts = self.rollout.starts
         return starts is not None and (self.estimates_starts or starts.over is None)
 
     @property
     def decay_of_total(self) -> float:
-        """λ of the λ/2 Σ raw² that steps minimise beside the losses, 0 where decay is decoupled.
+        """λ of the term λ/2 Σ raw² in the minimised total; 0 if decay is decoupled.
 
-        Then steps shrink the values beside the gradient. With all rollouts in a batch and a small
-        rate they end near a minimum of the losses alone, where λ|raw| < 1 (Xie, Li, Implicit bias
-        of AdamW, 2024). With a part of the rollouts nobody knows what they minimise.
+        Decoupled decay shrinks the values separately from the gradient. With all rollouts in one
+        batch and a small rate, training ends near a minimum of the losses alone, where λ|raw| < 1
+        (Xie, Li, Implicit bias of AdamW, 2024). With small batches, the minimised function is
+        unknown.
         """
         match self.optimizer:
             case AdamW():
@@ -124,20 +127,22 @@ class StagePlan:
 
     @property
     def train_skip(self) -> int:
-        """Evaluations that training leaves unscored: none for starts that it estimates itself."""
+        """Unscored steps at the beginning of training rollouts; none if initial states are
+        estimated.
+        """
         starts = self.rollout.starts
         return starts.skip if starts is not None and self.estimates_starts else self.rollout.skip
 
 
 def with_slopes_alone(plan: StagePlan) -> StagePlan:
-    """The stage for steps that are not its own: every loss has its slope."""
+    """The stage for purely gradient-based steps: penalties become ordinary losses."""
     program = without_corners(plan.program)
     rollout = replace(plan.rollout, program=without_corners(plan.rollout.program))
     return replace(plan, program=program, rollout=rollout)
 
 
 def plan_stages(program: Program, stages: Sequence[Stage], findings: Findings) -> list[StagePlan]:
-    """The stages as they will run; what is wrong with them goes to `findings`."""
+    """The plans of the stages; errors go to `findings`."""
     plans, said = _plans(program, tuple(stages))
     findings.report(*said)
     return list(plans)
@@ -147,7 +152,7 @@ def plan_stages(program: Program, stages: Sequence[Stage], findings: Findings) -
 def _plans(
     program: Program, stages: tuple[Stage, ...]
 ) -> tuple[tuple[StagePlan, ...], tuple[Diagnostic, ...]]:
-    """The plans of stages, and what is said of them in the order in which it was found."""
+    """The plans of stages, and their diagnostics in order."""
     findings = Findings()
     plans = tuple(
         plan
@@ -277,7 +282,7 @@ def _planned(program: Program, index: int, stage: Stage, findings: Findings) -> 
 def _rate(
     program: Program, stage: Stage, trained: Sequence[str], findings: Findings
 ) -> float | None:
-    """The learning rate, 1 where it is searched; None where each step has its own length."""
+    """The learning rate, 1 if it is searched; None for methods with their own step size."""
     match stage.optimizer.choice:
         case Adam(lr=lr) | AdamW(lr=lr) | Sgd(lr=lr) | Lbfgs(lr=lr):
             return 1.0 if lr == "auto" else lr
@@ -291,7 +296,7 @@ def _rate(
 
 
 def _check_reproducible(name: str, stage: Stage, findings: Findings) -> None:
-    """Reports an optimiser whose steps have the bits of other libraries."""
+    """Reports an optimiser whose results depend on the bits of other libraries."""
     place = stage.optimizer.choice.place.key
     match stage.optimizer.choice.steps_by:
         case "torch":

@@ -13,19 +13,19 @@ Weights = Mapping[str, FloatArray]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatedStarts:
-    """The starts of runs that were unknowns of training, beside the parameters."""
+    """Initial states of runs that were estimated together with the parameters."""
 
     t0: IntArray
     """(runs,): the row in which each run begins."""
     steps: IntArray
-    """(runs,): the evaluations that it has."""
+    """(runs,): the number of steps of each run."""
     values: Mapping[str, FloatArray]
-    """(runs, *shape) of each state."""
+    """(runs, *shape) per state."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageResult:
-    """The best weights and where they were found; epoch 0 is what the attempt began with."""
+    """The best weights and the epoch that reached them; epoch 0 means the initial weights."""
 
     best: Weights
     best_value: float
@@ -34,14 +34,14 @@ class StageResult:
     reason: str
     seconds: float
     attempt: int
-    """Which of the stage's attempts this is, from 0."""
+    """Index of the attempt, from 0."""
     starts: EstimatedStarts | None = None
-    """Those beside which the best weights were reached; None where they were no unknowns."""
+    """The initial states that belong to the best weights; None if they are not estimated."""
 
 
 def monitor_order(value: float) -> tuple[bool, float]:
-    """Sorts what a monitor says, the best first: what is not finite leads nothing.
+    """Sort key of monitor values, best first; non-finite values come last.
 
-    By `<` alone a first NaN would lead for ever, as nothing is less.
+    With `<` alone, a NaN in the first place would never be replaced.
     """
     return not math.isfinite(value), value

@@ -1,4 +1,4 @@
-"""Checks what `optimizer: {torch: NAME}` takes, without torch.
+"""Checks the options of `optimizer: {torch: NAME}` without importing torch.
 
 A test compares the table with the installed torch.
 """
@@ -18,7 +18,7 @@ from spec_schema.sections.training.optimizers import OptionValue, TorchOptimizer
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NumberLimits:
-    """least ≤ number ≤ most, above < number < below."""
+    """Limits of a number: least ≤ number ≤ most, above < number < below."""
 
     least: float = -math.inf
     most: float = math.inf
@@ -30,12 +30,12 @@ class NumberLimits:
 
 Words: TypeAlias = frozenset[str]
 OptionRule: TypeAlias = NumberLimits | Literal["switch"] | Words | tuple[NumberLimits, ...]
-"""A number, true or false, one of some words, or a list of numbers."""
+"""A number, a bool, one of several words, or a tuple of numbers."""
 
 
 @dataclass(frozen=True, slots=True)
 class TorchOptimizerRule:
-    """The options of a class of `torch.optim`, and the learning rate that is its default."""
+    """The options of a class of `torch.optim`, and its default learning rate."""
 
     lr: float
     options: Mapping[str, OptionRule]
@@ -118,11 +118,11 @@ _OTHERS = {
     "LBFGS": "`lbfgs: {}` is that with a line search",
     "SparseAdam": "it takes sparse gradients, and those of models here are dense",
 }
-"""Optimisers that do not step along a dense gradient by themselves."""
+"""Optimisers that cannot take a step from one dense gradient."""
 
 
 def is_decay_decoupled(optimizer: TorchOptimizer) -> bool:
-    """True if its weight decay shrinks the values, rather than add to the gradient."""
+    """True if weight decay shrinks the values directly instead of changing the gradient."""
     switch = optimizer.options.get("decoupled_weight_decay")
     return optimizer.name.value in _DECOUPLED or (switch is not None and switch.value is True)
 
@@ -133,7 +133,7 @@ def check_torch_optimizer(
     trained: Iterable[Parameter],
     findings: Findings,
 ) -> float:
-    """The learning rate; what torch would refuse goes to `findings`."""
+    """The learning rate; options that torch would refuse go to `findings`."""
     name = optimizer.name
     rule = TORCH_OPTIMIZERS.get(name.value)
     if rule is None:
@@ -166,7 +166,7 @@ def check_torch_optimizer(
 
 
 def fits(value: OptionValue | None, rule: OptionRule) -> bool:
-    """Whether torch takes the value for an option."""
+    """True if torch accepts the value for an option."""
     match rule:
         case "switch":
             return isinstance(value, bool)

@@ -1,4 +1,4 @@
-"""Joins the processes that torchrun has started to one training, over gloo."""
+"""Connects the processes started by torchrun to one training, with gloo."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from torch.distributed.rendezvous import rendezvous
 from msnn.training.ranks.training_ranks import RankLostError
 
 PATIENCE = timedelta(minutes=10)
-"""How much longer than the others a process may take before it counts as lost."""
+"""Maximum lag of a process behind the others before it counts as lost."""
 
 _SPEAKER = "msnn speaker"
 
 _LAST_QUESTIONS = timedelta(seconds=10)
-"""How long the process that has the store waits for the others to ask who speaks."""
+"""Time that the process with the store waits for the others to ask who reports."""
 
 
 class GlooRanks:
-    """The processes of one training. What they exchange raises RankLostError where one is lost."""
+    """The processes of one training. Communication raises RankLostError if a process is lost."""
 
     def __init__(self) -> None:
         with _reached():
@@ -44,18 +44,18 @@ class GlooRanks:
 
     @property
     def is_first(self) -> bool:
-        """Whether this process keeps the run and says how it goes."""
+        """True if this process writes the run and shows progress."""
         return self.rank == 0
 
     def receive(self, sums: NDArray[np.uint8]) -> None:
-        """Replaces sums by those of the rank before; the first one keeps its own."""
+        """Replaces sums by those of the previous rank; the first rank keeps its own."""
         # sums go through ranks in a row: added in one order, they have the same bits for any number
         if self.rank:
             with _reached():
                 gloo.recv(torch.from_numpy(sums), self.rank - 1)
 
     def hand_on(self, sums: NDArray[np.uint8]) -> None:
-        """Gives sums to the next rank and replaces them by those of the last."""
+        """Sends sums to the next rank, and replaces them by those of the last rank."""
         last = self.count - 1
         with _reached():
             # the last has all sums, and tells them to everybody
@@ -64,14 +64,14 @@ class GlooRanks:
             gloo.broadcast(torch.from_numpy(sums), last)
 
     def most(self, values: Sequence[float]) -> list[float]:
-        """The largest of each value over all ranks."""
+        """The maximum of each value over all ranks."""
         found = torch.tensor(values, dtype=torch.float64)
         with _reached():
             gloo.all_reduce(found, gloo.ReduceOp.MAX)
         return found.tolist()
 
     def agree(self, content: bytes) -> bool:
-        """Whether all ranks have the same content; the answer is the same on each."""
+        """True if all ranks have the same content; the result is the same on each."""
         digest = hashlib.sha256(content).digest()
         # 48 bits, which float64 holds exactly; the most of −x is the least of x
         number = float(int.from_bytes(digest[:6]))
@@ -79,7 +79,7 @@ class GlooRanks:
         return most == -least
 
     def from_first(self, content: bytes) -> bytes:
-        """The content that the first rank has; that of the others is not looked at."""
+        """The content of the first rank; the content of the other ranks is ignored."""
         size = torch.tensor([len(content)])
         with _reached():
             gloo.broadcast(size, 0)
@@ -92,14 +92,14 @@ class GlooRanks:
         return found.numpy().tobytes()
 
     def is_speaker(self) -> bool:
-        """Whether this process is the first that has to say why the training ends."""
+        """True if this process is the first to report why the training ends."""
         try:
             said = self._store.compare_set(_SPEAKER, "", str(self.rank))
             self._store.set(f"{_SPEAKER} {self.rank}", "has asked")
         except RuntimeError:  # the process that has the store is lost too
             return True
         if self.is_first:
-            # the store ends with this process: one that asked later would take it for lost
+            # the store ends with this process: a later question would fail as if it were lost
             atexit.register(self._answer_the_others)
         return said.decode() == str(self.rank)
 

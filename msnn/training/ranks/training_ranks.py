@@ -1,4 +1,4 @@
-"""Says what the processes of one training do together, beside adding their sums."""
+"""Defines the communication between the processes of one training."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ class RankLostError(Exception):
 
 
 class TrainingRanks(Protocol):
-    """The processes of one training, as kernels know them (`backends.native.handed_sums.Ranks`).
+    """The processes of one training, in the form that kernels use
+    (`backends.native.handed_sums.Ranks`).
 
-    Whatever they do together raises RankLostError.
+    All communication raises RankLostError.
     """
 
     @property
     def rank(self) -> int:
-        """The number of this rank, from 0."""
+        """The index of this rank, from 0."""
         ...
 
     @property
@@ -32,35 +33,35 @@ class TrainingRanks(Protocol):
         ...
 
     def receive(self, sums: NDArray[np.uint8]) -> None:
-        """Replaces sums by those of the rank before; the first one keeps its own."""
+        """Replaces sums by those of the previous rank; the first rank keeps its own."""
         ...
 
     def hand_on(self, sums: NDArray[np.uint8]) -> None:
-        """Gives sums to the next rank and replaces them by those of the last."""
+        """Sends sums to the next rank, and replaces them by those of the last rank."""
         ...
 
     @property
     def is_first(self) -> bool:
-        """Whether this process keeps the run and says how it goes."""
+        """True if this process writes the run and shows progress."""
         ...
 
     def most(self, values: Sequence[float]) -> list[float]:
-        """The largest of each value over all ranks."""
+        """The maximum of each value over all ranks."""
         ...
 
     def agree(self, content: bytes) -> bool:
-        """Whether all ranks have the same content; the answer is the same on each."""
+        """True if all ranks have the same content; the result is the same on each."""
         ...
 
     def from_first(self, content: bytes) -> bytes:
-        """The content that the first rank has; that of the others is not looked at."""
+        """The content of the first rank; the content of the other ranks is ignored."""
         ...
 
 
 def weights_of_first(
     ranks: TrainingRanks | None, weights: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
-    """Weights with the bits that they have on the first rank: fits depend on the processor."""
+    """The weights of the first rank, because results of fits depend on the processor."""
     if ranks is None:
         return dict(weights)
     flat = np.frombuffer(ranks.from_first(weight_bytes(weights)), float)
@@ -73,5 +74,5 @@ def weights_of_first(
 
 
 def weight_bytes(weights: Mapping[str, FloatArray]) -> bytes:
-    """The bits of weights, to compare them between ranks."""
+    """The bytes of weights, to compare them between ranks."""
     return b"".join(np.ascontiguousarray(value).tobytes() for value in weights.values())

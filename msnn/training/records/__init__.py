@@ -1,1 +1,1 @@
-"""Keeps runs: folders, checkpoints, progress, results."""
+"""Saves runs: folders, checkpoints, progress, results."""

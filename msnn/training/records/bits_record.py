@@ -1,4 +1,4 @@
-"""Says what the bits of a run's weights depend on, for `run.json`."""
+"""Describes in `run.json` what determines the bits of a run's weights."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _NOT_FLOAT32 = "what made a kernel wrong here in float32, so that the stage ran 
 
 
 def bits_record(program: Program, plans: Sequence[StagePlan]) -> dict[str, Any]:
-    """The build of kernels here, and whether the weights have these bits on other machines too.
+    """The kernel build, and if the weights are bitwise reproducible on other machines.
 
-    Bits are `reproducible` where another compiler and another processor with a fused multiply-add
-    find the same. Else `depends_on` says of stages, and of layers that are fitted, what decides.
+    `reproducible` is true if another compiler and another processor with fused multiply-add give
+    the same bits. Otherwise `depends_on` names the cause per stage and per fitted layer.
     """
     native = any(plan.engine != "torch" for plan in plans)
     kernels = kernel_description() if native else None
@@ -33,14 +33,16 @@ def bits_record(program: Program, plans: Sequence[StagePlan]) -> dict[str, Any]:
 
 
 def as_it_ran(record: Mapping[str, Any], plan: StagePlan) -> dict[str, Any]:
-    """The record after a stage went on without the kernel that it was planned with."""
+    """The record after a stage fell back from its planned kernel."""
     reason = _TORCH if plan.engine == "torch" else _NOT_FLOAT32
     depends_on = {**record.get("depends_on", {}), plan.name: reason}
     return {**record, "reproducible": False, "depends_on": depends_on}
 
 
 def _depends_on(plan: StagePlan, kernels: KernelDescription | None) -> str:
-    """The things besides spec and data that decide the bits of a stage; empty if none does."""
+    """The cause besides spec and data that determines the bits of a stage; empty if there is
+    none.
+    """
     if plan.engine == "torch" or kernels is None:
         return _TORCH
     match plan.optimizer.steps_by:

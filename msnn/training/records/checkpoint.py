@@ -1,4 +1,4 @@
-"""Writes where a run stands: enough to go on bit for bit, and nothing that could run as code."""
+"""Writes the position of a run, sufficient to continue bit for bit; it cannot contain code."""
 
 from __future__ import annotations
 
@@ -22,60 +22,60 @@ from msnn.training.plans.learning_rate import Reductions
 from msnn.training.plans.stage_result import EstimatedStarts, StageResult
 from spec_schema.diagnostics.diagnostic import SpecError
 
-# goes up when what is kept changes: an older checkpoint is refused, never guessed at
+# incremented when the content changes: older checkpoints are refused
 _FORMAT = 6
 _RESULT = ("best_value", "best_epoch", "epochs", "reason", "seconds", "attempt")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingPosition:
-    """The position inside an attempt at a stage, the engine there, and the best weights so far."""
+    """The position within an attempt, the state of its engine, and the best weights so far."""
 
     epoch: int
-    """Epochs of the attempt that are complete."""
+    """Completed epochs of the attempt."""
     batch: int
-    """Batches of the next epoch that are done."""
+    """Completed batches of the current epoch."""
     sums: LossSums
     """Losses of these batches."""
     left_out: int
-    """Of these batches the ones without a step, as their slopes are infinite."""
+    """Batches skipped because of infinite derivatives."""
     best_value: float
     best_epoch: int
     best: Mapping[str, FloatArray]
     engine: EngineState
     reductions: Reductions
-    """Of the learning rate so far."""
+    """Reductions of the learning rate so far."""
     spread: float
-    """By which priors count in the present epoch."""
+    """Weight of priors in the current epoch."""
     found_rate: float
-    """The learning rate where it was searched, else 1."""
+    """The learning rate if it was searched, else 1."""
     seconds: float
-    """Since the attempt began, without the time between an end and going on."""
+    """Since the attempt began, without interruptions."""
     starts: Mapping[str, FloatArray] = field(default_factory=dict[str, FloatArray])
-    """Where the runs of the epoch start that is not complete, of each state that is fitted."""
+    """Initial states of the runs in the incomplete epoch, per estimated state."""
     best_starts: EstimatedStarts | None = None
-    """Those beside the best weights, where training estimates them."""
+    """Initial states that belong to the best weights, if training estimates them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checkpoint:
-    """The position of a run: the stages that are over, and the state of the present one."""
+    """The position of a run: completed stages, and the state of the current one."""
 
     ended: tuple[StageResult, ...]
-    """The present stage is the one after these; after the last there is none."""
+    """Results of the completed stages; the current stage is the next one."""
     begin: Mapping[str, FloatArray]
-    """The weights with which the present stage begins."""
+    """The initial weights of the current stage."""
     attempt: int = 0
     leader: StageResult | None = None
-    """The best of the attempts before this one."""
+    """The best of the earlier attempts."""
     place: TrainingPosition | None = None
-    """None where the attempt has not begun."""
+    """None if the attempt has not begun."""
     metrics: int = 0
-    """Bytes of `metrics.jsonl` up to here."""
+    """Size of `metrics.jsonl` in bytes at this position."""
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
-    """Writes the file whole or not at all."""
+    """Writes the file atomically."""
     arrays = _above("begin", checkpoint.begin)
     results = {f"ended{number}": each for number, each in enumerate(checkpoint.ended)}
     if checkpoint.leader is not None:
@@ -113,7 +113,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
-    """Reads a checkpoint; SpecError for a file that is not one of this version, or is damaged."""
+    """Reads a checkpoint; SpecError for a damaged file or another version."""
     try:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
@@ -121,7 +121,7 @@ def read_checkpoint(path: Path) -> Checkpoint:
         record = json.loads(metadata["msnn"])
         if record["format"] != _FORMAT:
             raise ValueError(record["format"])
-        # one bit that a disk has lost would train on to other weights, and nobody would see it
+        # a flipped bit would silently lead to other weights
         if metadata["sha256"] != _digest(metadata["msnn"], arrays):
             reason = f"{path.name} is damaged: its content is not what was written"
             raise SpecError((errors.other_checkpoint(str(path.parent), reason),))
@@ -143,7 +143,7 @@ def read_checkpoint(path: Path) -> Checkpoint:
 
 
 def _digest(record: str, arrays: Mapping[str, Any]) -> str:
-    """The sha256 of the record and of each array with its name, type and shape."""
+    """The SHA-256 of the record and of each array with its name, type and shape."""
     digest = hashlib.sha256(record.encode())
     for name, values in sorted(arrays.items()):
         digest.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
@@ -171,7 +171,7 @@ def _place(record: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Train
 
 
 def _of_starts(name: str, starts: EstimatedStarts | None) -> dict[str, Any]:
-    """The arrays of the starts beside the weights of this name."""
+    """The arrays of the initial states that belong to the weights of this name."""
     if starts is None:
         return {}
     runs = {"t0": starts.t0, "steps": starts.steps}
@@ -188,12 +188,12 @@ def _starts(name: str, arrays: Mapping[str, Any]) -> EstimatedStarts | None:
 
 
 def _above(prefix: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """The arrays with a word before their names."""
+    """The arrays with a prefix before their names."""
     return {f"{prefix}:{name}": np.asarray(values) for name, values in arrays.items()}
 
 
 def _below(prefix: str, arrays: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """The arrays whose names begin so, without that."""
+    """The arrays whose names have the prefix, without the prefix."""
     begin = f"{prefix}:"
     return {n.removeprefix(begin): a for n, a in arrays.items() if n.startswith(begin)}
 

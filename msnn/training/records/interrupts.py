@@ -1,4 +1,4 @@
-"""Ends a training at Ctrl-C or SIGTERM after the batch that is on, so that it can be resumed."""
+"""Ends a training at Ctrl-C or SIGTERM after the current batch, so that it can be resumed."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from types import FrameType
 
 @contextmanager
 def end_on_interrupt(*, second_kills: bool = True) -> Generator[threading.Event]:
-    """Sets the event at the first Ctrl-C or SIGTERM, to finish the batch; the second one kills.
+    """Sets the event at the first Ctrl-C or SIGTERM; the second one kills the process.
 
-    torchrun passes on what its processes have got already: there the second one is the first.
+    torchrun forwards signals that its processes have already received. There the second signal is a
+    repetition of the first.
     """
     asked = threading.Event()
     # Python hands signals to the main thread alone and refuses handlers elsewhere

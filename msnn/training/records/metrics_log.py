@@ -1,4 +1,4 @@
-"""Adds an epoch after the other to `metrics.jsonl`, in a file that is opened once a run."""
+"""Appends epochs to `metrics.jsonl`, which is opened once per run."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from backends.files.appended_file import AppendedFile
 
 
 class MetricsLog:
-    """Lines of JSON, each handed to the system as it comes, so that others can follow them."""
+    """JSON lines, each flushed immediately, so that other programs can follow them."""
 
     def __init__(self, path: Path) -> None:
         self._file = AppendedFile(path)
 
     def append(self, record: Mapping[str, Any]) -> None:
-        """Adds one line; numbers that JSON has no word for become null."""
+        """Appends one line; NaN and infinities become null."""
         line = json.dumps(finite(record), ensure_ascii=False) + "\n"
         self._file.write(line.encode())
 
     def close(self) -> None:
-        """Lets the file go; a later line opens it again."""
+        """Closes the file; a later line opens it again."""
         self._file.close()
 
 
 def finite(value: Any) -> Any:
-    """The value with null for numbers that JSON has no word for."""
+    """The value with null for NaN and infinities, which JSON does not support."""
     match value:
         case float():
             return value if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Tells what a training does while it runs; a command line shows it, a program may ignore it."""
+"""Reports the progress of a training; a command line shows it, a program may ignore it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, describe
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageStart:
-    """A stage that begins: its name, epochs, rollouts to train on and to watch."""
+    """A stage begins: its name, epochs, training and watched rollouts."""
 
     number: int
     stages: int
@@ -24,22 +24,22 @@ class StageStart:
     monitored_on: str
     attempts: int
     weights: Mapping[str, float] | None = None
-    """Of losses, where they are 1/variance of what the outputs predict."""
+    """Weights of losses if they are 1/variance of the predicted signals."""
     fed_back: tuple[str, ...] = ()
-    """Inputs that read what outputs predict for them."""
+    """Inputs that are fed by predictions of outputs."""
     epoch: int = 0
-    """Epochs that a resumed run has behind it."""
+    """Epochs completed before the run was resumed."""
     counted: int = 1
-    """The most rollouts that score the same row."""
+    """Maximum number of rollouts that score the same row."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpochEnd:
-    """An epoch that is done; losses are those of the spec, the total is weighted."""
+    """An epoch is complete; losses are unweighted, the total is weighted."""
 
     stage: str
     attempt: int
-    """Which run of the stage (`starts:`), from 1 to `attempts`."""
+    """Number of the attempt (`starts:`), from 1 to `attempts`."""
     attempts: int
     epoch: int
     epochs: int
@@ -49,24 +49,24 @@ class EpochEnd:
     best: float
     best_epoch: int
     lr: float | None
-    """Learning rate of the epoch, before factors of single parameters; None where there is none."""
+    """Learning rate of the epoch without per-parameter factors; None for methods without one."""
     horizon: int
-    """Evaluations of the longest rollout of the epoch."""
+    """Steps of the longest rollout of the epoch."""
     seconds: float
     """Since the attempt began."""
 
     def record(self) -> dict[str, Any]:
-        """All of it by name."""
+        """All fields by name."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageEnd:
-    """A stage that is over, and why."""
+    """A stage is complete, with the reason."""
 
     stage: str
     attempt: int
-    """The one that was best; the numbers are its own."""
+    """The best attempt; the other fields belong to it."""
     attempts: int
     epochs: int
     best: float
@@ -76,7 +76,7 @@ class StageEnd:
 
 
 def leading_epochs(attempts: Iterable[Sequence[EpochEnd]]) -> Sequence[EpochEnd]:
-    """The epochs of the attempt that leads; every attempt has one at least."""
+    """The epochs of the leading attempt; every attempt has at least one."""
     return min(attempts, key=lambda epochs: monitor_order(epochs[-1].best))
 
 
@@ -93,7 +93,7 @@ class Progress(Protocol):
 
 
 class Silent:
-    """Says nothing."""
+    """Ignores all events."""
 
     def stage_started(self, event: StageStart) -> None:
         del event
@@ -123,7 +123,7 @@ class Lines:
         self._line(stage_text(event))
 
     def epoch_ended(self, event: EpochEnd) -> None:
-        """Shows the losses, not more often than once an interval."""
+        """Shows the losses, at most once per interval."""
         now = time.monotonic()
         if now - self._shown < self._interval:
             return
@@ -136,7 +136,7 @@ class Lines:
             self._line(text)
 
     def stage_ended(self, event: StageEnd) -> None:
-        """Says how the stage went."""
+        """Shows the result of the stage."""
         self._line(f"  {end_text(event)}")
 
     def warned(self, diagnostic: Diagnostic) -> None:
@@ -150,7 +150,7 @@ class Lines:
 
 
 class LinesOfStages(Lines):
-    """Lines until the last stage is over; warnings after it are kept, to be told in full."""
+    """Prints lines until the last stage is complete; later warnings are collected in `at_end`."""
 
     def __init__(self, stream: TextIO, *, terminal: bool) -> None:
         super().__init__(stream, terminal=terminal)
@@ -163,12 +163,12 @@ class LinesOfStages(Lines):
         super().stage_started(event)
 
     def stage_ended(self, event: StageEnd) -> None:
-        """Says how the stage went."""
+        """Shows the result of the stage."""
         self._is_over = self._is_last
         super().stage_ended(event)
 
     def warned(self, diagnostic: Diagnostic) -> None:
-        """Prints a warning of the stages on a line of its own."""
+        """Prints a warning of a stage on its own line, or collects it after the last stage."""
         if self._is_over:
             self.at_end.append(diagnostic)
         else:
@@ -199,7 +199,7 @@ def _feedback(event: StageStart) -> str:
 
 
 def _weights(event: StageStart) -> str:
-    """The weights that the data gave to losses that nobody wrote."""
+    """The weights that default losses got from the data."""
     if event.weights is None:
         return ""
     listed = ", ".join(f"{name} {weight:.3g}" for name, weight in event.weights.items())

@@ -1,4 +1,4 @@
-"""Opens the folder of a run, fresh or interrupted, and notes in it how the run ended."""
+"""Opens the folder of a new or interrupted run, and records how the run ended."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError, describe
 def open_run(
     program: Program, options: TrainingOptions, record: Mapping[str, Any]
 ) -> tuple[RunFolder | None, Checkpoint | None]:
-    """A fresh folder that says what it is of, or that of an interrupted run of the same."""
+    """A new folder with its description, or the folder and checkpoint of the resumed run."""
     if options.runs is None:
         return None, None
     if not options.resume:
@@ -82,7 +82,7 @@ def _again(folder: RunFolder, record: Mapping[str, Any]) -> tuple[RunFolder, Che
 
 
 class NotedProgress:
-    """Passes every event on, and keeps epochs in `metrics.jsonl`, all else in `run.json`."""
+    """Forwards every event, and saves epochs in `metrics.jsonl` and the rest in `run.json`."""
 
     def __init__(self, shown: Progress, folder: RunFolder | None) -> None:
         self._shown, self._folder = shown, folder
@@ -108,7 +108,7 @@ class NotedProgress:
         self._shown.stage_ended(event)
 
     def rate_found(self, stage: str, attempt: int, rate: float) -> None:
-        """Keeps the learning rate that was searched for a stage."""
+        """Records the learning rate that was found for a stage."""
         self._rates[stage if attempt == 0 else f"{stage}, run {attempt + 1}"] = rate
 
     def warned(self, diagnostic: Diagnostic) -> None:
@@ -129,7 +129,7 @@ class NotedProgress:
         said: Sequence[Diagnostic] = (),
         zero: Sequence[Mapping[str, Any]] = (),
     ) -> None:
-        """Keeps how the run ended, what is said of it at the end, and which slices are 0."""
+        """Records how the run ended, its final warnings, and slices that are 0."""
         for diagnostic in said:
             self._note(diagnostic)
         if self._folder is not None:
@@ -137,12 +137,12 @@ class NotedProgress:
             self._folder.write_end({"state": state, **self._lines(), **found})
 
     def close(self) -> None:
-        """Lets go of the file of epochs."""
+        """Closes the file of epochs."""
         if self._metrics is not None:
             self._metrics.close()
 
     def keep(self) -> None:
-        """Keeps what was said so far, for a run that may be killed."""
+        """Writes the current state to `run.json`, in case the run is killed."""
         # each keeping waits for the disk
         if self._folder is not None and self._lines() != self._kept:
             self._kept = self._lines()

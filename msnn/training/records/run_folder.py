@@ -1,4 +1,4 @@
-"""Manages the folder of a run: `runs/<name>/<time>/`, and `latest`, the last to be used."""
+"""Manages the folder of a run, `runs/<name>/<time>/`, and the link `latest` to the last one."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ from msnn.training.records.metrics_log import MetricsLog, finite
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """Writes what a run leaves behind; every file whole or not at all."""
+    """Writes the files of a run, each atomically."""
 
     path: Path
     program: Program
     latest: Path | None
-    """The link that leads to the run last used; None for one of several runs, such as a fold."""
+    """The link to the last run; None for one of several runs, such as a fold."""
     is_durable: bool = True
-    """Whether what it says of itself, and the name of its weights, wait for the disk.
+    """True if `run.json` and the renaming of weights are synchronised with the disk.
 
-    What is in weights does always, and a checkpoint with the names of all that is beside it.
+    The contents of weights and checkpoints always are, with the names of the other files.
     """
 
     @property
@@ -57,26 +57,26 @@ class RunFolder:
         return self.path / CHECKPOINT
 
     def write_weights(self, weights: Mapping[str, FloatArray]) -> None:
-        """Replaces the weights of the run."""
+        """Writes the weights of the run."""
         write_weights(self.weights, weights, self.program, named_later=not self.is_durable)
 
     def become_latest(self) -> None:
-        """Lets `latest` point at this run: other commands take its weights from now on."""
+        """Points `latest` to this run, so that other commands use its weights."""
         if self.latest is not None:
             _point(self.latest, self._target(self.latest))
 
     @property
     def is_latest(self) -> bool:
-        """Whether `latest` points at this run."""
+        """True if `latest` points to this run."""
         link = self.latest
         return link is not None and leads_to(link) == self._target(link)
 
     def _target(self, link: Path) -> Path:
-        """The run as `link` says it."""
+        """The path of the run relative to `link`."""
         return self.path.relative_to(link.parent)
 
     def has(self, error: OSError) -> bool:
-        """Whether an error is about a file of the run."""
+        """True if an error is about a file of the run."""
         return isinstance(error.filename, str) and self.path in Path(error.filename).parents
 
     @property
@@ -88,7 +88,7 @@ class RunFolder:
         return MetricsLog(self.metrics)
 
     def sync_metrics(self) -> int:
-        """Waits until `metrics.jsonl` has reached the disk, and returns its length in bytes."""
+        """Synchronises `metrics.jsonl` with the disk, and returns its length in bytes."""
         if not self.metrics.is_file():
             return 0
         with naming(self.metrics):
@@ -96,8 +96,10 @@ class RunFolder:
         return self.metrics.stat().st_size
 
     def go_on_from(self, metrics: int) -> None:
-        """Takes back what a killed process wrote after a checkpoint at this length of metrics."""
-        # halves of files that were being written when it was killed
+        """Removes everything written after a checkpoint; `metrics` is the length of the metrics
+        file.
+        """
+        # incomplete files of the killed process
         for left in self.path.glob(".*.part"):
             left.unlink()
         if self.metrics.is_file():
@@ -110,7 +112,7 @@ class RunFolder:
         write_text(self.path / PARAMETERS, text + "\n")
 
     def write_covariance(self, found: Covariance | None) -> None:
-        """Writes how uncertain the learned numbers are; without it none of other weights stays."""
+        """Writes the covariance of the learned parameters; None removes an outdated one."""
         if found is None:
             # one of an earlier stage would belong to other weights
             (self.path / COVARIANCE).unlink(missing_ok=True)
@@ -118,7 +120,7 @@ class RunFolder:
             write_covariance(self.path / COVARIANCE, found)
 
     def write_starts(self, found: KeptStarts | None) -> None:
-        """Writes where the recordings of the training start; none of other weights stays."""
+        """Writes the initial states of the training recordings; None removes outdated ones."""
         if found is None:
             (self.path / STARTS).unlink(missing_ok=True)
         else:
@@ -127,7 +129,7 @@ class RunFolder:
     def write_description(
         self, record: Mapping[str, Any], spec_text: str | None, parts: Sequence[SubmodelFile] = ()
     ) -> None:
-        """Writes `run.json` (resolved stages, data), the spec and its sub-models as they were."""
+        """Writes `run.json` (resolved stages, data) and copies of the spec and its sub-models."""
         self._describe(record)
         if spec_text is not None:
             write_text(self.path / SPEC, spec_text)
@@ -138,24 +140,24 @@ class RunFolder:
                 write_bytes(place, part.file.read_bytes())
 
     def description(self) -> dict[str, Any]:
-        """The record of `write_description`; empty where it cannot be read."""
+        """The record of `write_description`; empty if it cannot be read."""
         return read_json(self.path / DESCRIPTION)
 
     def write_bits_of(self, plan: StagePlan) -> None:
-        """Corrects in `run.json` what decides the bits of a stage that runs otherwise than planned.
+        """Corrects in `run.json` the reproducibility of a stage that fell back from its plan.
 
-        At once: a run that is killed and goes on keeps it.
+        This is written immediately, so that a killed and resumed run keeps it.
         """
         record = self.description()
         self._describe({**record, "bits": as_it_ran(record.get("bits", {}), plan)})
 
     def end(self) -> dict[str, Any]:
-        """The last record of `write_end`; empty before."""
+        """The last record of `write_end`; empty before the first."""
         found = self.description().get("end", {})
         return cast("dict[str, Any]", found) if isinstance(found, dict) else {}
 
     def write_end(self, end: Mapping[str, Any]) -> None:
-        """Adds to `run.json` how the run ended, or what is known of it so far."""
+        """Adds to `run.json` how the run ended, or its state so far."""
         # read again: the file may have been written by a process before this one
         self._describe({**self.description(), "end": dict(end)})
 
@@ -165,7 +167,7 @@ class RunFolder:
 
 
 def new_run_folder(program: Program, runs: Path) -> RunFolder:
-    """A fresh folder `runs/<program>/<local time>`, numbered where two start in one second."""
+    """A new folder `runs/<program>/<local time>`, with a number if the second is already used."""
     parent = runs / program.name
     stamp = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
     # apart: a file or a dead link where this folder should be is no run of the same second
@@ -183,16 +185,16 @@ def new_run_folder(program: Program, runs: Path) -> RunFolder:
 
 
 def own_folder(program: Program, folder: Path, *, is_durable: bool) -> RunFolder:
-    """A fresh folder for a run that `latest` does not lead to, such as one fold of several."""
-    # no `exist_ok`: what lies there is another run's
+    """A new folder for a run without `latest`, such as one fold of several."""
+    # no `exist_ok`: an existing folder belongs to another run
     folder.mkdir(parents=True)
     return RunFolder(folder, program, None, is_durable)
 
 
 def _point(link: Path, target: Path) -> None:
-    """Makes `link` a symbolic link to `target`, replacing an older one in one step.
+    """Creates a symbolic link to `target`, replacing an older one atomically.
 
-    Where links are refused, as Windows does to most users, it is a text file with the target.
+    If links are not permitted, as for most users of Windows, it is a text file with the target.
     """
     # a link cannot be changed, only replaced: between removing and making it `latest` would be
     # missing

@@ -1,4 +1,4 @@
-"""Keeps two processes from training one run at the same time: one is refused, or waits."""
+"""Prevents two processes from training one run at the same time: one is refused, or waits."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 @contextmanager
 def held(run: Path | None) -> Generator[None]:
-    """Holds the folder of a run; SpecError where another process does.
+    """Locks the folder of a run; SpecError if another process holds the lock.
 
-    The system forgets the lock with the process, however that ends. Windows, where folders cannot
-    be opened, and file systems without locks have none.
+    The system releases the lock when the process ends. There is no lock on Windows, where folders
+    cannot be opened, and on file systems without locks.
     """
     if run is None or sys.platform == "win32":
         yield
@@ -40,9 +40,9 @@ def held(run: Path | None) -> Generator[None]:
 
 @contextmanager
 def alone(run: Path) -> Generator[None]:
-    """Waits until no other process trains the run of this folder, which need not be there yet.
+    """Waits until no other process trains the run of this folder, which need not exist yet.
 
-    It holds for commands that wait so too. As above, Windows has no lock.
+    Other commands that use `alone` wait too. There is no lock on Windows.
     """
     if sys.platform == "win32":
         yield
@@ -75,7 +75,7 @@ def _locked(lock: Path) -> int:
 
 
 def _is_there(lock: Path, number: int) -> bool:
-    """Whether the open file is the one of that name, which another process may have removed."""
+    """True if the open file is still the file at that path; another process may have removed it."""
     try:
         return os.path.samestat(os.fstat(number), lock.stat())
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""The log of trainings, `runs.jsonl`: one line each, which comparisons, sweeps and reports read."""
+"""The log of trainings, `runs.jsonl`: one line per training, for comparisons and reports."""
 
 from __future__ import annotations
 
@@ -21,41 +21,41 @@ from spec_schema.reading.endless_files import refuse_endless
 LOG = "runs.jsonl"
 
 Number: TypeAlias = Annotated[float, BeforeValidator(lambda v: math.nan if v is None else v)]
-"""JSON has no word for NaN: there it is null."""
+"""A float; null in JSON means NaN."""
 
 State = Literal["finished", "diverged", "refused"]
-"""`refused` is a spec, or data, with mistakes."""
+"""State of a training; `refused` means errors in the spec or data."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """The metrics of one output, or loss, simulated one way over one set."""
+    """The metrics of one output or loss, for one kind of simulation and one set."""
 
     of: str
     unit: str
-    """As the spec writes it; empty where there is none."""
+    """The unit as written in the spec; empty if there is none."""
     rollout: str
-    """`one step`, `50 steps, closing x`."""
+    """Kind of simulation: `one step`, `50 steps, closing x`."""
     scored: int
     asked: str
-    """The metric that the first entry asks for."""
+    """The metric that the first entry requests."""
     metrics: Mapping[str, Number]
-    """All of them by name; `rmse`, `mae`, `max_abs` in the unit, `fit` in percent."""
+    """All metrics by name; `rmse`, `mae` and `max_abs` in the unit, `fit` in percent."""
 
     @property
     def way(self) -> tuple[str, str, str]:
-        """The properties that two models must share for their metrics to be compared."""
+        """The key that must agree for metrics of two models to be comparable."""
         return self.of, self.rollout, self.unit
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """The cost of one step of the exported C on one core."""
+    """The cost of one step of the exported C code on one core."""
 
     core: str
-    """With the level of optimisation: `Cortex-M4F -O2`."""
+    """Name with optimisation level: `Cortex-M4F -O2`."""
     instructions: float
-    """Mean over the golden steps."""
+    """Mean over the steps of the golden test."""
     flash: int
     """Bytes of code and constants."""
     ram: int
@@ -64,43 +64,43 @@ class Cost:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunLine:
-    """One training: of what, how it ended, what was measured of it, what its C costs."""
+    """One training: its model and settings, its result, its metrics, and the cost of its C code."""
 
     format: Literal[1] = 1
     key: str
-    """sha256 of all that decides the result: model, settings, data, seed, fold."""
+    """SHA-256 of everything that determines the result: model, settings, data, seed, fold."""
     model: str
     spec: str
     spec_sha256: str
     settings: tuple[str, ...]
     seed: int
     fold: int | None
-    """Which fold was held out, from 1."""
+    """Number of the held-out fold, from 1."""
     data_sha256: str
     state: State
     reason: str
-    """Why the last stage ended, or what is wrong."""
+    """The reason why the last stage ended, or the error."""
     monitor: Number = math.nan
-    """What the last stage reached."""
+    """Best monitor of the last stage."""
     seconds: float = 0.0
-    """Of all stages, without building kernels."""
+    """Duration of all stages, without building kernels."""
     parameters: int = 0
-    """Numbers that were learned."""
+    """Number of learned elements."""
     held_out: tuple[Measured, ...] = ()
     training: tuple[Measured, ...] = ()
-    """The same on the rows that were trained on."""
+    """The same metrics on the training rows."""
     cost: Cost | None = None
     folder: str | None = None
-    """Of the run, seen from the log."""
+    """Folder of the run, relative to the log."""
     version: str = ""
-    """Of msnn."""
+    """Version of msnn."""
     warnings: tuple[str, ...] = ()
     drawn_by: int | None = None
-    """The seed of a sweep that drew some of the settings."""
+    """Seed of the sweep that drew some of the settings."""
 
 
 def append(log: Path, line: RunLine) -> None:
-    """Adds one line; several processes may do so at once, and what one left torn stays apart."""
+    """Appends one line; safe with several processes, and after an incomplete line."""
     text = json.dumps(finite(asdict(line)), ensure_ascii=False)
     with naming(log):
         log.parent.mkdir(parents=True, exist_ok=True)
@@ -112,7 +112,7 @@ def append(log: Path, line: RunLine) -> None:
 
 
 def read(log: Path) -> list[RunLine]:
-    """All lines that can be read, oldest first; none where there is no log."""
+    """All readable lines, oldest first; empty if there is no log."""
     if not log.exists():
         return []
     refuse_endless(log)
@@ -121,7 +121,7 @@ def read(log: Path) -> list[RunLine]:
 
 
 def measured_in(report: ValidationReport) -> tuple[Measured, ...]:
-    """Each output and way to simulate it once, with all metrics; losses with their own."""
+    """Each output and kind of simulation once with all metrics; losses with their value."""
     found: dict[tuple[str, str], Measured] = {}
     every = {(each.of, rollout_text(each)): each.metrics for each in report.measurements}
     for row in report.rows:
@@ -142,7 +142,7 @@ def measured_in(report: ValidationReport) -> tuple[Measured, ...]:
 
 
 def _is_torn(log: Path) -> bool:
-    """Whether the last line has no end: its process was killed."""
+    """True if the last line is incomplete because its process was killed."""
     if not log.exists() or not log.stat().st_size:
         return False
     refuse_endless(log)
@@ -152,7 +152,7 @@ def _is_torn(log: Path) -> bool:
 
 
 def _line(text: str) -> RunLine | None:
-    """A line that this version can read; what a killed process left torn is none."""
+    """The parsed line; None if it is incomplete or of another version."""
     try:
         return _READER.validate_json(text)
     except ValidationError:

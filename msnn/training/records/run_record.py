@@ -1,4 +1,4 @@
-"""Records what a run was made of in `run.json`, and finds what has changed since."""
+"""Records the origin of a run in `run.json`, and finds changes since then."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from spec_schema.version import __version__
 
 _FORMAT = 1
 _SAME_BITS = frozenset({"threads"})
-"""Keys of a stage that change no result."""
+"""Keys of a stage that do not affect results."""
 
 
 def run_record(
     program: Program, plans: Sequence[StagePlan], data: Dataset, parts: Sequence[SubmodelFile] = ()
 ) -> dict[str, Any]:
-    """The resolved stages, hashes of spec and data as read, versions, what decides the bits."""
+    """The resolved stages, hashes of spec and data, versions, and reproducibility."""
     return {
         "format": _FORMAT,
         "program": program.name,
@@ -58,7 +58,7 @@ def _versions() -> dict[str, str]:
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """The differences that make a resumed run another, a line each: `train.0.epochs: 6, now 8`."""
+    """Differences that prevent resuming a run, one line each: `train.0.epochs: 6, now 8`."""
     found: list[str] = []
     now = json.loads(json.dumps(now))  # lists, not tuples: as it is read back
     if before.get("spec_sha256") != now["spec_sha256"]:
@@ -75,7 +75,7 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
 
 
 def _changed_parts(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """The sub-models that are others, in their texts or weights."""
+    """The sub-models whose texts or weights differ."""
     old, new = (dict(_leaves(each.get("parts", {}), "")) for each in (before, now))
     changed = [path for path in dict.fromkeys((*old, *new)) if old.get(path) != new.get(path)]
     what = {"spec_sha256": "the spec", "weights_sha256": "the weights"}
@@ -102,7 +102,7 @@ def _said(leaves: Mapping[str, Any], path: str) -> str:
 
 
 def data_hash(data: Dataset) -> str:
-    """The hash of all series, their sets and their gaps, whatever they were read from."""
+    """The hash of all series, their sets and gaps, independent of their files."""
     digest = hashlib.sha256()
     for name, series in sorted(data.series.items()):
         digest.update(f"{name}{series.shape}".encode())

@@ -1,4 +1,4 @@
-"""Keeps the best weights and a checkpoint of a training on disk, by the clock."""
+"""Saves the best weights and a checkpoint of a training at regular times."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from msnn.training.records.resumable_run import NotedProgress
 from msnn.training.records.run_folder import RunFolder
 
 WRITING = 0.5
-"""Seconds of those that may be lost in which the files are written: they wait for the disk."""
+"""Seconds reserved for writing the files, out of `most_lost`."""
 
 RECENT = 1.0
-"""Seconds of work that are too few to be kept at the end of a stage."""
+"""Seconds of work that are not worth a checkpoint at the end of a stage."""
 
 
 @dataclass(slots=True)
 class Safekeeping:
-    """Writes weights, where they are better, and checkpoints; nothing for a run without files.
+    """Writes improved weights and checkpoints; does nothing for a run without files.
 
-    Each is a file that is replaced in one step and has reached the disk, the weights first: what a
-    full disk or a cut of power leaves is one of the states before.
+    Files are replaced atomically and synchronised with the disk, the weights first. After a full
+    disk or power failure, an earlier state remains.
     """
 
     folder: RunFolder | None
     progress: NotedProgress
     most_lost: float
-    """Seconds of work that a killed run loses at most."""
+    """Maximum number of seconds of work that a killed run loses."""
     now: Callable[[], float] = time.monotonic
     _saved: float = field(init=False)
     _weights: Mapping[str, FloatArray] | None = field(init=False, default=None)
@@ -38,17 +38,17 @@ class Safekeeping:
         self._saved = self.now()
 
     def is_due(self, ahead: float) -> bool:
-        """Whether `ahead` seconds of further work are too many to go without a checkpoint."""
+        """True if a checkpoint is due before `ahead` seconds of further work."""
         since = self.now() - self._saved
         return self.folder is not None and since + ahead + WRITING >= self.most_lost
 
     @property
     def is_stale(self) -> bool:
-        """Whether the last checkpoint is more than a moment old."""
+        """True if the last checkpoint is older than `RECENT` seconds."""
         return self.folder is not None and self.now() - self._saved >= RECENT
 
     def save(self, checkpoint: Checkpoint, best: Mapping[str, FloatArray]) -> None:
-        """Writes where the run stands; the clock starts again."""
+        """Writes a checkpoint and restarts the clock."""
         if self.folder is None:
             return
         # the weights first: a checkpoint never speaks of weights that are not on the disk
@@ -59,7 +59,7 @@ class Safekeeping:
         self._saved = self.now()
 
     def save_weights(self, weights: Mapping[str, FloatArray]) -> None:
-        """Writes the weights of the run, unless they stand there."""
+        """Writes the weights of the run, unless they are already written."""
         # by identity: better weights are always new arrays
         if self.folder is not None and weights is not self._weights:
             self.folder.write_weights(weights)

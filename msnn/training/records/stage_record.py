@@ -51,7 +51,7 @@ def stage_record(plan: StagePlan) -> dict[str, object]:
 
 
 def stage_end(plan: StagePlan, result: StageResult) -> StageEnd:
-    """The message of a stage that is over."""
+    """The event for a completed stage."""
     return StageEnd(
         stage=plan.name,
         attempt=result.attempt + 1,
@@ -75,7 +75,7 @@ def _priors(plan: StagePlan) -> dict[str, object]:
 
 
 def _starts(plan: StagePlan) -> dict[str, object] | None:
-    """The states that start from data, and the way that is found."""
+    """The states whose initial values are estimated, and the method."""
     starts = plan.rollout.starts
     if starts is None:
         return None

@@ -16,11 +16,11 @@ from msnn.packages import TENSORBOARD
 from msnn.training.records.progress import EpochEnd
 
 MOST_NUMBERS = 16
-"""Parameters with more numbers are shown by the least, the mean and the greatest."""
+"""Parameters with more elements are shown by minimum, mean and maximum."""
 
 
 class Curves:
-    """Writes the scalars of each epoch, in one group a stage; the step is the epoch."""
+    """Writes the scalars of each epoch, one group per stage; the step is the epoch."""
 
     def __init__(self, folder: Path) -> None:
         writer, self._event, self._summary = _tensorboard()
@@ -45,7 +45,7 @@ class Curves:
         self._add(step=event.epoch, summary=self._summary(value=values))
 
     def close(self) -> None:
-        """Lets the file go."""
+        """Closes the file."""
         self._file.close()
 
     def _add(self, **content: Any) -> None:
@@ -54,12 +54,12 @@ class Curves:
 
 
 def require_tensorboard() -> None:
-    """Raises MissingExtraError where tensorboard is not installed."""
+    """Raises MissingExtraError if tensorboard is not installed."""
     TENSORBOARD.require("draws curves of trainings")
 
 
 def _tensorboard() -> tuple[Any, Any, Any]:
-    """Writer of records, `Event` and `Summary`, from the parts that stand alone."""
+    """The record writer, `Event` and `Summary`, from modules without further dependencies."""
     files = import_module("tensorboard.summary.writer.record_writer")
     events = import_module("tensorboard.compat.proto.event_pb2")
     summaries = import_module("tensorboard.compat.proto.summary_pb2")

@@ -1,4 +1,4 @@
-"""Defines how a training is run and kept, beside what its spec says."""
+"""Defines options of a training that are not part of the spec."""
 
 from __future__ import annotations
 
@@ -20,38 +20,40 @@ from msnn.training.records.run_lock import held
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingOptions:
-    """The options of a run's folder: `runs` None writes no files; `resume` continues the newest."""
+    """Options of a training and its folder; `runs` None writes no files, `resume` continues the
+    newest.
+    """
 
     runs: Path | None = Path("runs")
     resume: bool = False
     most_lost: float = 5.0
-    """Seconds of work that a killed run loses at most."""
+    """Maximum number of seconds of work that a killed run loses."""
     folder: Path | None = None
-    """Where this run is kept, to make or to go on in, instead of a fresh folder in `runs`."""
+    """The folder of this run, created or resumed, instead of a new folder in `runs`."""
     given_run: Path | None = None
-    """The run whose folder stood for the spec: where it has not ended `resume` goes on with it."""
+    """The run that was given instead of a spec; `resume` continues it if it has not ended."""
     spec_text: str | None = None
-    """The text of the spec, to be kept beside the weights."""
+    """The text of the spec, saved with the weights."""
     tensorboard: bool = False
-    """Curves for TensorBoard beside the weights."""
+    """True to write curves for TensorBoard."""
     spec_file: str | None = None
-    """Its name, for the commands that go on from the run."""
+    """Path of the spec, for commands that continue from the run."""
     settings: tuple[str, ...] = ()
-    """The values that `--set` has replaced in it."""
+    """Values overridden by `--set`."""
     parts: tuple[SubmodelFile, ...] = ()
-    """Its sub-models, to be kept with it."""
+    """The files of sub-models, saved with the run."""
     black_boxes: frozenset[str] = frozenset()
-    """Its layers whose numbers mean nothing one by one."""
+    """Layers whose individual weights have no physical meaning."""
     device: Device = CPU
     """Where torch computes."""
     has_errors: bool = True
-    """Whether standard errors are estimated at the end, which takes a kernel of its own."""
+    """True to estimate standard errors at the end, which needs an additional kernel."""
     ranks: TrainingRanks | None = None
     """The processes that train together; only the first one has `runs`."""
     ends_in_log: bool = False
-    """Whether a log tells of its end: then its last second is trained again, not kept on disk."""
+    """True if a log records the result: the last second of work is then not saved separately."""
     redrawn: Callable[[int], Mapping[str, FloatArray]] | None = None
-    """Other initial values, by number, for the further runs of a stage with `starts:`."""
+    """Returns random initial values by number, for further attempts with `starts:`."""
 
 
 def options_for(
@@ -62,7 +64,7 @@ def options_for(
     device: Device = CPU,
     has_errors: bool = True,
 ) -> TrainingOptions:
-    """The options of a run that keeps this model."""
+    """The options of a run that saves this model."""
     return TrainingOptions(
         runs=runs,
         tensorboard=tensorboard,
@@ -79,7 +81,7 @@ def options_for(
 
 
 def in_folder(options: TrainingOptions, folder: Path, *, goes_on: bool = True) -> TrainingOptions:
-    """The same, kept in `folder`: what a checkpoint there left goes on, what has none begins."""
+    """The same options for `folder`; continues from a checkpoint there, else starts afresh."""
     resume = goes_on and (folder / CHECKPOINT).is_file()
     if folder.exists() and not resume:
         with held(folder):

@@ -1,1 +1,1 @@
-"""Runs stages of a training: their starts, epochs and best weights."""
+"""Runs the stages of a training: initial states, epochs and best weights."""

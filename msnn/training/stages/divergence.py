@@ -1,4 +1,4 @@
-"""Finds where a rollout went wrong: the first step, the value where it began, its place."""
+"""Finds the origin of a non-finite value in a rollout: the step, the operation, its place."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from msnn.training.stages.divergence_repair import divergence_repair
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _LOOKED_AT = 100
-"""Rollouts, and steps of each, in which slopes are looked at."""
+"""Maximum number of rollouts, and of steps of each, in which derivatives are checked."""
 
 
 def explain_divergence(
@@ -35,9 +35,10 @@ def explain_divergence(
     *,
     before_updates: bool = False,
 ) -> Diagnostic:
-    """Names the value that stopped being finite first, as the judge finds it in the same dtype.
+    """The diagnostic for the first non-finite value, located by the reference interpreter.
 
-    `before_updates`: the weights are those with which the stage began.
+    The interpreter uses the dtype of the stage. `before_updates` is true if the weights are those
+    with which the stage began.
     """
     runs = fault.runs
     program = plan.rollout.program
@@ -85,7 +86,7 @@ def explain_divergence(
 def _without_slope(
     plan: StagePlan, dataset: Dataset, weights: Mapping[str, FloatArray], runs: Runs
 ) -> tuple[str, ...]:
-    """The trained parameters in which the loss has no finite slope, in the first rollouts."""
+    """The trained parameters with a non-finite derivative, in the first rollouts."""
     steps = min(int(runs.steps[0]), _LOOKED_AT)
     t0 = runs.t0[runs.steps >= steps][:_LOOKED_AT]
     # at least one step is scored, or there would be no slope to look at
@@ -113,7 +114,7 @@ def _member_not_finite(moment: RolloutRow, node: NodeId) -> int | None:
 def _origin(
     program: Program, moment: RolloutRow, node: NodeId, member: int
 ) -> tuple[Node, str | None]:
-    """The value that is not finite though its operands are, and the equation that needs it."""
+    """The node that is not finite although its operands are, and the equation that needs it."""
     inside: str | None = None
     while True:
         here = program.step[node]
@@ -129,7 +130,7 @@ def _is_bad(moment: RolloutRow, node: NodeId, member: int) -> bool:
 
 
 def _overflows(moment: RolloutRow, node: Node, member: int) -> bool:
-    """Whether a value is too large: outside of their range functions have none, whatever x is."""
+    """True if a value overflows; false if its argument is outside the domain of a function."""
     values = [moment.values.nodes[argument] for argument in node.args]
     known = [v[min(member, len(v) - 1)] for v in values if v is not None]
     match node.op:

@@ -1,4 +1,4 @@
-"""Chooses the repair of a training that diverged, by where its first bad value began."""
+"""Selects the repair of a diverged training by the origin of its first non-finite value."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _IN_DOMAIN: Mapping[str, str] = {
     "acos": "`acos(clip(x, -1, 1))` for `acos(x)`: x leaves [-1, 1] there",
     "pow": "`max(x, 0) ** p` for `x ** p`: x falls below 0 there",
 }
-"""Functions that have no finite value outside of a range, and the formula that stays in it."""
+"""Functions with a limited domain, and a formula that stays within it."""
 
 _DIVISOR = "a divisor that cannot be 0, as `max(d, 1e-9)` for a `d` that is never below 0"
 
@@ -27,10 +27,10 @@ _STIFF = (
 def divergence_repair(
     program: Program, origin: Node, *, overflows: bool, second_order: bool, before_updates: bool
 ) -> str:
-    """What to write instead.
+    """The advice for the user.
 
-    `origin` is the first value that is not finite, `overflows` where it is infinite by its size.
-    Before any update the weights are those of the spec: no rate and no limit of steps changes them.
+    `origin` is the first non-finite value; `overflows` is true if it is too large. Before any
+    update, the weights are those of the spec, so learning rate and step limits would not help.
     """
     if not overflows:
         match origin.op:

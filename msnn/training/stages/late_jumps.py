@@ -1,4 +1,4 @@
-"""Watches for monitors that jump late in a stage: its steps are too long to settle."""
+"""Detects monitors that jump late in a stage, because steps are too long to converge."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from spec_schema.sections.training.optimizers import (
 )
 
 LATE = 0.5
-"""Part of the epochs from which on a stage is late."""
+"""Fraction of the epochs after which a stage is late."""
 JUMP = 2.0
-"""Times the best so far."""
+"""Factor over the best monitor that counts as a jump."""
 OFTEN = 0.1
-"""Part of the late epochs that must jump: one alone is a rare batch."""
+"""Minimum fraction of late epochs with a jump; a single jump may be a rare batch."""
 SHARE = 0.3
-"""Of the rate, as a repair."""
+"""Suggested factor of the learning rate."""
 
 
 class LateJumps:
-    """Hears of the epochs of one attempt at a stage."""
+    """Receives the epochs of one attempt at a stage."""
 
     def __init__(self) -> None:
         self._late, self._jumps = 0, 0
         self._largest, self._at, self._rate = 0.0, 0, 0.0
 
     def epoch_ended(self, event: EpochEnd) -> None:
-        """Counts a late epoch, and whether it jumps."""
+        """Counts a late epoch, and its jump if there is one."""
         if event.epoch == 1:
             # the next of several attempts: what an earlier one did says nothing of it
             self.__init__()
@@ -50,7 +50,7 @@ class LateJumps:
                 self._largest, self._at, self._rate = ratio, event.epoch, event.lr
 
     def hint(self, plan: StagePlan) -> Diagnostic | None:
-        """A hint that would settle it; None where nothing jumps."""
+        """A hint with a lower learning rate; None without jumps."""
         key = _key(plan)
         if key is None or self._jumps <= OFTEN * self._late:
             return None
@@ -66,7 +66,7 @@ class LateJumps:
 
 
 def _key(plan: StagePlan) -> str | None:
-    """The key of the rate; None where steps have their own lengths."""
+    """The key of the learning rate; None for methods with their own step size."""
     match plan.optimizer:
         case Adam():
             return "adam.lr"

@@ -1,4 +1,4 @@
-"""Decides which weights of a stage are best, by its losses over the watched rollouts."""
+"""Selects the best weights of a stage by its losses over the watched rollouts."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ def monitor(
     data: StageData,
     weights: Callable[[], Weights],
 ) -> float:
-    """The monitored loss at the weights at which `evaluate` computes.
+    """The monitored loss at the current weights of `evaluate`.
 
-    Rows that were held out judge by the losses alone. On the rows of training the best total is
-    that of everything that steps minimise. Decay that is not decoupled adds λ/2 Σ raw². Priors make
-    it F + mse · (exp(Σ ((p − mean)/std)²/n) − 1), least where log mse + Σ ((p − mean)/std)²/n is.
-    Raises SpecError where losses compare with targets and none of these counts.
+    On held-out rows it consists of the losses alone. On training rows it is the complete minimised
+    total: decay that is not decoupled adds λ/2 Σ raw². With priors it is F + mse · (exp(Σ ((p −
+    mean)/std)²/n) − 1), whose minimum is that of log mse + Σ ((p − mean)/std)²/n. Raises SpecError
+    if losses have targets but no target row is scored.
     """
     sums = evaluate(data.watched)
     _require_targets(plan, sums, data.watched_set)

@@ -1,6 +1,7 @@
-"""Runs a stage as often as `starts:` says, from other initial values each time; the best counts.
+"""Runs a stage once per attempt of `starts:`, from different initial values; the best counts.
 
-One after the other: the batches of a single attempt fill the lanes of a kernel and its threads.
+Attempts run one after the other, because the batches of one attempt already use all SIMD lanes and
+threads.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ from msnn.training.stages.stage_run import StageRun
 
 @dataclass(slots=True)
 class StageAttempts:
-    """The attempts at one stage; `current` is the one that runs or ran last."""
+    """The attempts at one stage; `current` is the running or last one."""
 
     plan: StagePlan
     opened: Callable[[int], StageRun]
-    """The attempt of that number, ready to run."""
+    """Opens the attempt with that number."""
     diverged: Callable[[StageRun, NonFiniteLossError], None]
-    """Hears of attempts that are left out."""
+    """Receives diverged attempts, which are skipped."""
     current: StageRun = field(init=False)
     leader: StageResult | None = None
 
@@ -39,7 +40,7 @@ class StageAttempts:
         return ended.best
 
     def resume(self, checkpoint: Checkpoint) -> None:
-        """Goes on where a checkpoint of this stage was made, its begin included."""
+        """Continues from a checkpoint of this stage, also one at its beginning."""
         self.leader = checkpoint.leader
         if checkpoint.attempt:
             self.current = self.opened(checkpoint.attempt)
@@ -47,7 +48,7 @@ class StageAttempts:
             self.current.resume(checkpoint.place)
 
     def checkpoint(self, before: Checkpoint) -> Checkpoint:
-        """The position now of a run that began this stage at `before`."""
+        """The current position of a run that began this stage at `before`."""
         now = self.current
         return Checkpoint(
             ended=before.ended,
@@ -58,9 +59,10 @@ class StageAttempts:
         )
 
     def run(self) -> StageResult:
-        """The best attempt. Raises Interrupted, and NonFiniteLossError where all diverge.
+        """The result of the best attempt.
 
-        A checkpoint made at the end of an attempt goes on from its last epoch, and ends it again.
+        Raises Interrupted, and NonFiniteLossError if all attempts diverge. A checkpoint at the end
+        of an attempt continues with its last epoch.
         """
         while True:
             last = self.current.attempt + 1 == self.plan.attempts

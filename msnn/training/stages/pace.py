@@ -1,29 +1,29 @@
-"""Chooses how many batches an engine is given at once, so that a call takes a part of a second."""
+"""Chooses the number of batches per engine call, so that a call takes a fraction of a second."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 CALL = 0.25
-"""Seconds that a call may take: so long keyboard and clock wait."""
+"""Maximum seconds per call: the delay of interrupts and time limits."""
 
 
 @dataclass(slots=True)
 class Pace:
-    """Measures batches to choose how many make a call; begins with one and doubles.
+    """Measures calls to choose their number of batches; begins with one batch and doubles.
 
-    Whole epochs of small models are one call: eight calls after its begin a stage is at 200
-    batches. A batch that takes longer than `CALL` is a call of its own.
+    Small models run whole epochs in one call: after eight calls, a stage is at 200 batches. A batch
+    that takes longer than `CALL` is a call of its own.
     """
 
     most: int
     seconds: float = 0.0
-    """Of the last call."""
+    """Duration of the last call."""
     batches: int = 1
-    """Of the next call."""
+    """Number of batches of the next call."""
 
     def called(self, batches: int, seconds: float) -> None:
-        """Notes how long a call of so many batches took."""
+        """Records the duration of a call."""
         self.seconds = seconds
         fitting = int(batches * CALL / seconds) if seconds > 0.0 else self.most
         self.batches = max(1, min(self.most, 2 * self.batches, fitting))

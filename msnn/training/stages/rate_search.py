@@ -1,10 +1,9 @@
-"""Finds the learning rate with which a stage begins: a range test before the first epoch.
+"""Finds the initial learning rate of a stage with a range test before the first epoch.
 
-Steps go through batches with a rate that grows from step to step (Smith 2017), each from where the
-last one led. Losses are those of one batch, before and after each step, so that nothing but the
-steps makes them differ. Where the rate is too large they grow; the rate at the least loss is about
-the largest that still helped, and `SHARE` of it is what training begins with. The engine is then as
-it was.
+The rate grows from step to step (Smith 2017), and each step continues from the previous one. Losses
+are of one fixed batch, so only the steps change them. They grow when the rate is too large. The
+rate at the minimum is about the largest that still helped; training begins with `SHARE` of it. The
+engine is restored afterwards.
 """
 
 from __future__ import annotations
@@ -21,23 +20,23 @@ from msnn.training.plans.stage_plan import StagePlan
 from msnn.training.stages.monitor import loss_values, weighted_total
 
 FIRST = 1e-5
-"""The smallest rate that is tried."""
+"""The smallest rate to try."""
 RATIO = 1.333521432163324
-"""From one rate to the next: ten to the eighth, a literal that is the same on every machine."""
+"""Ratio of successive rates, 10^(1/8), as a literal that is equal on every machine."""
 STEPS = 49
-"""Up to a rate of 10."""
+"""Number of rates, up to 10."""
 SHARE = 0.3
-"""Of the rate at the least loss."""
+"""Fraction of the rate at the minimum loss."""
 USUAL = 1e-3
-"""Where no rate lowers the loss."""
+"""The rate if no tried rate lowers the loss."""
 _TOO_FAR = 4.0
-"""Times the least loss so far: larger rates only lead farther away."""
+"""Factor over the minimum loss so far at which the search stops."""
 
 
 def searched_rate(
     plan: StagePlan, engine: Engine, runs: Runs, attempt: int, spread: float
 ) -> float:
-    """The rate of the first epoch of an attempt at a stage."""
+    """The learning rate of the first epoch of an attempt at a stage."""
     order = engine.order(len(runs), order_key(plan.seed, plan.index, 0, attempt))
     size = plan.batch or len(order)
     # always the same batch: from batch to batch losses differ by more than a step changes them
@@ -64,7 +63,7 @@ def searched_rate(
 
 
 def _batch(order: IntArray, size: int, number: int) -> IntArray:
-    """The batch of that number, from the first again after the last."""
+    """The batch with that number, cyclically."""
     batches = -(-len(order) // size)
     begin = number % batches * size
     return np.ascontiguousarray(order[begin : begin + size])

@@ -1,4 +1,4 @@
-"""Looks at the course of a stage: which loss decided it, what it kept, what did not move."""
+"""Analyses the course of a stage: dominant loss, chosen epoch, parameters that did not move."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from msnn.training.records.progress import EpochEnd
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 ALONE = 0.95
-"""Part of the total from which on a loss decides alone."""
+"""Fraction of the total above which a single loss dominates."""
 FELL = 2.0
-"""Times that the loss of training may fall after the epoch that a least-squares stage keeps."""
+"""Factor by which the training loss may still fall after the chosen epoch of least squares."""
 FAR_ABOVE = 10.0
-"""Times the loss of training that a monitor may be."""
+"""Factor of the training loss above which a monitor is reported."""
 NOTHING = 1e-6
-"""Part of the loss of the first epoch that is as good as nothing."""
+"""Fraction of the first epoch's loss that counts as zero."""
 HARDLY = 0.01
-"""Part of its scale by which a parameter has to move."""
+"""Fraction of its scale that a parameter must move."""
 
 Weights = Mapping[str, FloatArray]
 
 
 class StageCourse:
-    """Hears of the epochs of a stage's attempts: the first, the best, that after it, the last."""
+    """Collects the first, best, following and last epoch of each attempt at a stage."""
 
     def __init__(self) -> None:
         self._first: dict[int, EpochEnd] = {}
@@ -42,7 +42,7 @@ class StageCourse:
         self._last: dict[int, EpochEnd] = {}
 
     def epoch_ended(self, event: EpochEnd) -> None:
-        """Takes an epoch; of an attempt that is resumed those after that."""
+        """Records an epoch; a resumed attempt only has the later ones."""
         if event.epoch == 1:
             self._first[event.attempt] = event
         if event.best_epoch == event.epoch:
@@ -55,7 +55,7 @@ class StageCourse:
     def stage_ended(
         self, plan: StagePlan, data: StageData, result: StageResult
     ) -> list[Diagnostic]:
-        """What the stage has to say of itself; the next one begins."""
+        """Warnings about the stage; clears the records for the next one."""
         number = result.attempt + 1
         first, best, after, last = (
             kept.get(number) for kept in (self._first, self._best, self._after, self._last)
@@ -75,9 +75,10 @@ class StageCourse:
 def unmoved(
     plans: Sequence[StagePlan], results: Sequence[StageResult], first: Weights, data: Dataset
 ) -> list[Diagnostic]:
-    """One line of the parameters that no stage has moved by a part of their scale.
+    """A warning about parameters that no stage has moved by a fraction of their scale.
 
-    Not of those that went most of their way: 1 K is little of a level of 294 K, and may be all.
+    It omits parameters that moved most of the way to their minimum: 1 K is little for a level of
+    294 K, but may be the full distance.
     """
     moved: dict[str, bool] = {}
     trained_by: dict[str, StagePlan] = {}
@@ -114,7 +115,7 @@ def _has_moved(plan: StagePlan, name: str, begin: FloatArray, end: FloatArray) -
 def _alone(
     plan: StagePlan, first: Mapping[str, float], last: Mapping[str, float]
 ) -> Diagnostic | None:
-    """A loss that is nearly all of the total from the first epoch to the last."""
+    """A warning about a loss that is nearly the whole total from the first epoch to the last."""
     # the advice, 1/variance, is what such a stage already has
     if plan.weighs_by_variance:
         return None
@@ -129,7 +130,7 @@ def _alone(
 
 
 def _shares(plan: StagePlan, losses: Mapping[str, float]) -> dict[str, float]:
-    """The part of each entry in the sum of those that compare with something."""
+    """The fraction of each entry in the sum of losses with targets."""
     parts: dict[str, float] = {}
     for loss in plan.program.losses:
         weight = plan.loss_weights[loss.name]
@@ -143,7 +144,7 @@ def _shares(plan: StagePlan, losses: Mapping[str, float]) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True)
 class _Kept:
-    """The epoch whose weights a stage keeps: its monitored loss, the horizon beside it."""
+    """The epoch whose weights a stage keeps: its monitor and its horizon."""
 
     epoch: int
     monitor: float
@@ -158,7 +159,7 @@ def _kept(
     after: EpochEnd | None,
     last: EpochEnd,
 ) -> Diagnostic | None:
-    """An epoch that rows of validation chose, against what the rows of training say."""
+    """A warning if the epoch selected on validation rows contradicts the training rows."""
     # priors are in one of the two totals, a monitor of its own is another loss
     alike = plan.monitor == TOTAL and not has_priors(plan) and best.horizon == last.horizon
     nothing = NOTHING * first.total

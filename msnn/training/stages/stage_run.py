@@ -1,4 +1,4 @@
-"""Runs one stage: epochs of shuffled batches, the monitor, the best weights, early stopping."""
+"""Runs one stage: shuffled epochs, the monitor, the best weights, early stopping."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from msnn.training.stages.stage_starts import StageStarts
 
 
 class Interrupted(Exception):  # noqa: N818  (an event, no error)
-    """The user asked for an end; the run stands between two batches."""
+    """The user interrupted the training; the run is between two batches."""
 
 
 @dataclass(slots=True, kw_only=True)
 class StageRun:
-    """One attempt at a stage with its engine and data; `run` goes through its epochs."""
+    """One attempt at a stage with its engine and data; `run` trains its epochs."""
 
     plan: StagePlan
     engine: Engine
@@ -38,9 +38,9 @@ class StageRun:
     stop_asked: Callable[[], bool]
     epoch_ended: Callable[[EpochEnd], None]
     between: Callable[[float], None] = lambda seconds: None
-    """Called wherever the run could go on from; so many seconds of work come before the next."""
+    """Called at positions from which the run can resume, with the expected seconds to the next."""
     starts: StageStarts | None = None
-    """Finds where runs start; None where the states say it."""
+    """Estimates initial states of runs; None if the states define them."""
     attempt: int = 0
     epoch: int = 0
     batch: int = 0
@@ -48,29 +48,29 @@ class StageRun:
     best_epoch: int = 0
     best: Weights | None = None
     best_starts: EstimatedStarts | None = None
-    """Those beside the best weights, where training estimates them."""
+    """Initial states that belong to the best weights, if training estimates them."""
     sums: LossSums | None = None
     left_out: int = 0
-    """Batches of the present epoch without a step."""
+    """Batches of the current epoch without a step."""
     found_rate: float = 1.0
-    """The learning rate where it is searched, else 1."""
+    """The learning rate if it is searched, else 1."""
     rate_found: Callable[[float], None] = lambda rate: None
-    """Hears of a rate that was searched."""
+    """Receives a learning rate that was found."""
     spread: float = 0.0
-    """ŝ²/n of the present epoch."""
+    """ŝ²/n of the current epoch."""
     ranks: TrainingRanks | None = None
     """The processes that train with this one."""
     reductions: Reductions = NO_REDUCTIONS
     _began: float = field(init=False, default_factory=time.monotonic)
     _watching: float = field(init=False, default=0.0)
-    """Seconds that the monitor took."""
+    """Seconds spent on the monitor."""
     _started: Runs | None = field(init=False, default=None)
-    """The rollouts to train on whose starts were found last."""
+    """The training rollouts whose initial states were estimated last."""
     _kept_starts: Weights = field(init=False, default_factory=dict[str, FloatArray])
-    """Starts of the epoch in which the training was interrupted."""
+    """Initial states of the epoch in which the training was interrupted."""
 
     def resume(self, place: TrainingPosition) -> None:
-        """Goes on at a place of this attempt."""
+        """Continues from a position in this attempt."""
         self.engine.restore(place.engine)
         self.epoch, self.batch = place.epoch, place.batch
         self.best_value, self.best_epoch = place.best_value, place.best_epoch
@@ -84,9 +84,9 @@ class StageRun:
         self._began = time.monotonic() - place.seconds
 
     def run(self) -> StageResult:
-        """Trains to the last epoch, the early stop or the optimiser's own end.
+        """Trains until the last epoch, early stopping or convergence of the optimiser.
 
-        Raises NonFiniteLossError, Interrupted.
+        Raises NonFiniteLossError and Interrupted.
         """
         if self.best is None:
             self._began = time.monotonic()
@@ -120,7 +120,7 @@ class StageRun:
         )
 
     def place(self) -> TrainingPosition | None:
-        """The position of the attempt now; None before it has begun."""
+        """The current position of the attempt; None before it has begun."""
         if self.best is None:
             return None
         return TrainingPosition(
@@ -147,11 +147,14 @@ class StageRun:
 
     @property
     def _better(self) -> int:
-        """The epoch from which on one waits for a better one."""
+        """The epoch from which patience is counted."""
         return max(self.best_epoch, self.plan.whole_from)
 
     def _reason_to_end(self) -> str | None:
-        """The reason to end, by the place alone, so that a resumed run ends too; else None."""
+        """The reason to end, determined by the position only, so that a resumed run ends equally.
+
+        None if training continues.
+        """
         # converged on the short rollouts of a curriculum is not converged
         if self.engine.finished is not None and self.epoch > self.plan.whole_from:
             return self.engine.finished
@@ -211,14 +214,16 @@ class StageRun:
         return sums
 
     def _agreed(self, seconds: float, stops: bool) -> tuple[float, bool]:
-        """The same on all processes of the training, which must end after the same batch."""
+        """Broadcasts the decision, so that all ranks stop after the same batch."""
         if self.ranks is None:
             return seconds, stops
         longest, any_stops = self.ranks.most((seconds, float(stops)))
         return longest, bool(any_stops)
 
     def _find_starts(self, starts: StageStarts, runs: Runs) -> None:
-        """Finds the starts of an epoch; where they are unknowns of training, the first ones."""
+        """Estimates the initial states of an epoch; only the first ones if training estimates
+        them.
+        """
         if self.batch and self._kept_starts:
             found = starts.kept(runs, self._kept_starts)
         elif self.plan.estimates_starts and runs is self._started:
@@ -229,7 +234,7 @@ class StageRun:
         self.engine.write(found, watched=False)
 
     def _find_watched_starts(self, starts: StageStarts) -> None:
-        """Finds the starts of watched rollouts, unless training itself estimates them."""
+        """Estimates the initial states of watched rollouts, unless training estimates them."""
         if self.plan.estimates_starts and self.data.watches_training:
             self._find_starts(starts, self.data.in_epoch(self.epoch))
         else:
@@ -237,7 +242,7 @@ class StageRun:
             self.engine.write(found, watched=True)
 
     def _spread(self, runs: Runs) -> float:
-        """ŝ²/n as the epoch before has left it, by which priors count."""
+        """ŝ²/n at the end of the previous epoch, the weight of priors."""
         if not has_priors(self.plan):
             return 0.0
         return residuals_of(self.plan, self.engine.measure(runs), runs).spread

@@ -1,4 +1,4 @@
-"""Finds where the runs of a stage start, once an epoch and before each look at the monitor."""
+"""Estimates initial states of a stage's runs, once per epoch and before each monitor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Weights = Mapping[str, FloatArray]
 
 
 class StageStarts:
-    """Finds the starts of a stage's runs, where its plan leaves them to be found."""
+    """Estimates initial states of a stage's runs, if its plan requires it."""
 
     def __init__(
         self,
@@ -32,24 +32,24 @@ class StageStarts:
         self._plan, self._fit, self._data, self._warned = plan, fit, data, warned
         self._rows, self._begun = rows, False
         self.found: FoundStarts | None = None
-        """Of the runs that are trained on."""
+        """The initial states of the training runs."""
 
     def for_training(self, runs: Runs, weights: Weights) -> dict[str, FloatArray]:
-        """The series by which runs to train on start, at these weights."""
+        """The series with initial states of training runs, estimated at these weights."""
         self.found = self._find(runs, weights, self._rows.train_rows)
         return self.series()
 
     def for_watching(self, runs: Runs, weights: Weights) -> dict[str, FloatArray]:
-        """The series by which runs that are watched start, at these weights."""
+        """The series with initial states of watched runs, estimated at these weights."""
         return self._find(runs, weights, self._rows.watched_rows).series(self._data.rows)
 
     def series(self) -> dict[str, FloatArray]:
-        """The series of what was found for training."""
+        """The series with the estimates for training."""
         assert self.found is not None, "nothing was found yet"
         return self.found.series(self._data.rows)
 
     def kept(self, runs: Runs, values: Weights) -> dict[str, FloatArray]:
-        """The series of what was found for these runs before a training was interrupted."""
+        """The series with estimates for these runs from before an interruption."""
         none = np.zeros(len(runs), np.bool_)
         over = self._plan.rollout.starts.over if self._plan.rollout.starts is not None else None
         self.found = FoundStarts(
@@ -58,18 +58,20 @@ class StageStarts:
         return self.series()
 
     def values(self) -> Weights:
-        """The values of each state where the runs to train on start."""
+        """The initial values of each state for the training runs."""
         return {} if self.found is None else self.found.values
 
     def report(self) -> None:
-        """Says what is uncertain of the starts that were found last, where training holds them."""
+        """Reports uncertain estimates of the last epoch, unless training estimates initial
+        states.
+        """
         if self.found is not None and not self._plan.estimates_starts:
             name = f"stage `{self._plan.name}`"
             for warning in uncertain_starts(self.found, self._data, name):
                 self._warned(warning)
 
     def data(self) -> Dataset:
-        """The data with where runs to train on start."""
+        """The data with the initial states of training runs."""
         series = self._data.series
         return (
             self._data
@@ -96,7 +98,7 @@ class StageStarts:
 def stage_starts(
     plan: StagePlan, data: Dataset, rows: StageData, warned: Callable[[Diagnostic], None]
 ) -> StageStarts | None:
-    """None where every state says itself where it starts."""
+    """The estimator for a stage; None if all states define their initial values."""
     # kernels fuse operations where a processor can: their bits are not those of other machines
     native = plan.engine != "torch" and not plan.reproducible
     fit = fit_of(plan.rollout, searches=plan.epochs, native=native)

@@ -1,1 +1,1 @@
-"""Finds the weights that training begins with."""
+"""Determines the initial weights of a training."""

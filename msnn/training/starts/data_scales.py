@@ -1,10 +1,10 @@
-"""Finds the scales of parameters that are scaled by the data, before the first stage.
+"""Determines the scales of parameters with `scale: data`, before the first stage.
 
-A parameter is as large as the change of it that moves what is compared by the deviation of the
-target: 1/√(Σ over losses of ⟨(∂prediction/∂p)²⟩ / σ²), the slopes at the weights of the start along
-rollouts of the stage, σ the deviation of the target's signal over the rows of training. Steps of
-one length in raw variables then change the predictions alike, whatever the units. Of an array the
-largest of its elements counts.
+The scale of a parameter is the change that moves predictions by one standard deviation of the
+target: 1/√(Σ over losses of ⟨(∂prediction/∂p)²⟩ / σ²). Derivatives are taken at the initial weights
+along rollouts of the stage; σ is the standard deviation of the target's signal over the training
+rows. Equal steps in raw variables then change predictions equally in any units. For an array, the
+element with the largest effect determines the scale.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from spec_schema.diagnostics.diagnostic import Findings, SpecError
 
 MOST_ROLLOUTS = 32
 MOST_STEPS = 100
-"""Of rollouts that are looked at, spread over the record: slopes by the interpreter take long."""
+"""Maximum steps of the sampled rollouts, because the reference interpreter is slow."""
 
 
 def with_data_scales(
     plans: Sequence[StagePlan], data: Dataset, weights: Mapping[str, FloatArray]
 ) -> list[StagePlan]:
-    """The stages with the scales that are taken from the data, each by the first that trains it.
+    """The stages with scales from the data; each scale comes from the first stage that trains it.
 
-    Raises SpecError for a parameter that moves nothing which is compared.
+    Raises SpecError for a parameter that affects no compared prediction.
     """
     scales: dict[str, float] = {}
     for plan in plans:
@@ -107,7 +107,7 @@ def _ends(names: Sequence[str], weights: Mapping[str, FloatArray]) -> list[int]:
 
 
 def _deviation(program: Program, loss: Loss, data: Dataset) -> float | None:
-    """The deviation of the signal that a loss compares with; None where that is no signal."""
+    """The standard deviation of the target signal of a loss; None if the target is not a signal."""
     signal = compared_signal(program, loss)
     if signal is None:
         return None

@@ -1,4 +1,4 @@
-"""Draws where the further attempts at a stage begin."""
+"""Draws the initial weights of further attempts at a stage."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from msnn.training.plans.stage_plan import StagePlan
 
 Weights = Mapping[str, FloatArray]
 Draws = Callable[[int], Weights]
-"""Other initial values, by number."""
+"""Returns random initial values by number."""
 
 
 def drawn_weights(
     program: Program, plan: StagePlan, weights: Weights, redrawn: Draws | None, attempt: int
 ) -> Weights:
-    """The first weights of an attempt: trained parameters at initial values are drawn again."""
+    """The initial weights of an attempt: trained parameters at initial values are drawn again."""
     if attempt == 0 or redrawn is None:
         return weights
     initial, drawn = initial_weights(program), redrawn(attempt)
@@ -34,7 +34,7 @@ def drawn_weights(
 def begins_alike(
     program: Program, plan: StagePlan, weights: Weights, redrawn: Draws | None
 ) -> bool:
-    """Whether all attempts at a stage are the same, though there are several."""
+    """True if all of several attempts at a stage are identical."""
     if plan.attempts == 1 or plan.masks:
         return False
     second = drawn_weights(program, plan, weights, redrawn, 1)

@@ -1,9 +1,9 @@
-"""Writes B/A u = y as linear equations in the signals of the lattice with given poles.
+"""Writes B/A u = y as linear equations in the signals of a lattice with given poles.
 
-A over the A of these poles is 1 + c (zI − A)⁻¹ b for some row c, and B over it g b(u), where x and
-b(u) are signals of the lattice: y + c x = g b(u). Powers of 1/z over the denominator would span the
-same, but from a handful of poles near each other on they are as good as dependent (Van den Hof,
-Heuberger and Bokor, Automatica 31, 1995, take such bases for the same reason).
+A divided by the denominator of these poles is 1 + c (zI − A)⁻¹ b for some row c. B divided by it
+is g b(u), and x and b(u) are signals of the lattice. Hence y + c x = g b(u). Powers of 1/z
+over the denominator span the same space, but are nearly dependent for a handful of close poles. Van
+den Hof, Heuberger and Bokor (Automatica 31, 1995) use such bases for the same reason.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from msnn.training.starts.linear_system import LinearSystem
 from msnn.training.starts.tall_least_squares import ROWS_AT_ONCE, Triangle, least_squares
 
 FORGOTTEN = 1e-18
-"""Share of a past that no row can tell from 0."""
+"""Remaining influence of the past that is numerically zero."""
 
 
 @dataclass(frozen=True, slots=True)
 class UnbrokenRows:
-    """Input and output at rows without gap."""
+    """Input and output at consecutive rows without a gap."""
 
     input: FloatArray
     output: FloatArray
@@ -32,18 +32,18 @@ class UnbrokenRows:
 
 @dataclass(frozen=True, slots=True)
 class FilterStructure:
-    """The filters of a structure: taps `first` … `num`, `den` poles within `radius`."""
+    """A class of filters: taps `first` … `num`, `den` poles within `radius`."""
 
     first: int
     num: int
     den: int
     radius: float
     is_direct: bool = False
-    """Whether the layer computes with the coefficients of A and B, which round."""
+    """True if the layer computes with coefficients of A and B, which are rounded."""
 
     @property
     def depth(self) -> int:
-        """The number of rows that the unknown past of a piece reaches into."""
+        """Number of rows that the unknown past of a segment affects."""
         return max(self.num, self.den)
 
     @property
@@ -51,32 +51,32 @@ class FilterStructure:
         return self.num + 1 - self.first
 
     def padded(self, reflection: FloatArray) -> FloatArray:
-        """The coefficients with poles at 0 where the numerator has the higher order."""
+        """The coefficients with poles at 0 if the numerator has the higher order."""
         return np.concatenate((reflection, np.zeros(self.depth - self.den)))
 
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """The response of a filter to the input and to the past of each piece."""
+    """The response of a filter to the input and to the past of each segment."""
 
     gains: FloatArray
-    """Of b₀ … of the input."""
+    """Coefficients of b₀ … of the input."""
     pasts: tuple[FloatArray, ...]
-    """Of the free responses of the lattice, a row of gains for each piece."""
+    """Coefficients of the free responses of the lattice, one row per segment."""
 
 
 @dataclass(frozen=True, slots=True)
 class FilterEquations:
-    """The triangle of b(u), y, and x, as columns, without what the pasts explain.
+    """The triangular factor of the columns b(u), y and x, after elimination of the pasts.
 
-    The unknown past of a piece acts as free responses of the lattice, and any multiple of them is
-    free. An orthogonal transformation leaves sums of squares as they are.
+    The unknown past of a segment adds free responses of the lattice with unknown coefficients.
+    Orthogonal transformations preserve sums of squares.
     """
 
     structure: FilterStructure
     triangle: FloatArray
     heads: tuple[FloatArray, ...]
-    """Of each piece the rows that its past explains, with the columns of the past before."""
+    """The eliminated rows of each segment, with the columns of the past first."""
 
     @property
     def signals(self) -> FloatArray:
@@ -92,7 +92,7 @@ class FilterEquations:
         return self.triangle[:, self.structure.taps + 1 :]
 
     def response(self) -> Response:
-        """The gains of least squares."""
+        """The least-squares coefficients."""
         gains = least_squares(self.signals, self.output)
         depth, end = self.structure.depth, self.structure.depth + self.structure.taps
         # what the past explains is fitted to what the input leaves of it
@@ -109,7 +109,7 @@ def equations_of(
     reflection: FloatArray,
     response: Response | None = None,
 ) -> FilterEquations:
-    """The equations at these poles; x is driven by y, or by the response instead."""
+    """The equations at these poles; x is driven by y, or by `response` if given."""
     # taps need a lattice of the numerator's order, x one of the denominator's
     seen = lattice_of(structure.padded(reflection))
     systems = _system(seen), _system(lattice_of(reflection))
@@ -142,8 +142,10 @@ def _tables(
     systems: tuple[LinearSystem, LinearSystem],
     driven: tuple[FloatArray, FloatArray] | None,
 ) -> Iterator[tuple[FloatArray | None, FloatArray]]:
-    """So many rows at once: free responses of the past, None once they are over, and the rest."""
-    # the unknown past is not in the states: it acts as free responses beside them
+    """Yields blocks of rows: free responses of the past (None once they have decayed), and the
+    rest.
+    """
+    # the unknown past is not in the states: it adds free responses
     seen, behind = np.zeros(structure.depth), np.zeros(structure.den)
     # the elements of Aᵗb span all free responses, as the lattice is controllable
     past = lattice.drive

@@ -1,4 +1,4 @@
-"""Finds the arrays of a layer with `fit:` in the rows of `train` (R12)."""
+"""Fits the arrays of a layer with `fit:` to the training rows (R12)."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from msnn.training.starts.state_space_fit import (
 from msnn.training.starts.subspace_fit import fitted_system
 
 _AT_ONCE = 1 << 16
-"""Rows of the argument that are computed together."""
+"""Number of rows for which the argument is computed together."""
 
 
 def fitted_arrays(
     fit: Fit, program: Program, data: Dataset, weights: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray] | None:
-    """The arrays of the layer by their names within it; None where the rows are too few.
+    """The arrays of the layer by their local names; None if there are too few rows.
 
-    Learned parameters in the argument have the values that training begins with.
+    Learned parameters in the argument have their initial values.
     """
     parts = list(_series(fit, program, data, weights))
     if not parts:
@@ -51,7 +51,7 @@ def fitted_arrays(
 
 
 def _filters(fit: Fit, parts: list[RowsWithoutGap]) -> dict[str, FloatArray] | None:
-    """A filter for each element."""
+    """One filter per element."""
     structure = FilterStructure(0, fit.num, fit.den, fit.radius, is_direct=True)
     columns = range(parts[0].inputs.shape[1])
     found = [fitted_filter(_pieces(parts, column), structure) for column in columns]
@@ -88,7 +88,7 @@ def _pieces(parts: list[RowsWithoutGap], column: int) -> list[UnbrokenRows]:
 def _series(
     fit: Fit, program: Program, data: Dataset, weights: Mapping[str, FloatArray]
 ) -> Iterator[RowsWithoutGap]:
-    """Argument and target of every run of rows of `train` in which both are known."""
+    """Argument and target of every interval of training rows in which both are known."""
     back, ahead = _reach(fit.argument)
     node = fit.argument.nodes[-1]
     output = Output(fit.layer, len(fit.argument) - 1)

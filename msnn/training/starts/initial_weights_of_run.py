@@ -1,4 +1,4 @@
-"""Finds the weights that training begins with: initial values, statistics, fits (R12)."""
+"""Determines the initial weights of a training: initial values, statistics, fits (R12)."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 
 def first_weights(program: Program, data: Dataset) -> dict[str, FloatArray]:
-    """The initial values, with what the rows of `train` say about statistics and filters.
+    """The initial values, with statistics and fits from the training rows.
 
-    Raises SpecError where they do not say it.
+    Raises SpecError if the rows do not determine them.
     """
     weights = with_statistics(program, data, initial_weights(program))
     faults: list[Diagnostic] = []

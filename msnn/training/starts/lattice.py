@@ -1,9 +1,9 @@
 """Represents a stable denominator by the normalised lattice with its poles.
 
-The lattice (Gray and Markel, IEEE Trans. ASSP 23, 1975) is what the layers `iir` and `state_space`
-have their reflection coefficients of. Its signals are orthonormal where the input is white, however
-close the poles are to each other and to the unit circle; powers of 1/z divided by the denominator
-are as good as dependent there, from a handful of poles on.
+The layers `iir` and `state_space` use the reflection coefficients of this lattice (Gray and Markel,
+IEEE Trans. ASSP 23, 1975). For white input its signals are orthonormal, however close the poles are
+to each other and to the unit circle. Powers of 1/z divided by the denominator are nearly dependent
+there, already for a handful of poles.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from msnn.data.dataset import FloatArray
 ComplexArray = NDArray[np.complex128]
 
 MARGIN = 1e-6
-"""What keeps poles off the limit, where a filter is no longer stable."""
+"""Relative distance of poles from the stability limit."""
 LARGEST = 1 - 1e-7
-"""Of a reflection coefficient: it stays off its bound in single precision too."""
+"""Maximum reflection coefficient, which stays below 1 in single precision too."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lattice:
     """The all-pass with reflection coefficients r: bᵢ has the numerator of degree i in 1/z.
 
-    f = √(1−rᵢ²) f − rᵢ xᵢ and bᵢ₊₁ = rᵢ f + √(1−rᵢ²) xᵢ from the last section to the first, f the
-    input at first, xᵢ[t] = bᵢ[t−1], b₀ = f at last. Of the matrix [A b; c d] every two columns are
-    orthogonal and of length 1.
+    From the last section to the first, f = √(1−rᵢ²) f − rᵢ xᵢ and bᵢ₊₁ = rᵢ f + √(1−rᵢ²) xᵢ. The
+    first f is the input, xᵢ[t] = bᵢ[t−1], and b₀ is the last f. Every two columns of the matrix [A
+    b; c d] are orthonormal.
     """
 
     reflection: FloatArray
     matrix: FloatArray
-    """A: x after the step, b₀ … bₙ₋₁, of x."""
+    """A: maps x to the next x, b₀ … bₙ₋₁."""
     drive: FloatArray
-    """b: the same of the input."""
+    """b: maps the input to the next x."""
     last: FloatArray
-    """[c d]: bₙ of x, and of the input."""
+    """[c d]: maps x and the input to bₙ."""
 
 
 def lattice_of(reflection: FloatArray) -> Lattice:
@@ -57,7 +57,7 @@ def lattice_of(reflection: FloatArray) -> Lattice:
 
 
 def backward_polynomials(reflection: FloatArray) -> FloatArray:
-    """The numerators of b₀ … bₙ over A, a row each, from z⁰; A = the last, backwards.
+    """The numerators of b₀ … bₙ over A, one row each, from z⁰; A is the last, reversed.
 
     Levinson's recursion; the factor of bᵢ is the product of √(1−rₖ²) for k ≥ i.
     """
@@ -81,9 +81,10 @@ def denominator_of(reflection: FloatArray) -> FloatArray:
 def reflections_of(poles: ComplexArray) -> FloatArray:
     """The reflection coefficients of the real denominator with these poles, all inside the circle.
 
-    A cascade of one all-pass for each pole has an orthogonal step. Reflections of Householder bring
-    it to the one form in which only the last state reaches the output and A is a Hessenberg matrix,
-    which is the lattice: no coefficients of polynomials, which many poles in one place round away.
+    A cascade of one all-pass per pole has an orthogonal step matrix. Householder reflections bring
+    it to the unique form in which only the last state reaches the output and A is a Hessenberg
+    matrix, which is the lattice. This avoids polynomial coefficients, which lose accuracy with many
+    close poles.
     """
     matrix, output = _cascade(poles)
     matrix, output = _hessenberg(matrix, output)
@@ -99,7 +100,7 @@ def reflections_of(poles: ComplexArray) -> FloatArray:
 
 
 def stable(poles: ComplexArray, radius: float) -> ComplexArray:
-    """The poles reflected into the unit circle and drawn into the radius."""
+    """The poles reflected into the unit circle and limited to the radius."""
     limit = radius * (1 - MARGIN)
     sizes = np.abs(poles)
     # λ → 1/λ̄ changes the magnitude of the response by a constant factor only
@@ -109,9 +110,10 @@ def stable(poles: ComplexArray, radius: float) -> ComplexArray:
 
 
 def reflections_that_round(poles: ComplexArray, radius: float) -> FloatArray:
-    """The same of poles so far inside that the coefficients of A, rounded, are stable as well.
+    """The reflection coefficients of poles moved inward until the rounded coefficients of A are
+    stable.
 
-    A filter that computes with them needs it: of six poles at 0.9999 rounding moves some outside.
+    Filters that compute with A need this: with six poles at 0.9999, rounding makes some unstable.
     """
     found = reflections_of(poles)
     while (largest := np.max(np.abs(np.roots(denominator_of(found))), initial=0.0)) >= radius:
@@ -122,7 +124,7 @@ def reflections_that_round(poles: ComplexArray, radius: float) -> FloatArray:
 
 
 def _cascade(poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """A and c of all-passes in a row: x⁺ = λ x + s v, then s x − λ̄ v is the next v."""
+    """A and c of a cascade of all-passes: x⁺ = λ x + s v, and the next v is s x − λ̄ v."""
     order = len(poles)
     matrix, value = np.zeros((order, order), complex), np.zeros(order, complex)
     for k, pole in enumerate(poles):
@@ -136,9 +138,10 @@ def _cascade(poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
 
 
 def _hessenberg(matrix: ComplexArray, output: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """The same system, turned: c has its last element alone, A nothing below its subdiagonal.
+    """The same system in Hessenberg form: c has only its last element, A none below its
+    subdiagonal.
 
-    Phases make both positive, and all the rest real, for the poles are those of a real system.
+    Phases make both positive, and the rest real, because the poles are those of a real system.
     """
     order = len(output)
     turned, first = matrix.conj().T.copy(), output.conj().copy()

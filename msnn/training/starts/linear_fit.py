@@ -1,8 +1,8 @@
-"""Fits the stable linear filter from one signal to another, in least squares.
+"""Fits the stable linear filter from one signal to another by least squares.
 
-Least squares of the equation error (Ljung, System Identification, 2nd ed. 1999, §4.2), then the
-iterations of Steiglitz and McBride (IEEE Trans. Automatic Control 10, 1965), which weigh it towards
-the error of the output, at last those of Gauss and Newton, which find the least one.
+First least squares of the equation error (Ljung, System Identification, 2nd ed. 1999, §4.2), then
+iterations of Steiglitz and McBride (IEEE Trans. Automatic Control 10, 1965), which approximate the
+output error. Gauss-Newton steps finally minimise the output error.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from msnn.training.starts.tall_least_squares import least_squares
 
 MOST_ITERATIONS = 40
 MOST_STEPS = 20
-"""Of Gauss and Newton."""
+"""Maximum number of Gauss-Newton steps."""
 _PATIENCE = 3
-"""Iterations that may bring nothing: those of Steiglitz and McBride do not always descend."""
+"""Iterations without improvement before stopping: Steiglitz-McBride does not always descend."""
 _WORTH = 1e-3
 _LEAST = 1e-5
-"""Shares of the error by which an iteration, and a step, must make it less."""
+"""Minimum relative decrease of the error by an iteration (`_WORTH`) and by a step (`_LEAST`)."""
 _SHARES = (1.0, 0.5, 0.25, 0.0625)
-"""Of a step that goes too far."""
+"""Step lengths to try."""
 _ENOUGH = 1 << 17
-"""Rows for iterations, of records that have more; steps have all."""
+"""Maximum rows for the iterations; Gauss-Newton steps use all rows."""
 _PART = 1 << 13
 
 
@@ -58,7 +58,7 @@ class Filter:
 
 
 def fitted_filter(pieces: Sequence[UnbrokenRows], structure: FilterStructure) -> Filter | None:
-    """The filter with the least error of the output; None where the data do not determine one."""
+    """The filter with the minimum output error; None if the data do not determine one."""
     # the unknown past of a piece takes `depth` of its rows, so that they are no equations
     long = [piece for piece in pieces if len(piece.input) > structure.depth]
     rows = sum(len(piece.input) - structure.depth for piece in long)
@@ -79,24 +79,24 @@ def fitted_filter(pieces: Sequence[UnbrokenRows], structure: FilterStructure) ->
 
 
 def size_of(parts: Sequence[FloatArray]) -> float:
-    """The root of the mean square of all numbers, 1 where they are all 0."""
+    """The RMS of all elements; 1 if they are all 0."""
     squares = sum(float(np.vdot(part, part)) for part in parts)
     return float(np.sqrt(squares / sum(part.size for part in parts))) or 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """The best B for an A, and how A should turn."""
+    """The best B for a given A, and the update direction of A."""
 
     reflection: FloatArray
     response: Response
     error: float
     turn: FloatArray
-    """c: A over the A before is 1 + c (zI − A)⁻¹ b."""
+    """c: the new A divided by the old one is 1 + c (zI − A)⁻¹ b."""
 
 
 def _spread(pieces: Sequence[UnbrokenRows], structure: FilterStructure) -> list[UnbrokenRows]:
-    """Parts of long records, evenly from first to last: enough for where steps begin."""
+    """Evenly spaced segments of long recordings, sufficient for an initial point."""
     long = max(_PART, 100 * structure.depth)
     parts = [
         UnbrokenRows(piece.input[begin : begin + long], piece.output[begin : begin + long])
@@ -113,7 +113,7 @@ def _spread(pieces: Sequence[UnbrokenRows], structure: FilterStructure) -> list[
 
 
 def _iterated(pieces: Sequence[UnbrokenRows], structure: FilterStructure) -> FloatArray:
-    """The poles of least error on the way of Steiglitz and McBride, which begins at 0."""
+    """The poles with the minimum error among Steiglitz-McBride iterations, which begin at 0."""
     now = _fit(pieces, structure, np.zeros(structure.den))
     best, waited = now, 0
     for _ in range(MOST_ITERATIONS):
@@ -128,7 +128,7 @@ def _iterated(pieces: Sequence[UnbrokenRows], structure: FilterStructure) -> Flo
 def _descended(
     pieces: Sequence[UnbrokenRows], structure: FilterStructure, first: FloatArray
 ) -> _Fit:
-    """The same equations with x behind g b(u) in place of y: slopes of the error of the output."""
+    """The equations with x driven by g b(u) instead of y: the Jacobian of the output error."""
     best = _fit(pieces, structure, first)
     for _ in range(MOST_STEPS):
         turn = _fit(pieces, structure, best.reflection, best.response).turn

@@ -1,4 +1,4 @@
-"""Simulates a linear system over many rows, as many at once as a block has."""
+"""Simulates a linear system over many rows, one block of rows at a time."""
 
 from __future__ import annotations
 
@@ -9,18 +9,14 @@ import numpy as np
 from msnn.data.dataset import FloatArray
 
 _BLOCK = 32
-"""Rows that one product of matrices computes."""
+"""Number of rows per matrix product."""
 _AT_ONCE = 1 << 17
-"""Multiplications of a product that BLAS does not share among threads."""
+"""Number of multiplications up to which BLAS uses one thread."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinearSystem:
-    """x[t+1] = A x[t] + B u[t], stable.
-
-    Within a block x[t] = Aᵗ x[0] + Σ Aᵗ⁻¹⁻ˢ B u[s]: one matrix has the responses to the inputs of a
-    block, one those to the state before it. Roundings are forgotten as the system forgets inputs.
-    """
+    """A stable system x[t+1] = A x[t] + B u[t]."""
 
     matrix: FloatArray
     """A: (states, states)."""
@@ -45,7 +41,7 @@ class LinearSystem:
         object.__setattr__(self, "_free", free.reshape(order, shape))
 
     def states(self, inputs: FloatArray, start: FloatArray) -> FloatArray:
-        """x[0] … x[rows], one row each, from `start` under inputs (rows, inputs)."""
+        """x[0] … x[rows], one row each, from `start` with inputs (rows, inputs)."""
         rows, order = len(inputs), len(start)
         blocks = -(-rows // _BLOCK)
         padded = np.zeros((blocks * _BLOCK, inputs.shape[1]))
@@ -65,7 +61,7 @@ class LinearSystem:
 
 
 def _product(rows: FloatArray, matrix: FloatArray) -> FloatArray:
-    """rows @ matrix, some rows at a time, which BLAS computes without threads."""
+    """rows @ matrix in blocks that BLAS computes on one thread."""
     at_once = max(_AT_ONCE // matrix.size, 1)
     whole = len(rows) // at_once * at_once
     found = np.empty((len(rows), matrix.shape[1]))
@@ -76,7 +72,7 @@ def _product(rows: FloatArray, matrix: FloatArray) -> FloatArray:
 
 
 def filtered(signal: FloatArray, denominator: FloatArray) -> FloatArray:
-    """The signal through 1/A, from rest: y[t] = u[t] − Σ aⱼ y[t−j]."""
+    """The signal filtered by 1/A from rest: y[t] = u[t] − Σ aⱼ y[t−j]."""
     order = len(denominator) - 1
     if not order:
         return signal

@@ -1,7 +1,8 @@
-"""Finds the arrays of a `state_space` layer with given poles, in least squares of its outputs.
+"""Fits the arrays of a `state_space` layer with given poles, by least squares of its outputs.
 
-With A and B known the outputs are linear in C, D and the state at the first row; with A and C in
-B, D and that state. One after the other they end near the least error, which is what a start needs.
+With A and B known, the outputs are linear in C, D and the initial state; with A and C known, in B,
+D and the initial state. Alternating both ends near the minimum error, which suffices for an initial
+point.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from msnn.training.starts.tall_least_squares import ROWS_AT_ONCE, Triangle, leas
 
 @dataclass(frozen=True, slots=True)
 class RowsWithoutGap:
-    """Inputs and outputs at rows without gap: (rows, inputs) and (rows, outputs)."""
+    """Inputs and outputs at consecutive rows: (rows, inputs) and (rows, outputs)."""
 
     inputs: FloatArray
     outputs: FloatArray
@@ -40,7 +41,9 @@ class StateSpaceArrays:
 
 
 def driven_by_all(reflection: FloatArray, inputs: int) -> FloatArray:
-    """B with which each input drives the lattice as its own does: states of the input's size."""
+    """B by which each input drives the lattice like its own input, so that states have its
+    scale.
+    """
     return np.repeat(lattice_of(reflection).drive[:, None], inputs, axis=1)
 
 
@@ -52,7 +55,7 @@ def with_read(
     radius: float,
     feedthrough: bool,
 ) -> StateSpaceArrays:
-    """C and D of least squares, for this B."""
+    """C and D by least squares for this B."""
     matrix = radius * lattice_of(reflection).matrix
     system = LinearSystem(matrix, drive)
     order, inputs = drive.shape
@@ -90,9 +93,9 @@ def with_drive(
     radius: float,
     feedthrough: bool,
 ) -> StateSpaceArrays:
-    """B and D of least squares, for this C.
+    """B and D by least squares for this C.
 
-    C Aᵗ B is Bᵀ (Aᵀ)ᵗ Cᵀ: an output is B times the states of the transposed system that Cᵀ drives.
+    C Aᵗ B is Bᵀ (Aᵀ)ᵗ Cᵀ: an output is B times the states of the transposed system driven by Cᵀ.
     """
     matrix = radius * lattice_of(reflection).matrix
     outputs, order = read.shape
@@ -135,5 +138,5 @@ def with_drive(
 
 
 def _cyclic(reflection: FloatArray) -> FloatArray:
-    """A state from which every free response of the lattice is a sum of those of its elements."""
+    """A state whose elements generate every free response of the lattice."""
     return lattice_of(reflection).drive

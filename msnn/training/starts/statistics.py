@@ -1,4 +1,4 @@
-"""Sets the parameters that are statistics of the training data, before the first stage (R12)."""
+"""Sets parameters that are statistics of the training data, before the first stage (R12)."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 def with_statistics(
     program: Program, data: Dataset, weights: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
-    """The weights with mean and standard deviation of the rows of `train`, missing ones left out.
+    """The weights with mean and standard deviation of the training rows, without missing values.
 
-    Raises SpecError where a signal has no rows, or is constant and cannot be divided by.
+    Raises SpecError if a signal has no rows, or is constant and would be divided by 0.
     """
     found = dict(weights)
     faults: list[Diagnostic] = []
@@ -55,9 +55,9 @@ def _statistic(parameter: Parameter, data: Dataset) -> FloatArray | None:
 
 
 def _known(data: Dataset, name: str) -> Iterator[tuple[FloatArray, BoolArray]]:
-    """The rows of `train`, blocks of all rows at a time, and which of their numbers are known.
+    """Yields the training rows of a signal in blocks, with the mask of finite values.
 
-    Sums over blocks have the same bits wherever the rows are kept.
+    Sums over these blocks have the same bits for data in memory and on disk.
     """
     series, code = data.series[name], data.sets.index(TRAIN) if TRAIN in data.sets else None
     for begin, block in enumerate(blocks(series)):

@@ -1,7 +1,8 @@
-"""Fits a stable linear system with several inputs or outputs, by its subspace.
+"""Fits a stable linear system with several inputs or outputs by subspace identification.
 
-PO-MOESP (Verhaegen, Automatica 30, 1994): what the rows before add to outputs that the inputs do
-not explain spans the responses of the states, from which follow the poles and the outputs of each.
+Method: PO-MOESP (Verhaegen, Automatica 30, 1994). The part of the outputs that past rows explain
+and the inputs do not spans the responses of the states. Poles and outputs of the states follow from
+it.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from msnn.training.starts.tall_least_squares import ROWS_AT_ONCE, Triangle, leas
 def fitted_system(
     series: Sequence[RowsWithoutGap], order: int, *, radius: float, feedthrough: bool
 ) -> StateSpaceArrays | None:
-    """The system near the least error of the outputs; None where the data do not determine one."""
+    """A system near the minimum output error; None if the data do not determine one."""
     inputs, outputs = series[0].inputs.shape[1], series[0].outputs.shape[1]
     depth = _depth(series, order, inputs + outputs, outputs)
     if depth is None:
@@ -53,7 +54,7 @@ def _sizes(parts: Sequence[FloatArray]) -> FloatArray:
 
 
 def _depth(series: Sequence[RowsWithoutGap], order: int, signals: int, outputs: int) -> int | None:
-    """The rows looked at before and after each; None where there are too few."""
+    """Number of past and future rows per window; None if there are too few rows."""
     # all rows of responses but the last have to hold the order, as A follows from these
     least = -(-order // outputs) + 1
     # half as many again where there are enough rows
@@ -68,7 +69,7 @@ def _depth(series: Sequence[RowsWithoutGap], order: int, signals: int, outputs: 
 def _poles_and_read(
     series: Sequence[RowsWithoutGap], order: int, depth: int, radius: float
 ) -> tuple[ComplexArray, FloatArray]:
-    """The poles, and C in the coordinates of the lattice that has them."""
+    """The poles, and C in the coordinates of the lattice with these poles."""
     outputs = series[0].outputs.shape[1]
     responses = _responses(series, order, depth)
     read = responses[:outputs]
@@ -84,7 +85,7 @@ def _poles_and_read(
 
 
 def _mode(matrix: FloatArray, pole: complex) -> ComplexArray:
-    """The eigenvector of a pole, of length 1, by inverse iteration."""
+    """The unit eigenvector of a pole, by inverse iteration."""
     order = len(matrix)
     # a little beside the pole, where the matrix would be singular
     shifted = matrix - (pole + 1e-10 * (1 + abs(pole))) * np.eye(order)
@@ -96,7 +97,7 @@ def _mode(matrix: FloatArray, pole: complex) -> ComplexArray:
 
 
 def _responses(series: Sequence[RowsWithoutGap], order: int, depth: int) -> FloatArray:
-    """C, C A, C A² …, below each other, in some coordinates of the state."""
+    """C, C A, C A² … stacked, in some coordinates of the state."""
     inputs, outputs = series[0].inputs.shape[1], series[0].outputs.shape[1]
     explained, before = depth * inputs, depth * (inputs + outputs)
     triangle = Triangle(explained + before + depth * outputs)

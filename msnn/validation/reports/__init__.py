@@ -1,1 +1,1 @@
-"""Prints what a validation found."""
+"""Prints the results of a validation."""

@@ -1,4 +1,4 @@
-"""Shows how far engines agree on what a validation measures: one table, or JSON values."""
+"""Shows how well engines agree on a validation, as a table or JSON values."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ JUDGE = "interpreter"
 
 @dataclass(frozen=True, slots=True)
 class EnginesReport:
-    """The measurements of every engine that can be had here."""
+    """The results of every available engine."""
 
     reports: Mapping[str, ValidationReport]
     left_out: Mapping[str, str]
-    """Why the others are not there, by engine."""
+    """Reasons for missing engines, by name."""
 
     @property
     def judged(self) -> ValidationReport:
-        """The measurements of the interpreter, by which limits are judged."""
+        """The results of the reference interpreter, which decide limits."""
         return self.reports[JUDGE]
 
 
 def engines_table(report: EnginesReport) -> str:
-    """One row a metric: the interpreter's value, and how far each engine is from it, relative."""
+    """One row per metric: the interpreter's value, and each engine's relative difference."""
     others = [name for name in report.reports if name != JUDGE]
     rows: list[tuple[str, ...]] = []
     for place, row in enumerate(report.judged.rows):
@@ -45,7 +45,7 @@ def engines_table(report: EnginesReport) -> str:
 
 
 def engines_record(report: EnginesReport) -> dict[str, Any]:
-    """The same as JSON values: the whole report of each engine."""
+    """The complete report of each engine as JSON values."""
     return {
         "passed": report.judged.passed,
         "engines": {name: metrics_record(found) for name, found in report.reports.items()},
@@ -54,7 +54,7 @@ def engines_record(report: EnginesReport) -> dict[str, Any]:
 
 
 def difference_text(value: float, judged: float) -> str:
-    """|value − judged| by the size of the judged one; two that are NaN do not differ."""
+    """The difference of `value` and `judged` relative to the latter; "0" if both are NaN."""
     # NaN differs from everything, also from itself
     if value == judged or (math.isnan(value) and math.isnan(judged)):
         return "0"

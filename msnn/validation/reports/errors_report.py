@@ -1,4 +1,4 @@
-"""Prints what the errors of a validation tell: verdicts in words, and rmse by region of inputs."""
+"""Prints the analysis of errors: verdicts in words, and RMSE by region of inputs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from msnn.validation.statistics.coverage import LEVELS, Coverage
 
 
 def residuals_table(measurements: tuple[Measurement, ...]) -> str:
-    """One row a correlation: with the errors before, and with each input before."""
+    """One row per correlation of errors: with earlier errors, and with each earlier input."""
     rows = [
         row
         for found in measurements
@@ -27,7 +27,7 @@ def residuals_table(measurements: tuple[Measurement, ...]) -> str:
 
 
 def regions_table(measurements: tuple[Measurement, ...]) -> str:
-    """One row an output and input: the rmse in each quarter of the input's values."""
+    """One row per output and input: the RMSE in each quarter of the input's values."""
     rows = [
         (
             f"{_called(found)} by {signal}",
@@ -45,7 +45,7 @@ def regions_table(measurements: tuple[Measurement, ...]) -> str:
 
 
 def coverage_table(measurements: tuple[Measurement, ...]) -> str:
-    """One row a measurement: the share of targets inside of the intervals of each level."""
+    """One row per measurement: the coverage of the intervals of each level."""
     rows = [
         (
             _called(found),
@@ -69,7 +69,7 @@ def coverage_table(measurements: tuple[Measurement, ...]) -> str:
 
 
 def coverage_record(found: Coverage | None) -> dict[str, Any]:
-    """The same as JSON values; empty where no intervals were asked for."""
+    """The coverage as JSON values; empty if no intervals were requested."""
     if found is None:
         return {}
     return {
@@ -87,7 +87,7 @@ def coverage_record(found: Coverage | None) -> dict[str, Any]:
 
 
 def judged_record(found: JudgedErrors) -> dict[str, Any]:
-    """The same as JSON values."""
+    """The analysis of errors as JSON values."""
     return {
         "residuals": [
             {

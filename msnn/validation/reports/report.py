@@ -1,4 +1,4 @@
-"""Prints the metrics of a validation: as a table, as JSON values, as JUnit XML for a pipeline."""
+"""Prints the metrics of a validation as a table, JSON values or JUnit XML."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ def metrics_table(report: ValidationReport) -> str:
 
 
 def metrics_cells(report: ValidationReport) -> Table:
-    """One row a metric: value and limits in its unit, how it was simulated, which rows count."""
+    """One row per metric: value and limits in its unit, the simulation, scored rows."""
     return Table(_METRICS_HEADER, _metric_rows(report), numbers=[2])
 
 
 def metrics_markdown(name: str, report: ValidationReport) -> str:
-    """The same under a heading, for a page that shows Markdown."""
+    """The same under a heading, as Markdown."""
     verdict = "every limit is kept" if report.passed else "a limit is broken"
     return f"## {name}: {verdict}\n\n{metrics_cells(report).markdown}\n"
 
 
 def broken_limits(report: ValidationReport) -> tuple[Diagnostic, ...]:
-    """A message for each metric that does not keep its limits."""
+    """A diagnostic for each metric outside its limits."""
     return tuple(
         broken_limit(
             of=row.of,
@@ -75,7 +75,7 @@ def measurements_table(report: ValidationReport) -> str:
 
 
 def measurements_cells(report: ValidationReport) -> Table:
-    """One row an output and way to simulate it: every metric of the same scored values."""
+    """One row per output and kind of simulation: every metric of the same scored values."""
     rows = [
         (
             found.of,
@@ -94,7 +94,7 @@ def measurements_cells(report: ValidationReport) -> Table:
 
 
 def curves_table(report: ValidationReport) -> str:
-    """One row an error curve, read at some steps; empty where every rollout is one step."""
+    """One row per error curve at selected steps; empty if all rollouts have one step."""
     curves = [(found, found.curve) for found in report.measurements if found.curve is not None]
     if not curves:
         return ""
@@ -115,7 +115,7 @@ def curves_table(report: ValidationReport) -> str:
 
 
 def metrics_record(report: ValidationReport) -> dict[str, Any]:
-    """The same as JSON values."""
+    """The metrics as JSON values."""
     return {
         "passed": report.passed,
         "metrics": [
@@ -142,7 +142,7 @@ def metrics_record(report: ValidationReport) -> dict[str, Any]:
 
 
 def junit_text(name: str, report: ValidationReport) -> str:
-    """JUnit XML in which every metric with a limit is a test case."""
+    """JUnit XML with one test case per metric that has a limit."""
     limited = [row for row in report.rows if row.passed is not None]
     broken = sum(1 for row in limited if not row.passed)
     lines = [
@@ -163,7 +163,7 @@ def junit_text(name: str, report: ValidationReport) -> str:
 
 
 def limits(row: MetricRow) -> str:
-    """The limits of a metric as a reader writes them: `≤ 0.002`, `0.9 … 1`."""
+    """The limits of a metric as text: `≤ 0.002`, `0.9 … 1`."""
     match row.minimum, row.maximum:
         case None, None:
             return ""
@@ -204,7 +204,7 @@ def _measurement_record(found: Measurement) -> dict[str, Any]:
 
 
 def _readings(curve: ErrorCurve) -> dict[int, float]:
-    """The errors where the curve begins, at 1, 2, 5, 10, … and at its end; each point once."""
+    """The error at the first step, at 1, 2, 5, 10, … and at the last step; each point once."""
     end = int(curve.last[-1])
     # at most three readings a decade, so that any curve fits in a row
     decades = [digit * 10**power for power in range(len(str(end))) for digit in (1, 2, 5)]

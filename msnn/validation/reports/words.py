@@ -1,4 +1,4 @@
-"""Words that tables and plots of validations share."""
+"""Texts shared by tables and plots of validations."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from spec_schema.units.unit import Unit
 
 
 class Simulated(Protocol):
-    """A row that says in which way it was simulated."""
+    """A row with its kind of simulation."""
 
     @property
     def horizon(self) -> str: ...
@@ -22,9 +22,9 @@ class Simulated(Protocol):
 
 
 def rollout_text(row: Simulated) -> str:
-    """The words for a simulation: `one step`, `50 steps, closing x`, `record, skip 20`.
+    """The text of a simulation: `one step`, `50 steps, closing x`, `record, skip 20`.
 
-    Two entries that are simulated or scored in two ways have two texts.
+    Different simulations or scorings have different texts.
     """
     steps = f"{row.horizon} steps" if row.horizon.isdecimal() else row.horizon
     closed = [f"closing {', '.join(row.closed)}"] if row.closed else []
@@ -32,7 +32,7 @@ def rollout_text(row: Simulated) -> str:
 
 
 class ValidationRow(Simulated, Protocol):
-    """A row of a validation: an output, how it was simulated, and on which data."""
+    """A row of a validation: an output, its simulation and its data."""
 
     @property
     def of(self) -> str: ...
@@ -42,21 +42,21 @@ class ValidationRow(Simulated, Protocol):
 
 
 def measured_as(row: ValidationRow) -> tuple[str, str, str]:
-    """The output, the text of how it was simulated, and the data: alike for one measurement."""
+    """Key of a measurement: the output, the text of its simulation, and the data."""
     return row.of, rollout_text(row), row.data
 
 
 def unit_text(unit: Unit | None) -> str:
-    """The unit as it was written, empty without one."""
+    """The unit as it was written; empty if None."""
     return "" if unit is None else unit.text
 
 
 def difference_text(number: str, unit: Unit | None) -> str:
-    """A difference in a row with a unit, with its own where that is another: K in a row of degC."""
+    """A difference with its unit if it differs from the row's: K in a row of degC."""
     own = unit_text(unit and unit.difference)
     return f"{number} {own}" if number and own != unit_text(unit) else number
 
 
 def unit_of_record(text: str | None) -> Unit | None:
-    """The unit that a record of a run has as text."""
+    """The unit from its text in a run's JSON record."""
     return parse_unit(text) if text else None

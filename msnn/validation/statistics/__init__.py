@@ -1,1 +1,1 @@
-"""Computes what errors say, from arrays alone."""
+"""Statistics of errors, from arrays only."""

@@ -1,10 +1,11 @@
-"""Says how many lags of noise leave a band, which neighbours do together where an input is slow.
+"""Computes how many lags of noise leave a confidence band, for autocorrelated inputs.
 
-Of noise and an input that is none of its causes the correlations at lags k and k + j are
-themselves correlated, by c(j) = Σ r_ee(m)·r_xx(m+j) / Σ r_ee(m)·r_xx(m) (Bartlett 1946). So lags
-leave the band in clumps, and how many do is compound Poisson (Aldous, Probability Approximations
-via the Poisson Clumping Heuristic, 1989): of clumps of geometric size the distribution of Pólya and
-Aeppli (Johnson, Kemp and Kotz, Univariate Discrete Distributions, 2005, 9.7), by mean and variance.
+For noise and an independent input, the correlations at lags k and k + j are themselves correlated.
+Their correlation is c(j) = Σ r_ee(m)·r_xx(m+j) / Σ r_ee(m)·r_xx(m) (Bartlett 1946). Lags therefore
+leave the band in clumps, and their number is compound Poisson (Aldous, Probability Approximations
+via the Poisson Clumping Heuristic, 1989). For clumps of geometric size it has the Pólya-Aeppli
+distribution with the same mean and variance (Johnson, Kemp and Kotz, Univariate Discrete
+Distributions, 2005, 9.7).
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ _TERMS = 120
 
 
 def dispersion(error: FloatArray, signal: FloatArray, band: float, outside: float) -> float:
-    """The variance of the number of lags of noise beyond a band, over that of independent lags.
+    """Variance of the number of lags beyond a band, relative to that of independent lags.
 
-    D = 1 + 2 Σ (1 − j/n)·κ(c(j)), j = 1 … n − 1, of the autocorrelations at lags 0 … n of both;
-    κ(c) = Σ aₘ cᵐ over even m, aₘ = (2 φ(b)·Heₘ₋₁(b))² / (m!·p(1 − p)), is the correlation of two
-    normal values of correlation c leaving the band ± b, as each does with the probability p
+    D = 1 + 2 Σ (1 − j/n)·κ(c(j)), j = 1 … n − 1, from the autocorrelations of both at lags 0 … n.
+    κ(c) = Σ aₘ cᵐ over even m, aₘ = (2 φ(b)·Heₘ₋₁(b))² / (m!·p(1 − p)). It is the correlation of
+    the events that two normal values with correlation c leave the band ± b, each with probability p
     (Mehler's formula).
     """
     lags = len(error) - 1
@@ -54,7 +55,7 @@ def _terms(band: float, outside: float) -> tuple[float, ...]:
 
 
 def most_beyond(lags: int, dispersion: float, outside: float, accused: float) -> int:
-    """The number of so many lags beyond a band that noise exceeds with no more than `accused`."""
+    """Number of lags beyond the band that noise exceeds with probability `accused` at most."""
     share = (dispersion - 1.0) / (dispersion + 1.0)
     clumps = lags * outside * (1.0 - share)
     before, now = 0.0, math.exp(-clumps)

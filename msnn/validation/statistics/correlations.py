@@ -1,4 +1,4 @@
-"""Judges what a model leaves unexplained: are its errors noise, and do inputs explain them?"""
+"""Tests residuals: are they white, and are they uncorrelated with inputs?"""
 
 from __future__ import annotations
 
@@ -13,56 +13,58 @@ from msnn.data.dataset import BoolArray, FloatArray, IntArray
 from msnn.validation.statistics.clumps import dispersion, most_beyond
 
 _BAND = NormalDist().inv_cdf(0.995)
-"""Of a normal distribution 99 % lie within so many standard deviations."""
+"""Number of standard deviations that contain 99 % of a normal distribution."""
 _OUTSIDE = 0.01
-"""Of the lags of noise so many leave the band."""
+"""Fraction of the lags of noise outside the band."""
 _ACCUSED = 0.03
 _LEAST_LAGS = 25
 _SECONDS = 2.0
 _FEW = 4
-"""So many values a lag are the least from which anything can be said."""
+"""Minimum number of values per lag."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Correlation:
-    """A correlation at lags, with the band in which 99 % of those of noise lie."""
+    """A correlation function with its band, which contains 99 % of the values for noise."""
 
     lags: IntArray
-    """In samples; at positive ones the error comes after what it is correlated with."""
+    """Lags in samples; at positive lags, the error is later than the other signal."""
     values: FloatArray
     """From -1 to 1."""
     band: float
-    """Where each value has its pair."""
+    """Half the width of the band for a complete set of pairs."""
     shares: FloatArray
-    """Of the pairs that the band counts, those that there are at each lag."""
+    """Number of pairs at each lag, relative to that of the band."""
     effective: float
-    """How many independent values would have this band."""
+    """Number of independent values with the same band."""
     dispersion: float = 1.0
-    """The variance of the number of lags of noise beyond the band, over that of independent lags:
-    neighbours leave it together where an input is slow."""
+    """Variance of the number of lags beyond the band for noise, relative to independent lags.
+
+    It exceeds 1 for slow inputs, because neighbouring lags leave the band together.
+    """
 
     @property
     def bands(self) -> FloatArray:
-        """The band at each lag: wider where records or gaps leave fewer pairs; 1 holds all."""
+        """The band at each lag: wider if recordings or gaps leave fewer pairs; at most 1."""
         # where there are none nothing is said
         shares = np.where(self.shares > 0, self.shares, 1.0)
         return np.minimum(self.band / np.sqrt(shares), 1.0)
 
     @property
     def beyond(self) -> IntArray:
-        """The lags at which it leaves the band."""
+        """The lags outside the band."""
         return self.lags[np.abs(self.values) > self.bands]
 
     @property
     def allowed(self) -> int:
-        """The number of lags there that no more than 3 % of noise exceeds; 1 of 25."""
+        """Number of lags outside the band that noise exceeds with 3 % probability; 1 of 25."""
         return most_beyond(len(self.lags), self.dispersion, _OUTSIDE, _ACCUSED)
 
     @property
     def is_noise(self) -> bool:
-        """Whether no more lags leave the band than those of noise, and none leaves it by far.
+        """True if no more lags leave the band than for noise, and none leaves it by far.
 
-        By far is where all lags of noise are 99 % of the time.
+        The limit for a single lag contains all lags of noise with 99 % probability.
         """
         # of all lags together (Bonferroni): the 0.5 % on each side are shared among them
         every = NormalDist().inv_cdf(1 - 0.005 / len(self.lags)) / _BAND * self.band
@@ -70,35 +72,37 @@ class Correlation:
 
     @property
     def largest(self) -> tuple[int, float]:
-        """The lag that is largest for its band, and the correlation there."""
+        """The lag with the largest correlation relative to its band, and that correlation."""
         place = int(np.argmax(self._weighed))
         return int(self.lags[place]), float(self.values[place])
 
     @property
     def _weighed(self) -> FloatArray:
-        """Magnitudes, at each lag as many times smaller as its band is wider."""
+        """Magnitudes, divided by the relative width of the band at each lag."""
         return np.abs(self.values) * np.sqrt(self.shares)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorsOfElement:
-    """The errors of one element of an output, against themselves and against each input."""
+    """Correlations of the errors of one output element with themselves and with each input."""
 
     element: tuple[int, ...]
     count: int
     itself: Correlation | None
-    """None where there are too few errors, or they do not vary."""
+    """None if there are too few errors, or if they are constant."""
     inputs: Mapping[str, Correlation]
-    """By input, `u` or `u[2]`, at lags from 0: what it does later. Those that do not vary are left
-    out."""
+    """Correlation with each input (`u` or `u[2]`) at lags from 0, without constant inputs."""
     feedback: Mapping[str, Correlation]
-    """By input, at negative lags: an input that follows the output follows its errors, which is no
-    fault of the model."""
+    """Correlation with each input at negative lags.
+
+    An input that follows the output (feedback) also follows its errors, which is not an error of
+    the model.
+    """
 
 
 def lags_of(sample_time: float | None) -> int:
-    """Up to which lag errors are judged: 25 samples or 2 s, whichever is longer."""
-    # dynamics that nobody models last seconds, however short the sample time is
+    """Maximum lag: 25 samples or 2 s, whichever is longer."""
+    # unmodelled dynamics last seconds, independent of the sample time
     seconds = 0 if sample_time is None else round(_SECONDS / sample_time)
     return max(_LEAST_LAGS, seconds)
 
@@ -110,16 +114,16 @@ def residuals(
     inputs: Mapping[str, FloatArray],
     lags: int,
 ) -> list[ErrorsOfElement]:
-    """The correlations of (samples, *shape) errors, an entry an element.
+    """The correlations of errors (samples, *shape), one entry per element.
 
-    `places` are their moments in samples, which rise within a record, `records` the record of each;
-    no pair of values is of two records. `inputs` are (samples,) signals at the same places. NaN is
-    left out.
+    `places` are their positions in samples, ascending within a recording; `records` are indices of
+    recordings. Pairs never span two recordings. `inputs` are signals (samples,) at the same
+    positions. NaN is ignored.
 
-    r(k) = Σ e(t+k)·x(t) / √(Σe² Σx²) · n/n(k) of values less their means, n(k) pairs of n values.
-    Of noise against itself the band is 2.58/√n; against an input with memory it is
-    2.58·√(P/n), P = Σ r_ee(k)·r_xx(k) (Bartlett 1946; Ljung 1999, 16.6), times √(n/n(k)). No more
-    lags are judged than a quarter of the values, but 25.
+    r(k) = Σ e(t+k)·x(t) / √(Σe² Σx²) · n/n(k), with values minus their means and n(k) pairs of n
+    values. The band of the autocorrelation of noise is 2.58/√n. With an autocorrelated input it is
+    2.58·√(P/n), P = Σ r_ee(k)·r_xx(k) (Bartlett 1946; Ljung 1999, 16.6), times √(n/n(k)). The
+    number of lags is at most a quarter of the values, but at least 25.
     """
     shape = errors.shape[1:]
     flat = errors.reshape(len(errors), math.prod(shape))
@@ -154,22 +158,22 @@ def residuals(
 
 
 def _judged_lags(most: int, count: int) -> int:
-    """As many of the lags as so many values tell of; of too few for the least, these."""
+    """The number of lags that `count` values can support, at least the minimum."""
     # 2 s of a converter are more samples than its records have
     return min(most, max(_LEAST_LAGS, count // _FEW))
 
 
 @dataclass(frozen=True, slots=True)
 class _Grid:
-    """A signal less its mean at equal distances, zero where it is not there."""
+    """A signal minus its mean on a uniform grid, zero at missing values."""
 
     values: FloatArray
     there: FloatArray
-    """1 where there is a value, else 0."""
+    """1 at values, else 0."""
 
 
 def _apart(given: IntArray, records: IntArray, lags: int) -> tuple[IntArray, int]:
-    """Places on one grid on which values of two records are more than `lags` apart."""
+    """Positions on one grid on which two recordings are more than `lags` apart."""
     # records are laid apart on one grid, so that one transform takes the pairs of all
     places, offset = given.astype(np.int64), 0
     for part in np.split(np.arange(len(given)), np.flatnonzero(np.diff(records)) + 1):
@@ -190,7 +194,7 @@ def _on_grid(values: FloatArray, places: IntArray, size: int) -> _Grid:
 
 
 def _autocorrelation(signal: _Grid, lags: int) -> Correlation | None:
-    """The correlation at 0 … lags; None of too few values, or of values that do not vary."""
+    """The correlation at 0 … lags; None with too few or constant values."""
     count = float(signal.there.sum())
     # of a model that diverged squares are beyond all numbers
     with np.errstate(over="ignore"):
@@ -236,9 +240,9 @@ def _at(found: Correlation, lags: BoolArray) -> Correlation:
 
 
 def _means(first: _Grid, second: _Grid, lags: int) -> tuple[FloatArray, FloatArray]:
-    """Mean over pairs of first(t+k)·second(t), k = -lags … lags, and the pairs.
+    """Mean over pairs of first(t+k)·second(t), k = -lags … lags, and the number of pairs.
 
-    By fast Fourier transforms.
+    Computed by fast Fourier transforms.
     """
     # zeros beyond the longest lag: a transform is periodic, and ends would meet beginnings
     size = 1 << (len(first.values) + lags).bit_length()

@@ -1,9 +1,9 @@
-"""Counts how often measured values lie inside prediction intervals, and judges the shares.
+"""Measures the coverage of prediction intervals, and compares it with their level.
 
-The verdict allows for chance: over n independent values a share p varies by √(p (1 − p) / n).
-Errors with memory make fewer of the scored values, n / (1 + 2 Σ r(k)²) with their autocorrelation
-r, whose square is that of the squares of normal errors. From a tenth of the deviation of one value
-on a difference counts, however many values there are.
+The verdict allows for chance: for n independent values, a coverage p varies by √(p (1 − p) / n).
+Autocorrelated errors reduce n to n / (1 + 2 Σ r(k)²) with the autocorrelation r, because the
+squares of normal errors have autocorrelation r². Differences below a tenth of the standard
+deviation of one value are always tolerated.
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from msnn.simulation.intervals import quantile
 
 LEVELS = (0.5, 0.8, 0.95)
 _CHANCE = 2.58
-"""Standard deviations within which 99 % of what chance does lies."""
+"""Number of standard deviations that contain 99 % of random variation."""
 _OPPOSITE = 0.5
-"""Parts of what is allowed beyond which shares too small and too large contradict each other."""
+"""Fraction of the tolerance beyond which too small and too large coverages contradict."""
 _MATTERS = 0.1
-"""Part of the deviation of one value that is small enough for any use of an interval."""
+"""Difference that is always tolerated, in standard deviations of one value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """The shares of one output's targets inside its intervals."""
+    """The coverage of one output's prediction intervals."""
 
     observed: tuple[float, ...]
-    """The share inside, for each of LEVELS."""
+    """Coverage at each of LEVELS."""
     elements: FloatArray
-    """The same of each element, (levels, *shape)."""
+    """Coverage of each element, (levels, *shape)."""
     half_width: float
     """Half the mean width of the interval of the last level."""
     from_parameters: float
-    """Share of the variance that uncertain parameters make, on average."""
+    """Mean fraction of the variance that comes from uncertain parameters."""
     count: int
     effective: float
-    """How many independent values they are worth."""
+    """Number of independent values with the same information."""
 
     @property
     def verdict(self) -> str:
-        """The words for the width of the intervals by these shares."""
+        """The text that describes the width of the intervals."""
         off = [
             (found - level) / (math.sqrt(level * (1 - level)) * self._allowed)
             for found, level in zip(self.observed, LEVELS, strict=True)
@@ -66,7 +66,7 @@ class Coverage:
 
 
 class Counts:
-    """Adds up what lies inside while an output is simulated."""
+    """Counts targets inside intervals while an output is simulated."""
 
     def __init__(self, noise: FloatArray) -> None:
         """`noise` is σ² of each element."""
@@ -76,7 +76,7 @@ class Counts:
         self._widths, self._shares = 0.0, 0.0
 
     def add(self, prediction: FloatArray, variance: FloatArray, target: FloatArray) -> None:
-        """Some scored samples, (samples, *shape); what was not measured counts for nothing."""
+        """Adds scored samples (samples, *shape); missing targets are ignored."""
         there = ~np.isnan(target)
         with np.errstate(all="ignore"):  # a prediction that has left the numbers is outside
             total = variance + self._noise
@@ -92,7 +92,9 @@ class Counts:
         self._number += there.sum(axis=0)
 
     def coverage(self, autocorrelations: Iterable[FloatArray]) -> Coverage:
-        """The shares so far; of each element's errors the autocorrelation at lags from 1."""
+        """The coverage so far, given the autocorrelation of each element's errors at lags from
+        1.
+        """
         number = float(self._number.sum())
         memories = [1.0 + 2.0 * float(each @ each) for each in autocorrelations]
         # elements that could not be judged have the memory of those that could

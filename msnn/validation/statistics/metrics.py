@@ -1,4 +1,4 @@
-"""Measures how well predictions meet their targets: one number a metric, for all and for each."""
+"""Computes metrics of predictions, for all elements together and for each."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from spec_schema.sections.validation import Metric
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """A metric over everything, and over each element of a vector (its shape; scalar: ())."""
+    """A metric over all elements, and per element of a vector (its shape; scalar: ())."""
 
     value: float
     elements: FloatArray
     count: int
-    """Elements that had a target."""
+    """Number of elements with a target."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Number, mean and Σ(x − mean)² of values, of each element; joined as Chan et al. (1979) do."""
+    """Count, mean and Σ(x − mean)² per element; merged by the formulas of Chan et al. (1979)."""
 
     count: IntArray
     mean: FloatArray
@@ -32,7 +32,9 @@ class Spread:
 
     @staticmethod
     def of(values: FloatArray, there: BoolArray) -> Spread:
-        """The spread of the values (samples, elements) that are there; exactly 0 of equal ones."""
+        """The statistics of values (samples, elements) where `there`; exactly 0 for equal
+        values.
+        """
         count = np.asarray(there.sum(axis=0), np.int64)
         if not len(values):
             return Spread(count, np.zeros(len(count)), np.zeros(len(count)))
@@ -55,7 +57,7 @@ class Spread:
         return Spread(count, mean, squares)
 
     def joined(self) -> Spread:
-        """The spread of all elements together."""
+        """The statistics of all elements together."""
         found = Spread(self.count[:1], self.mean[:1], self.squares[:1])
         for i in range(1, len(self.count)):
             part = slice(i, i + 1)
@@ -65,7 +67,7 @@ class Spread:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """The sums for every metric of errors e = prediction − target, of each element; they add up."""
+    """Additive sums for all metrics, of errors e = prediction − target per element."""
 
     shape: tuple[int, ...]
     absolute: FloatArray
@@ -79,7 +81,7 @@ class Errors:
 
     @staticmethod
     def of(prediction: FloatArray, target: FloatArray) -> Errors:
-        """The errors of (samples, *shape) arrays; elements whose target is NaN are left out."""
+        """The sums for (samples, *shape) arrays; elements with a NaN target are ignored."""
         wanted = target.reshape(len(target), prod(target.shape[1:]))
         there = ~np.isnan(wanted)
         with np.errstate(all="ignore"):  # a prediction that has left the numbers shows as such
@@ -106,7 +108,9 @@ class Errors:
             )
 
     def joined(self) -> Errors:
-        """The errors of all elements together; targets spread about the mean of their element."""
+        """The sums of all elements together; the variance of targets is about each element's
+        mean.
+        """
         # elements may have units of their own sizes: a common mean of targets would make `fit` look
         # better than it is
         about_own = self.target.joined()
@@ -122,13 +126,13 @@ class Errors:
 
 
 def score(metric: Metric, errors: Errors, parameters: int = 0) -> Scores:
-    """The metric of errors, which are of `parameters` learned numbers.
+    """The metric of errors of a model with `parameters` learned parameters.
 
-    rmse = √(mean e²), mae = mean |e|, max_abs = max |e| with e = prediction − target;
-    fvu = Σe² / Σ(target − its mean)², r2 = 1 − fvu, fit = 100·(1 − √fvu) in percent (Ljung).
-    aic = n ln(2π var e) + Σe²/var e + 2p, the variance about the mean of e, with n scored elements
-    and p learned numbers, `parameters` (Akaike 1974).
-    The mean is each element's own. NaN where nothing is scored or the target is constant.
+    rmse = √(mean e²), mae = mean |e|, max_abs = max |e| with e = prediction − target. fvu = Σe² /
+    Σ(target − its mean)², r2 = 1 − fvu, fit = 100·(1 − √fvu) in percent (Ljung). aic = n ln(2π var
+    e) + Σe²/var e + 2p with the variance about the mean of e, n scored elements and p =
+    `parameters` (Akaike 1974). Means are per element. NaN if nothing is scored or the target is
+    constant.
     """
     with np.errstate(all="ignore"):
         each = _values(metric, errors, parameters)

@@ -1,4 +1,4 @@
-"""Tells where in the range of its inputs a model errs, and where it was never trained."""
+"""Finds input regions with large errors, and inputs outside the training range."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from msnn.data.dataset import FloatArray
 
 _PARTS = 4
 _MARGIN = 1e-9
-"""Part of the range by which a value may leave it by rounding."""
+"""Tolerance for leaving a range by rounding, relative to the range."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Region:
-    """A quarter of the scored samples, by the value of an input when they were predicted."""
+    """A quarter of the scored samples, by the value of an input at the time of prediction."""
 
     low: float
     high: float
@@ -25,20 +25,21 @@ class Region:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extrapolation:
-    """Scored samples whose input lies outside of what was trained on."""
+    """Scored samples whose input is outside the training range."""
 
     signal: str
     share: float
-    """Of the scored samples, 0 to 1."""
+    """Fraction of the scored samples, 0 to 1."""
     low: float
-    """The range of the rows that were trained on."""
+    """The range of the training rows."""
     high: float
 
 
 def regions(squares: FloatArray, values: FloatArray) -> tuple[Region, ...]:
-    """The rmse in each quarter of the values; fewer where values repeat, none where all are one.
+    """The RMSE in each quarter of the values; fewer parts with repeated values.
 
-    `squares` are mean squared errors of samples, `values` those of an input; NaN is left out.
+    `squares` are mean squared errors of samples, `values` those of an input; NaN is ignored. Empty
+    if all values are equal.
     """
     known = np.isfinite(squares) & np.isfinite(values)
     squares, values = squares[known], values[known]
@@ -65,7 +66,7 @@ def regions(squares: FloatArray, values: FloatArray) -> tuple[Region, ...]:
 
 
 def extrapolation(signal: str, values: FloatArray, trained: FloatArray) -> Extrapolation | None:
-    """The values that lie outside the range of those that were trained on; None where none does."""
+    """The values outside the training range; None if there are none."""
     values, trained = values[np.isfinite(values)], trained[np.isfinite(trained)]
     if not len(values) or not len(trained):
         return None

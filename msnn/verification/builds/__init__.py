@@ -1,1 +1,1 @@
-"""Builds exported C for the host and for boards, with the harness around it."""
+"""Builds exported C and its test harness for the host and for boards."""

@@ -1,4 +1,4 @@
-"""Compiles sources for a board, links them with what starts it, and runs them in QEMU."""
+"""Compiles sources for a board, links them with start-up code, and runs them in QEMU."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from msnn.verification.sources import Sources, includes
 
 
 class BoardBuild:
-    """The files of one board and level in one folder."""
+    """The build of one board and optimisation level in one folder."""
 
     def __init__(self, board: Board, level: str, model: Sources, folder: Path) -> None:
         self.board, self.folder = board, folder
@@ -51,7 +51,7 @@ class BoardBuild:
         return result
 
     def link(self, name: str, objects: Sequence[Path], options: Sequence[str] = ()) -> Path:
-        """Links objects with what starts the board."""
+        """Links objects with the start-up code."""
         program = self.folder / f"{name}.elf"
         flags = ["-nostartfiles", "-Wl,--gc-sections", f"-T{self._script}", *options]
         if self.board.riscv:
@@ -66,14 +66,14 @@ class BoardBuild:
 
     @cached_property
     def _start(self) -> list[Path]:
-        """The sources that start the board, for every program of this folder."""
+        """The objects of the start-up code, shared by all programs of this folder."""
         start = "startup_riscv.c" if self.board.riscv else "startup_arm.c"
         # the loops that are memset and memcpy would be turned into calls of themselves
         flags = ["-O1", "-fno-tree-loop-distribute-patterns"]
         return [self.object(path, flags) for path in (TEMPLATES / start, *self._library)]
 
     def answer(self, program: Path, seconds: float) -> str:
-        """The output of the board; the plugin leaves the counts of instructions in a file."""
+        """The output of the board; the plugin writes the instruction counts to a file."""
         symbols = run_tool([f"{self.board.binutils}nm", program], self.folder)
         addresses = {line.split()[-1]: line.split()[0] for line in symbols.splitlines()}
         begin, end = (addresses[f"measure_{place}"] for place in ("begin", "end"))
@@ -95,12 +95,12 @@ class BoardBuild:
         return (self.folder / "result.txt").read_text(encoding="utf-8", errors="replace")
 
     def counts(self) -> list[int]:
-        """Instructions between the two marks, visit by visit."""
+        """Instructions between the two markers, per pass."""
         text = (self.folder / "counts.txt").read_text(encoding="utf-8")
         return [int(line) for line in text.split()]
 
     def added(self, main: Path) -> tuple[int, int, int]:
-        """Flash, .data and .bss of a program with the model less those of one without."""
+        """Flash, .data and .bss in bytes: program with the model minus program without it."""
         full, empty = self._size("full", main, []), self._size("empty", main, ["-DEMPTY"])
         text, data, bss = (a - b for a, b in zip(full, empty, strict=True))
         # initial values of .data lie in flash and are copied to RAM at start

@@ -1,4 +1,4 @@
-"""Lists the boards that QEMU emulates, and how C is compiled for each."""
+"""Lists the boards that QEMU emulates, and the compiler options for each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from msnn.verification.tools import ARM_GCC, ARM_QEMU, RISCV_GCC, RISCV_QEMU, To
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Board:
-    """A core on a machine of QEMU, with the memory that a linker script needs."""
+    """A core on a machine of QEMU, with memory regions for the linker script."""
 
     target: str
     """The name in `--targets`."""
@@ -18,7 +18,7 @@ class Board:
     machine: str
     flags: tuple[str, ...]
     code: tuple[int, int]
-    """Address and bytes."""
+    """Address and size in bytes."""
     ram: tuple[int, int]
     riscv: bool = False
 
@@ -32,7 +32,7 @@ class Board:
 
     @property
     def binutils(self) -> str:
-        """The prefix of the names of binutils."""
+        """The prefix of the binutils commands."""
         return self.compiler.command.removesuffix("gcc")
 
 
@@ -92,5 +92,5 @@ LEVELS = ("-O2", "-Os")
 
 
 def board_levels(targets: Container[str]) -> Iterator[tuple[Board, str]]:
-    """Each board of the targets at each level of optimisation."""
+    """Each board of the targets, at each optimisation level."""
     return ((board, level) for board in BOARDS if board.target in targets for level in LEVELS)

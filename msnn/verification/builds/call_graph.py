@@ -1,4 +1,4 @@
-"""Finds the deepest stack that a function can need, from the call graphs that gcc writes."""
+"""Computes the maximum stack of a function from the call graphs written by gcc."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ _EDGE = re.compile(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"')
 # "dynamic" without a bound does not match: such a function has no known need
 _BYTES = re.compile(r"(\d+) bytes \((static|dynamic,bounded)\)")
 _WITHOUT_STACK = ("memcpy", "memset", "memmove")
-"""Written by the compiler for copies; leaf routines that need a few words at most."""
+"""Routines that the compiler inserts for copies; leaf functions with a few words of stack."""
 _LEAF = 16
 
 
 def stack_bound(graphs: Sequence[Path], function: str) -> int | None:
-    """Bytes of stack of `function` with all that it calls.
+    """Stack of `function` in bytes, including all functions that it calls.
 
-    None where it calls a routine of a library whose need nobody states, or itself.
+    None for recursion, or if it calls a library routine with unknown stack.
     """
     text = "\n".join(path.read_text(encoding="utf-8") for path in graphs)
     own = {
@@ -44,5 +44,5 @@ def stack_bound(graphs: Sequence[Path], function: str) -> int | None:
 
 
 def _plain(title: str) -> str:
-    """A static function's title begins with its file."""
+    """The name of a function; gcc prefixes static functions by their file."""
     return title.rsplit(":", 1)[-1]

@@ -1,4 +1,4 @@
-"""Compares what a build answered to the golden vectors with the interpreter's bits."""
+"""Compares a build's output for the golden vectors with the interpreter's bits."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _SUMMARY = re.compile(r"differing ([0-9a-f]{8}) selftest ([0-9a-f]{8})")
 
 
 def differences(model: ExportedC, answer: str) -> list[str]:
-    """The faults of the harness's output, in sentences; empty if there is none."""
+    """The differences in the output of the test harness, as sentences; empty if there are none."""
     lines = [line.strip() for line in answer.splitlines() if line.strip()]
     # printed last: a board that trapped or hung has answered steps and no summary
     summary = next((m for line in lines if (m := _SUMMARY.search(line))), None)

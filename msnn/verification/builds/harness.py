@@ -1,4 +1,4 @@
-"""Writes the harness around an export: templates filled for one model."""
+"""Writes the test harness of an export: templates filled in for one model."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from msnn.verification.exported_c import ExportedC
 TEMPLATES = Path(templates.__path__[0]) / "verify"
 
 _LAG = 3
-"""Golden steps by which a second instance follows the first."""
+"""Number of golden steps by which a second instance lags behind the first."""
 
 
 def write_harness(template: str, model: ExportedC, folder: Path, **facts: Any) -> Path:
-    """Fills `templates/verify/<template>.j2` for the model; the path of what it wrote."""
+    """Renders `templates/verify/<template>.j2` for the model; returns the path of the result."""
     return write_template(template, folder, **_facts(model), **facts)
 
 
@@ -27,14 +27,14 @@ def harness_text(template: str, model: ExportedC) -> str:
 
 
 def write_template(template: str, folder: Path, **facts: Any) -> Path:
-    """Fills `templates/verify/<template>.j2`; the path of what it wrote."""
+    """Renders `templates/verify/<template>.j2`; returns the path of the result."""
     path = folder / Path(template).name
     path.write_text(_text(template, facts), encoding="utf-8")
     return path
 
 
 def write_linker_script(board: Board, folder: Path) -> Path:
-    """The memory of a board for the linker; the path of the script."""
+    """Writes the linker script with the memory of a board; returns its path."""
     return write_template(
         "board.ld",
         folder,

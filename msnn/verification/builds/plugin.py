@@ -1,4 +1,4 @@
-"""Builds QEMU's counter of instructions once for this machine, and keeps it beside the kernels."""
+"""Builds QEMU's instruction counter once per machine, and caches it with the kernels."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ _FLAGS = ("-O1", "-fPIC", "-shared")
 
 
 def instructions_plugin(folder: Path) -> Path:
-    """The library of the plugin: a kept one, or one in `folder` where no cache takes it.
+    """The library of the plugin: from the cache, or built in `folder` without a usable cache.
 
-    A comparison of models counts the C of each, and would compile this for each of them.
+    A comparison of models measures the C code of each; the cache avoids compiling the plugin each
+    time.
     """
     # caches lie on shared disks, where another machine may run
     described = "\n".join((_SOURCE.read_text(encoding="utf-8"), *_FLAGS, platform.machine()))

@@ -1,4 +1,4 @@
-"""Says which lines and branches of the model the golden vectors and the self-test reach."""
+"""Reports the lines and branches of the model that golden vectors and self-test execute."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from msnn.verification.tools import GCC, GCOV
 
 @dataclass(frozen=True, slots=True)
 class Unreached:
-    """A line of a source that is not executed, or `branches` ways out of it that are not taken."""
+    """A source line that is not executed, or the number of its branches that are not taken."""
 
     file: str
     function: str
     text: str
     branches: int
-    """0 for the line itself."""
+    """0 if the line itself is not executed."""
 
     def __str__(self) -> str:
         what = (
@@ -36,7 +36,7 @@ class Unreached:
 
 @dataclass(frozen=True, slots=True)
 class SourceCoverage:
-    """Counts of all sources of the model, and what is left."""
+    """Counts over all sources of the model, and the code that is not reached."""
 
     lines: int
     branches: int
@@ -52,7 +52,9 @@ class SourceCoverage:
 
 
 def coverage_check(model: ExportedC) -> ProofStep:
-    """Notes unreached code, which is no finding: a clamp may hide a branch for good."""
+    """Reports unreached code as a note, not as a finding: clamping may make a branch
+    unreachable.
+    """
 
     def run(folder: Path) -> Result:
         found = coverage(model, folder)
@@ -67,7 +69,7 @@ def coverage_check(model: ExportedC) -> ProofStep:
 
 
 def coverage(model: ExportedC, folder: Path) -> SourceCoverage:
-    """Runs the test program of an export; the folder takes what gcov writes."""
+    """Runs the test program of an export; gcov writes into `folder`."""
     tests = sorted((model.folder / "test").glob("*.c"))
     # -O0: an optimiser merges branches, and what is counted would no longer be the lines of the
     # source
@@ -88,7 +90,7 @@ _Line = tuple[Path, str, dict[str, Any]]
 
 
 def _lines(source: Path, folder: Path) -> Iterator[_Line]:
-    """Each line of a source that has code, with what gcov counted."""
+    """Each source line with code, with the counts of gcov."""
     # gcc names it after the program where several sources are compiled and linked at once
     data = folder / f"covered-{source.stem}.gcda"
     if not data.exists():

@@ -1,4 +1,4 @@
-"""Lets libFuzzer look for what C leaves undefined, and for inputs that break their policy."""
+"""Uses libFuzzer to find undefined behaviour of C, and inputs that violate their policy."""
 
 from __future__ import annotations
 
@@ -20,13 +20,16 @@ from msnn.verification.proof_step import (
 from msnn.verification.tools import CLANG, LIBFUZZER
 
 FUZZED = ("-O1", "-g", "-fsanitize=fuzzer,address,undefined,float-cast-overflow")
-"""Flags of clang for a program that the fuzzer drives."""
+"""Flags of clang for a program with libFuzzer."""
 _DONE = re.compile(r"Done (\d+) runs in (\d+) second")
 
 
 def fuzz_check(model: ExportedC, seconds: int) -> ProofStep:
-    """For so many seconds: any bits as state, a corrupted one included, and any inputs; and from a
-    valid start, where invalid inputs act as their policies say and outputs stay finite."""
+    """Fuzzes for `seconds`: arbitrary bits as state, including corrupted ones, and any inputs.
+
+    Also fuzzes from a valid start; there, invalid inputs must follow their policies and outputs
+    must stay finite.
+    """
 
     def run(folder: Path) -> Result:
         # arbitrary bits are no state that a run can reach, and the proof is about those
@@ -44,13 +47,13 @@ def fuzz_check(model: ExportedC, seconds: int) -> ProofStep:
 
 
 class FuzzerFoundError(ToolFailedError):
-    """A run did what C leaves undefined; `lines` say what and where."""
+    """A run has undefined behaviour; `lines` describe it and its place."""
 
 
 def fuzz(model: ExportedC, folder: Path, limit: str, seconds: float) -> int:
-    """Runs libFuzzer up to its limit (`-runs=10000`); how many runs it made.
+    """Runs libFuzzer up to its limit (`-runs=10000`); returns the number of runs.
 
-    Raises as `run_fuzzer`, and ToolFailedError where the fuzzer cannot be built.
+    Raises the errors of `run_fuzzer`, and ToolFailedError if the fuzzer cannot be built.
     """
     main = write_harness("fuzz_main.c", model, folder, **fuzz_facts(model))
     program = folder / "fuzz"
@@ -66,9 +69,9 @@ def fuzz(model: ExportedC, folder: Path, limit: str, seconds: float) -> int:
 
 
 def run_fuzzer(command: Sequence[str | Path], folder: Path, seconds: float) -> int:
-    """Runs a program that libFuzzer drives; how many runs it made.
+    """Runs a program with libFuzzer; returns the number of runs.
 
-    Raises FuzzerFoundError, and UnansweredError where it ended and does not say how far it came.
+    Raises FuzzerFoundError, and UnansweredError if the program ends without a summary.
     """
     try:
         # long inputs from the beginning on: a run of 8 calls reads many bytes

@@ -1,4 +1,4 @@
-"""Gives the fuzzer's valid start and second instance inputs as their policies leave them."""
+"""Provides valid start values for the fuzzer, and inputs as modified by their policies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from msnn.verification.exported_c import ExportedC, Range, RangedField
 
 _UNBOUNDED = 1e3
-"""Magnitude of what a start takes where the spec has no range."""
+"""Maximum magnitude of start values without a range in the spec."""
 
 
 def fuzz_facts(model: ExportedC) -> dict[str, Any]:
@@ -51,7 +51,7 @@ def fuzz_facts(model: ExportedC) -> dict[str, Any]:
 
 
 def _start(model: ExportedC) -> Iterator[str]:
-    """Brings each sample that reset takes into the range of its state or input."""
+    """C code that moves each argument of `reset` into the range of its state or input."""
     ranges = {m.name: m.range for m in (*model.inputs, *model.state) if m.range is not None}
     for member in model.start:
         if not member.unsigned:
@@ -84,7 +84,7 @@ def _place(member: RangedField, struct: str) -> str:
 
 
 def _limits(member: RangedField, model: ExportedC) -> Range:
-    """The valid range: the finite numbers within the range, as the policies of the spec say."""
+    """The valid range: finite values within the declared range."""
     single = model.dtype == "float32"
     # in C every comparison is of this type: a larger literal would be infinite
     largest = float(np.finfo(np.float32).max) if single else sys.float_info.max
@@ -93,7 +93,7 @@ def _limits(member: RangedField, model: ExportedC) -> Range:
 
 
 def _stand_in(limits: Range) -> float:
-    """The value in place of NaN, and of a last valid value before there is one."""
+    """The replacement for NaN, and for `hold` before the first valid value."""
     return min(max(0.0, limits[0]), limits[1])
 
 

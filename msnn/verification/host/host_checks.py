@@ -18,7 +18,7 @@ from msnn.verification.tools import CLANG, CPPCHECK, GCC, GPP, NM, Tool
 
 
 def host_checks(model: ExportedC) -> Iterator[ProofStep]:
-    """All that a machine with gcc and clang can say in seconds."""
+    """Checks on a machine with gcc and clang; they take seconds."""
     yield from source_checks(model)
 
     def faults(tool: Tool, flags: Sequence[str], folder: Path) -> list[str]:
@@ -32,7 +32,7 @@ def host_checks(model: ExportedC) -> Iterator[ProofStep]:
 
 
 def source_checks(model: Sources, accepted: Sequence[str] = ()) -> Iterator[ProofStep]:
-    """Checks of the sources by compilers, but for `accepted` warnings, and of their memory."""
+    """Compiler checks of the sources, without `accepted` warnings, and of their static memory."""
     gcc, clang = [*GCC_WARNINGS, *accepted], [*CLANG_WARNINGS, *accepted]
     yield _compiling("warnings", "gcc", (GCC,), model, [*STANDARD, "-O2", *gcc])
     # clang warns of what it reads, at no level of what its optimiser finds, as gcc has just done
@@ -45,14 +45,14 @@ def source_checks(model: Sources, accepted: Sequence[str] = ()) -> Iterator[Proo
 
 
 MISRA = ("--addon=misra", f"--addon-python={sys.executable}", "-U__clang__")
-"""The Python that runs msnn runs the addon: cppcheck would look for one, for each file anew.
+"""Options of cppcheck; the addon runs in the Python of msnn, which saves a search per file.
 
-It would read each file twice for the pragma that clang alone knows.
+`-U__clang__` avoids reading each file twice for a pragma of clang.
 """
 
 
 def misra_check(model: Sources) -> ProofStep:
-    """The MISRA addon of cppcheck, which checks a part of MISRA C:2012."""
+    """The MISRA addon of cppcheck, which checks a subset of MISRA C:2012."""
 
     def run(folder: Path) -> Result:
         # findings of the addon are of the severity style
@@ -87,7 +87,7 @@ def misra_check(model: Sources) -> ProofStep:
 def _compiling(
     name: str, target: str, needs: tuple[Tool, ...], model: Sources, flags: list[str]
 ) -> ProofStep:
-    """A compiler that shall have nothing to say."""
+    """A compilation that must give no warnings."""
 
     def run(folder: Path) -> Result:
         tests = sorted((model.folder / "test").glob("*.c"))
@@ -104,14 +104,14 @@ def _compiling(
 
 
 _TOLD_BY_CPPCHECK = re.compile(r"^(.*:\d+) (\w+) (\S+)$", re.MULTILINE)
-"""Place, severity and name of what it says."""
+"""Matches place, severity and identifier of a finding."""
 
 _WRITABLE = re.compile(r"^(\S+?):.* [bBcCdDgGsS] (\S+)$", re.MULTILINE)
-"""Of what nm says: the object file and the name of what lies in .bss, .data or common."""
+"""Matches output of nm: object file and symbol of variables in .bss, .data or common."""
 
 
 def writable_objects(sources: Sequence[Path], options: Sequence[str], folder: Path) -> list[str]:
-    """The memory of the sources besides the structs they are given, as `file: name`."""
+    """Static variables of the sources, as `file: name`."""
     # -O0: an object that an optimiser would drop is memory in the source all the same
     run_tool([GCC.command, *STANDARD, "-O0", *options, "-c", *sources], folder)
     objects = [f"{path.stem}.o" for path in sources]
@@ -120,7 +120,7 @@ def writable_objects(sources: Sequence[Path], options: Sequence[str], folder: Pa
 
 
 def _memory(model: Sources) -> ProofStep:
-    """Instances are independent where all memory is in the structs that functions are given."""
+    """Checks that instances are independent: all memory must be in structs passed by the caller."""
 
     def run(folder: Path) -> Result:
         all = writable_objects(model.model_sources, includes(model), folder)

@@ -1,4 +1,4 @@
-"""Runs the self-tests of an export at every level of a compiler, and under sanitizers."""
+"""Runs the self-tests of an export at every optimisation level, and under sanitizers."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ SANITIZERS = (
 _FOUND_BY_SANITIZER = re.compile(r"runtime error: |(Address|Leak|UndefinedBehavior)Sanitizer: ?")
 
 Faults = Callable[[Tool, Sequence[str], Path], list[str]]
-"""Builds by a compiler with flags, in a folder, runs, and says what the self-tests found."""
+"""Builds with a compiler and flags in a folder, runs, and returns the faults of self-tests."""
 
 
 def levels_check(what: str, tool: Tool, faults: Faults, promise: str) -> ProofStep:
-    """`what`, such as "golden steps", answers the same at all levels."""
+    """Checks that `what`, such as "golden steps", gives equal results at all levels."""
 
     def run(folder: Path) -> Result:
         found = [
@@ -44,9 +44,9 @@ def levels_check(what: str, tool: Tool, faults: Faults, promise: str) -> ProofSt
 
 
 def sanitizers_check(what: str, faults: Faults) -> ProofStep:
-    """The same program by gcc, stopped where it does what C does not define.
+    """Runs the same program built by gcc with sanitizers, which stop at undefined behaviour.
 
-    A program that ends and answers other values is no finding of a sanitizer: its check is `what`.
+    Wrong values are not a finding of this check, but of the check `what`.
     """
 
     def run(folder: Path) -> Result:

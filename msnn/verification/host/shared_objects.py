@@ -23,7 +23,7 @@ class _Build:
 
 
 class SharedObjects:
-    """The objects of an export's sources, for checks that run side by side."""
+    """The objects of an export's sources, for checks that run in parallel."""
 
     def __init__(self, model: Sources) -> None:
         self._model = model
@@ -31,7 +31,7 @@ class SharedObjects:
         self._builds: dict[tuple[str, ...], _Build] = {}
 
     def of(self, tool: Tool, flags: Sequence[str], folder: Path) -> tuple[Path, ...]:
-        """Compiled into the folder of the check that asks first; ToolFailedError."""
+        """The objects, compiled into the folder of the first caller. Raises ToolFailedError."""
         with self._lock:
             build = self._builds.setdefault((tool.command, *flags), _Build())
         # whoever asks second waits for the first instead of compiling as well

@@ -1,4 +1,4 @@
-"""The warnings under which generated C stays silent."""
+"""Warnings that generated C must not cause."""
 
 GCC_WARNINGS = (
     "-Wall",

@@ -1,1 +1,1 @@
-"""Replays the golden vectors on a real board, through a debugger or a serial line."""
+"""Replays the golden vectors on a physical board, with a debugger or a serial line."""

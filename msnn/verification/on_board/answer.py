@@ -1,4 +1,4 @@
-"""Reads what a board says of the golden vectors, and what of it is wrong."""
+"""Parses a board's results for the golden vectors, and finds the errors in them."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from msnn.verification.exported_c import ExportedC
 _FRAME = re.compile(r"(model .*\n)end ([0-9a-f]{8})", re.DOTALL)
 _PARTS = re.compile(r"model (\w+) (\w+)\n(.*\n)cycles (.*)\n", re.DOTALL)
 END = re.compile(r"\nend [0-9a-f]{8}\s")
-"""Ends an answer."""
+"""Matches the end of an answer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The faults that a board found, and the duration of a step."""
+    """The errors found by a board, and the duration of a step."""
 
     findings: tuple[str, ...]
     cycles: tuple[int, float, int] | None
-    """Least, mean and most; None without a counter."""
+    """Minimum, mean and maximum; None without a counter."""
 
 
 def read_answer(model: ExportedC, text: str) -> Answer:
-    """The lines of an answer compared with those of the interpreter."""
+    """Compares the lines of an answer with those of the interpreter."""
     frame = _FRAME.search(text.replace("\r\n", "\n"))
     if frame is None:
         return Answer(("the answer has no beginning or no end",), None)
@@ -45,7 +45,7 @@ def read_answer(model: ExportedC, text: str) -> Answer:
 
 
 def _cycles(text: str) -> tuple[int, float, int] | None:
-    """The cycles of a step: least, sum, most and how many steps, in hexadecimal digits."""
+    """Cycles per step: minimum, mean and maximum, from hexadecimal words."""
     if text.strip() == "none":
         return None
     least, high, low, most, count = (int(word, 16) for word in text.split())

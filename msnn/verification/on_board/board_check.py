@@ -1,4 +1,4 @@
-"""Replays the golden vectors on the board that a link leads to."""
+"""Replays the golden vectors on the board behind a link."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LEVEL = "-O2"
 
 
 def board_check(link: Link, model: ExportedC, ram: Ram) -> ProofStep:
-    """The check; SpecError (E1320-E1324) where the board cannot be asked."""
+    """The check; raises SpecError (E1320-E1324) if the board does not respond."""
 
     def run(folder: Path) -> Result:
         match link:

@@ -1,11 +1,11 @@
-"""Recognises a Cortex-M by its registers, and says how C is compiled for it."""
+"""Identifies a Cortex-M by its registers, and selects the compiler options."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 CPUID, FPU_FEATURES = 0xE000ED00, 0xE000EF40
-"""Addresses of the identity of a core and of what its floating-point unit has (MVFR0)."""
+"""Register addresses: core identity (CPUID), floating-point features (MVFR0)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,9 +21,9 @@ class _Family:
     name: str
     cpu: str
     single: str | None = None
-    """The unit for numbers of 32 bits that a core may have."""
+    """The single-precision FPU option."""
     double: str | None = None
-    """The one for numbers of 64 bits too."""
+    """The double-precision FPU option."""
 
 
 _FAMILIES = {
@@ -35,11 +35,11 @@ _FAMILIES = {
     0xD20: _Family("Cortex-M23", "cortex-m23"),
     0xD21: _Family("Cortex-M33", "cortex-m33", "fpv5-sp-d16"),
 }
-"""By the part number in CPUID, as the technical reference manuals of the cores give it."""
+"""Cores by the part number in CPUID, from their technical reference manuals."""
 
 
 def core_of(identity: int, fpu: int) -> Core | None:
-    """The core of a CPUID; None for one that is not known. `fpu` is its MVFR0."""
+    """The core with this CPUID and MVFR0 (`fpu`); None if it is unknown."""
     # PARTNO of CPUID; variant and revision around it do not matter to a compiler
     family = _FAMILIES.get((identity >> 4) & 0xFFF)
     if family is None:

@@ -1,4 +1,4 @@
-"""Reads and writes memory and registers of a halted ARM core, and lets it run to a place."""
+"""Reads and writes memory and registers of a halted ARM core, and runs it to a breakpoint."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from msnn.verification.on_board.packets import Packets, StubFailedError
 _ELEMENT = re.compile(r"<(reg|xi:include)\s([^>]*)>")
 _ATTRIBUTE = re.compile(r'(\w+)="([^"]*)"')
 _CHUNK = 256
-"""Bytes of memory in a packet: servers take at least twice as many letters."""
+"""Bytes of memory per packet: servers accept at least twice as many characters."""
 
 
 class RefusedMemoryError(Exception):
-    """An address that cannot be read or written."""
+    """Memory at an address cannot be read or written."""
 
     def __init__(self, address: int) -> None:
         super().__init__(f"0x{address:08x}")
@@ -35,12 +35,12 @@ class Debugger:
             raise StubFailedError("the core is no ARM Cortex-M")
 
     def monitor(self, command: str) -> None:
-        """Gives a command to the server itself."""
+        """Sends a command to the server itself."""
         # the text of the command in hexadecimal digits
         self._packets.ask(b"qRcmd," + command.encode().hex().encode())
 
     def read(self, address: int, size: int) -> bytes:
-        """Bytes of memory."""
+        """Reads bytes of memory."""
         parts: list[bytes] = []
         for at in range(address, address + size, _CHUNK):
             count = min(_CHUNK, address + size - at)
@@ -56,12 +56,12 @@ class Debugger:
         return b"".join(parts)
 
     def read_word(self, address: int) -> int:
-        """A word of memory."""
+        """Reads a 32-bit word of memory."""
         # registers and memory of Cortex-M are little-endian, but for rare parts
         return int(struct.unpack("<I", self.read(address, 4))[0])
 
     def load(self, address: int, data: bytes) -> None:
-        """Writes bytes to memory and sees that they are there."""
+        """Writes bytes to memory and verifies them."""
         for at in range(0, len(data), _CHUNK):
             part = data[at : at + _CHUNK]
             command = f"M{address + at:x},{len(part):x}:{part.hex()}"
@@ -74,7 +74,7 @@ class Debugger:
             raise RefusedMemoryError(address + differs)
 
     def register(self, name: str) -> int:
-        """A register of 32 bits."""
+        """Reads a 32-bit register."""
         answer = self._packets.ask(b"p%x" % self._registers[name])
         try:
             return int(struct.unpack("<I", bytes.fromhex(answer.decode("ascii")))[0])
@@ -91,7 +91,7 @@ class Debugger:
             raise StubFailedError(f"it does not set the register {name}")
 
     def break_at(self, addresses: Iterable[int]) -> None:
-        """Lets the core stop at these addresses of Thumb code in RAM."""
+        """Sets breakpoints at these addresses of Thumb code in RAM."""
         for address in addresses:
             # the lowest bit of a function's address says Thumb, the instruction is at the even one;
             # Z0 puts a breakpoint of 2 bytes in its place
@@ -99,12 +99,12 @@ class Debugger:
                 raise StubFailedError("it sets no breakpoints")
 
     def go_by(self, addresses: Iterable[int]) -> None:
-        """Lets the core pass these addresses again."""
+        """Removes the breakpoints at these addresses."""
         for address in addresses:
             self._packets.ask(f"z0,{address & ~1:x},2".encode())
 
     def run(self, seconds: float) -> int:
-        """Lets the core run until it stops; where it stands. TimeoutError where it does not."""
+        """Runs the core until it stops; returns the program counter. Raises TimeoutError."""
         try:
             answer = self._packets.ask(b"c", seconds)
         except TimeoutError:
@@ -119,7 +119,7 @@ class Debugger:
         return self.register("pc") & ~1
 
     def _numbered(self) -> Iterator[tuple[str, int]]:
-        """Registers and their numbers, of the description that the server gives of its target."""
+        """Names and numbers of registers, from the target description of the server."""
         number = 0
         for found in self._elements("target.xml", 0):
             # numbers count on from the last one that is given (gdb manual, Target Description

@@ -1,4 +1,4 @@
-"""Starts OpenOCD or pyOCD where one is asked for, and connects to the gdb server of a board."""
+"""Starts OpenOCD or pyOCD if requested, and connects to the gdb server of a board."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 _PYOCD_PROJECT = "PYOCD_PROJECT_DIR"
 _START_SECONDS = 20.0
-"""A probe takes a few seconds to find its board."""
+"""Seconds until a probe finds its board."""
 
 
 @contextmanager
 def gdb_server(link: Gdb | OpenOcd | PyOcd) -> Generator[socket.socket]:
-    """A connection to the server; what was started ends with it. SpecError (E1320)."""
+    """A connection to the server; a started server ends with it. Raises SpecError (E1320)."""
     match link:
         case Gdb(host, port):
             try:

@@ -1,4 +1,4 @@
-"""Reads `--board` and `--ram`: what leads to a board, and what of its memory may be used."""
+"""Parses `--board` and `--ram`: the link to a board, and its usable memory."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ FORMS = "openocd:CFG, pyocd:ID, serial:PORT[@BAUD], gdb:HOST:PORT"
 _BAUD = 115200
 # VTOR wants a table of up to 128 words aligned to its size
 _ALIGNED = 512
-"""A table of vectors stands at the beginning."""
+"""Alignment of the memory, because it begins with a vector table."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gdb:
-    """A gdb server that runs already."""
+    """A gdb server that is already running."""
 
     host: str
     port: int
@@ -22,7 +22,7 @@ class Gdb:
 
 @dataclass(frozen=True, slots=True)
 class OpenOcd:
-    """A file of settings for OpenOCD, which is started."""
+    """A configuration file for OpenOCD, which is started."""
 
     config: str
 
@@ -47,18 +47,18 @@ Link: TypeAlias = Gdb | OpenOcd | PyOcd | Serial
 
 @dataclass(frozen=True, slots=True)
 class Ram:
-    """Memory of a board that takes a program."""
+    """Memory of a board for a program."""
 
     address: int
     size: int
 
 
 DEFAULT_RAM = Ram(0x20000000, 64 * 1024)
-"""Where nearly every Cortex-M has its RAM."""
+"""The usual RAM address of a Cortex-M."""
 
 
 def link_of(text: str) -> Link | None:
-    """The link that a text names; None where it names none."""
+    """The link described by a text; None if it is invalid."""
     kind, _, rest = text.partition(":")
     match kind:
         case "gdb":
@@ -83,7 +83,7 @@ def link_of(text: str) -> Link | None:
 
 
 def ram_of(text: str) -> Ram | None:
-    """The memory that a text names; None where it names none."""
+    """The memory described by a text; None if it is invalid."""
     address, _, size = text.partition(":")
     try:
         ram = Ram(int(address, 0), int(size, 0))
@@ -95,7 +95,7 @@ def ram_of(text: str) -> Ram | None:
 
 
 def words(link: Link) -> str:
-    """As it is written on the command line."""
+    """The link as written on the command line."""
     match link:
         case Gdb(host, port):
             return f"gdb:{host}:{port}"

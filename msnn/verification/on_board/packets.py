@@ -1,4 +1,4 @@
-"""Speaks the remote serial protocol of gdb over a socket: one packet asked, one answered."""
+"""Implements the gdb remote serial protocol over a socket: one reply per packet."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ _TRIES = 3
 
 
 class StubFailedError(Exception):
-    """A gdb server that ended, was silent or broke the protocol."""
+    """A gdb server ended, did not respond or violated the protocol."""
 
 
 class Packets:
-    """A connection whose packets carry a checksum and are acknowledged.
+    """A connection whose packets have a checksum and are acknowledged.
 
-    The protocol is described in Appendix E of the manual of gdb.
+    The protocol is described in Appendix E of the gdb manual.
     """
 
     def __init__(self, connection: socket.socket) -> None:
@@ -25,7 +25,7 @@ class Packets:
         self._received = b""
 
     def ask(self, command: bytes, seconds: float = 10.0) -> bytes:
-        """The answer to a command, without what the server printed meanwhile."""
+        """The reply to a command, without console output of the server."""
         self._send(command)
         end = time.monotonic() + seconds
         while (answer := self._packet(end)) and answer[:1] == b"O" and answer != b"OK":
@@ -33,11 +33,11 @@ class Packets:
         return answer
 
     def interrupt(self) -> None:
-        """Asks a running core to stop, which is no packet."""
+        """Interrupts a running core with a single byte instead of a packet."""
         self._connection.sendall(b"\x03")
 
     def wait(self, seconds: float) -> bytes:
-        """The answer to what was asked before."""
+        """The reply to the previous command."""
         return self._packet(time.monotonic() + seconds)
 
     def _send(self, command: bytes) -> None:
@@ -77,7 +77,7 @@ class Packets:
 
 
 def _expanded(text: bytes) -> bytes:
-    """A packet without the two abbreviations: `*` repeats a byte, `}` escapes one."""
+    """Expands the two escapes of a packet: `*` repeats a byte, `}` escapes one."""
     result = bytearray()
     letters = iter(text)
     for letter in letters:

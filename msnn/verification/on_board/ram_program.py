@@ -1,4 +1,4 @@
-"""Builds the golden vectors as one program that a debugger puts into the RAM of a board."""
+"""Builds the golden vectors as a program that a debugger loads into the RAM of a board."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BINUTILS = ARM_GCC.command.removesuffix("gcc")
 
 @dataclass(frozen=True, slots=True)
 class RamProgram:
-    """Bytes from the beginning of the memory on, and the addresses of symbols."""
+    """Contents from the start of the memory, and the addresses of symbols."""
 
     data: bytes
     symbols: dict[str, int]
@@ -32,7 +32,7 @@ class RamProgram:
 def build_ram_program(
     model: ExportedC, core: Core, level: str, ram: Ram, folder: Path
 ) -> RamProgram:
-    """The program at a level of optimisation; SpecError (E1323) where the memory is too small."""
+    """The program at an optimisation level; SpecError (E1323) if the memory is too small."""
     for name in ("replay.h", "board_answer.h"):
         write_harness(name, model, folder)
     main = write_harness("ram_main.c", model, folder)

@@ -1,4 +1,4 @@
-"""Runs a program in the RAM of a board through a debugger, and collects the text it hands over."""
+"""Runs a program in the RAM of a board with a debugger, and collects its output."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from msnn.verification.on_board.ram_program import RamProgram
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _SECONDS = 60.0
-"""Between two buffers of text: a replay of a second at most, on a slow core and an emulator."""
+"""Maximum time between two output buffers; a replay takes at most a second on slow cores."""
 _THUMB = 0x01000000
-"""The bit of xPSR without which a Cortex-M executes nothing."""
+"""The Thumb bit of xPSR, which a Cortex-M requires."""
 
 
 def run_in_ram(board: Debugger, program: RamProgram, link: str, begin: int) -> str:
-    """Runs a program; SpecError where no memory takes it (E1322) or the core hangs (E1321)."""
+    """Runs a program; SpecError if its memory cannot be written (E1322) or the core hangs
+    (E1321).
+    """
     places = program.symbols
     stops = [places[name] for name in ("hand_over", "finished", "trap")]
     text: list[bytes] = []

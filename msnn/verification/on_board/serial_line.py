@@ -1,4 +1,4 @@
-"""Asks firmware on a serial line for the golden vectors."""
+"""Requests the golden vectors from firmware on a serial line."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 _ASKED = b"replay\n"
 _SILENCE = 10.0
-"""Seconds without a byte: golden steps are sent as they are computed."""
+"""Maximum seconds without a byte; golden steps are sent as they are computed."""
 
 
 def ask_serial(link: Serial) -> str:
-    """Its answer up to the checksum. SpecError where there is no line (E1320) or no end (E1321)."""
+    """The answer up to its checksum. SpecError without a line (E1320) or an end (E1321)."""
     if sys.platform == "win32":
         raise SpecError([unreachable(words(link), "serial lines need a POSIX system")])
     try:
@@ -38,7 +38,7 @@ def ask_serial(link: Serial) -> str:
 
 
 def _set_raw(line: int, link: Serial) -> None:
-    """Eight bits, no parity, one stop bit, no flow control, bytes as they are."""
+    """Sets eight bits, no parity, one stop bit, no flow control, raw mode."""
     import termios  # absent on Windows
 
     speed = getattr(termios, f"B{link.baud}", None)

@@ -1,1 +1,1 @@
-"""Verifies exported controllers and filters: golden solves, drawn numbers, boards."""
+"""Verifies exported controllers and filters: golden solves, random inputs, boards."""

@@ -1,4 +1,4 @@
-"""Assumes, as C that draws them, the states and inputs of a step that is proved."""
+"""Generates C code that draws the assumed states and inputs of a proof."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from msnn.verification.exported_c import ExportedC, Range, RangedField
 
 ASSUMED = 1e6
-"""Magnitude of a value for which the spec declares no range; the report names each."""
+"""Assumed magnitude of a value without a declared range; the report names each."""
 
 REPLACED = ("clamp", "hold")
-"""Policies that take any float."""
+"""Policies that accept any float."""
 
 
 def assumed_range(member: RangedField, model: ExportedC) -> Range:
-    """The range of a state or an input, rounded as the generated code rounds it."""
+    """The range of a state or an input, rounded like in the generated code."""
     low, high = member.range or (-ASSUMED, ASSUMED)
     number = np.float32 if model.dtype == "float32" else np.float64
     # a limit in float32 may lie outside the spec's: the code compares with this one
@@ -25,7 +25,7 @@ def assumed_range(member: RangedField, model: ExportedC) -> Range:
 
 
 def drawn(struct: str, members: Iterable[RangedField], model: ExportedC) -> Iterator[str]:
-    """Any value of its range."""
+    """C code that draws any value of the range."""
     for member in members:
         if member.unsigned:
             # its interval is of int: all bit patterns, as an index may have any
@@ -40,11 +40,11 @@ def drawn(struct: str, members: Iterable[RangedField], model: ExportedC) -> Iter
 
 
 def outside_ranges(model: ExportedC, *, infinite: bool) -> list[str]:
-    """Then, where a policy replaces it: no input or one of them anywhere beyond its range.
+    """Cases in which one input is outside its range, if a policy replaces it.
 
-    One at a time is enough: each is replaced by itself, by a value that was drawn before. The
-    finite numbers or the infinities; empty where no policy replaces any. Each is a case of its own,
-    because Eva follows a test of the input to the copy that the step corrects in no other way.
+    One input at a time suffices, because each is replaced independently by an already drawn value.
+    Either finite values or infinities; empty without such a policy. Separate cases are needed for
+    Eva to relate the test of the input to the corrected copy.
     """
     values = _infinite if infinite else _beyond
     cases = [
@@ -61,7 +61,7 @@ def outside_ranges(model: ExportedC, *, infinite: bool) -> list[str]:
 
 
 def shown(kind: str, struct: str, members: Iterable[RangedField]) -> Iterator[str]:
-    """Shows all elements of each real field as one, under `<kind>_<field>`."""
+    """C code that shows all elements of each real field as `<kind>_<field>`."""
     for member in members:
         if not member.unsigned:
             any_of = f"[Frama_C_interval(0, {(member.size or 1) - 1})]"

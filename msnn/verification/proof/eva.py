@@ -1,4 +1,4 @@
-"""Runs Frama-C's Eva on one function of an export and reads what it says of values and alarms."""
+"""Runs Frama-C's Eva on one function of an export, and parses values and alarms."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SHOWN = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """A place where a run-time error could not be excluded."""
+    """A place where Eva cannot exclude a run-time error."""
 
     file: str
     line: int
@@ -32,7 +32,7 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class PossibleValues:
-    """All that a quantity may be; the limits are infinite where it may be infinite."""
+    """The possible values of a quantity; limits may be infinite."""
 
     low: float
     high: float
@@ -40,7 +40,7 @@ class PossibleValues:
 
     @property
     def finite(self) -> bool:
-        """Whether every value is a number, none infinite."""
+        """True if every value is finite."""
         return not self.nan and math.isfinite(self.low) and math.isfinite(self.high)
 
     def joined(self, other: PossibleValues) -> PossibleValues:
@@ -50,17 +50,17 @@ class PossibleValues:
 
 @dataclass(frozen=True, slots=True)
 class Analysis:
-    """The findings of Eva; `values` by the name under which main showed them."""
+    """The results of Eva; `values` by the names that `main` uses."""
 
     alarms: tuple[Alarm, ...]
     values: dict[str, PossibleValues]
 
 
 def analysed(model: ExportedC, main: Path, *, infinite: bool, folder: Path) -> Analysis:
-    """Analyses a main with the sources of a model.
+    """Analyses a `main` with the sources of a model.
 
-    A float that becomes NaN is an alarm, and one that becomes infinite unless `infinite` numbers
-    are among those that main draws; then `values` says where they remain.
+    A float that becomes NaN is an alarm. One that becomes infinite is an alarm too, unless `main`
+    draws `infinite` values; then `values` shows where they remain.
     """
     # of kernels Eva gets bounds instead of bodies
     sources = [path for path in model.model_sources if not path.stem.endswith("_math")]
@@ -83,10 +83,10 @@ def analysed(model: ExportedC, main: Path, *, infinite: bool, folder: Path) -> A
 
 
 def _among_numbers(source: Path, folder: Path) -> Path:
-    """The source with the largest number where something is compared with INFINITY.
+    """The source with INFINITY in comparisons replaced by the largest finite number.
 
-    Where every float is finite or an alarm it says the same, and INFINITY itself is an alarm,
-    behind which Eva follows no call.
+    This is equivalent if every float is finite or an alarm. INFINITY itself would be an alarm after
+    which Eva follows no call.
     """
     text = source.read_text(encoding="utf-8")
     changed = text
@@ -100,7 +100,7 @@ def _among_numbers(source: Path, folder: Path) -> Path:
 
 
 _LARGEST = {"INFINITY": "3.40282347e+38f", "((double)INFINITY)": "1.7976931348623157e+308"}
-"""By the limit as C has it: the largest number of its type."""
+"""The largest number of each type, by the C expression for infinity."""
 
 
 def _alarms(said: str) -> Iterator[Alarm]:
@@ -112,7 +112,7 @@ def _alarms(said: str) -> Iterator[Alarm]:
 
 
 def _values(said: str) -> dict[str, PossibleValues]:
-    """The interval that holds all that was shown under each name."""
+    """The interval of all values shown under each name."""
     found: dict[str, PossibleValues] = {}
     for name, low, high, one, only_nan, or_nan in _SHOWN.findall(said):
         # no number at all: the neutral element of joining intervals

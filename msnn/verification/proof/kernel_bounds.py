@@ -1,8 +1,7 @@
-"""Tells Eva bounds of the values of math functions of generated C.
+"""Gives Eva bounds of the math functions in generated C.
 
-Inside them two quantities that belong together look independent to an analysis by intervals, and
-each function is tested on its own over all floats. Eva knows exp, log, pow, sin and cos of an
-interval by itself.
+Inside these functions, interval analysis loses the relations between quantities; each function is
+tested separately over all floats. Eva itself knows exp, log, pow, sin and cos of an interval.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ _PROTOTYPE = re.compile(r"^(?:float|double) (\w+)\(([^()]*)\);$", re.MULTILINE)
 
 
 def kernel_bounds(model: ExportedC) -> list[str]:
-    """A definition for each function that the export's own math header declares."""
+    """A definition for each function declared in the export's math header."""
     header = model.folder / "src" / f"{model.prefix}_math.h"
     if not header.is_file():
         return []

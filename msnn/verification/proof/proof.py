@@ -1,13 +1,13 @@
-"""Proves by abstract interpretation that a step has no run-time error for all declared values.
+"""Proves by abstract interpretation that a step has no run-time errors for all declared values.
 
-Frama-C's Eva takes one step from any state within the ranges of the spec, and any position of a
-ring, with any input: within its range where the spec only flags what is outside, any number where
-`clamp` or `hold` replaces it, infinities too. A float that may become infinite or NaN, a conversion
-that may overflow and an index that may leave its array are alarms. The project's own math functions
-stand in it with their bounds (`kernel_bounds`).
+Frama-C's Eva analyses one step from any state within the ranges of the spec and any ring-buffer
+position, with any input. Inputs are within their ranges if the policy only flags violations; with
+`clamp` or `hold` they may have any value, including infinity. A float that may become infinite or
+NaN, an overflowing conversion and an index out of bounds are alarms. The project's math functions
+are replaced by bounds (`kernel_bounds`).
 
-What is proved of a step holds for all steps if the state that it leaves is one that was assumed:
-the report says so of each state. See decisions/0185.
+The proof of one step holds for all steps if the resulting state is within the assumed states; the
+report states this for each state. See decisions/0185.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from msnn.verification.tools import FRAMA_C
 
 
 def proof_checks(model: ExportedC) -> Iterator[ProofStep]:
-    """Proves the step, and the Jacobian where there is one."""
+    """Checks of the step, and of the Jacobian if there is one."""
     yield _check("step", model)
     if model.linearizes:
         yield _check("linearize", model)
@@ -121,7 +121,7 @@ def _analysed(function: str, model: ExportedC, folder: Path, *, infinite: bool) 
 
 
 def _inductive(model: ExportedC, runs: list[Analysis]) -> tuple[int, list[str]]:
-    """The number of states that a step leaves where it assumed them, and a sentence about each."""
+    """The number of states that stay within the assumed range, and a sentence about each state."""
     said: list[str] = []
     kept = 0
     for member in model.state:
@@ -160,7 +160,7 @@ def _interval(values: PossibleValues) -> str:
 
 
 def _joined(runs: list[Analysis], name: str) -> PossibleValues | None:
-    """None where a run did not come to where the value is shown."""
+    """The union of the values of all runs; None if a run never reaches the place."""
     found: PossibleValues | None = None
     for run in runs:
         values = run.values.get(name)

@@ -1,4 +1,4 @@
-"""Orders alarms: those first that follow from no other one."""
+"""Sorts alarms: first those that are not consequences of another one."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from msnn.verification.proof.eva import Alarm
 
 
 def roots_first(alarms: Sequence[Alarm], folder: Path) -> list[Alarm]:
-    """The roots in the order given, then the others.
+    """The root alarms in their order, then the others.
 
-    An alarm leaves its variable with any value. Whatever is computed of it, and of what is computed
-    of that, is suspect; an alarm in a statement that reads nothing suspect is a root.
+    After an alarm, its variable may have any value, so everything computed from it is suspect. An
+    alarm in a statement without suspect operands is a root.
     """
     suspect: dict[str, dict[str, int]] = {}
     roots: set[Alarm] = set()
@@ -38,12 +38,12 @@ class _Statement:
     first: int
     last: int
     writes: str
-    """The variable or field; empty where it is no assignment."""
+    """The assigned variable or field; empty for other statements."""
     reads: frozenset[str]
 
 
 def _is_suspect(statement: _Statement, flow: Mapping[str, int]) -> bool:
-    """Whether it reads what has become suspect above it."""
+    """True if it reads a variable that became suspect before it."""
     return any(flow.get(name, statement.first) < statement.first for name in statement.reads)
 
 
@@ -54,7 +54,7 @@ _TARGET = re.compile(r"([A-Za-z_]\w*(?:->\w+)?)(?:\[[^=]*\])? [|+]?= ")
 
 
 def _statements(path: Path) -> list[_Statement]:
-    """None of a file that is not there."""
+    """The statements of a C file; empty if it does not exist."""
     text = path.read_text(encoding="utf-8") if path.is_file() else ""
     # blanks for comments, so that lines keep their numbers
     code = _COMMENT.sub(lambda comment: re.sub(r"[^\n]", " ", comment[0]), text)

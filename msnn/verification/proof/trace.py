@@ -1,4 +1,4 @@
-"""Traces statements of generated C to lines of the spec, by their comments."""
+"""Maps statements of generated C to lines of the spec, using comments."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from pathlib import Path
 
 _NOTE = re.compile(r"/\*\s*spec:\s*((?:(?!\*/).)*?:\d+\)?)\s*\*/", re.DOTALL)
 _FOLD = re.compile(r"\s*\n\s*\*?\s*")
-"""Between two lines of one comment."""
+"""Matches the break between two lines of one comment."""
 _FORMULA = re.compile(r" \[|, | = ")
-"""What follows the name: unit and formula, the first time that they are computed."""
+"""Matches the unit and formula after the name, at the first computation."""
 _END = re.compile(r"^\}|^ {4}/\*", re.MULTILINE)
-"""Of a function, or of what a comment of its own has headed."""
+"""Matches the end of a function, or of a block with its own comment."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TracedBlock:
-    """Lines `first` … `last` of a C file, and what of the spec they compute."""
+    """Lines `first` … `last` of a C file, and the item of the spec that they compute."""
 
     file: str
     first: int
     last: int
     name: str
-    """The equation, output or state; empty where the line has no name."""
+    """The equation, output or state; empty if the line has no name."""
     spec: str
     line: int
 
@@ -39,14 +39,14 @@ class TracedBlock:
 
 
 def traced(sources: tuple[Path, ...]) -> tuple[TracedBlock, ...]:
-    """The blocks of all files in the order of their lines."""
+    """The blocks of all files, ordered by line."""
     return tuple(
         block for source in sources for block in _blocks(source.name, source.read_text("utf-8"))
     )
 
 
 def place_of(blocks: tuple[TracedBlock, ...], file: str, line: int) -> str | None:
-    """The place in the spec of what a line of C computes: the last note before it."""
+    """The place in the spec for a line of C: the last comment before it."""
     before = [block.place for block in blocks if block.file == file and block.first <= line]
     return before[-1] if before else None
 
@@ -86,9 +86,9 @@ def _blocks(file: str, text: str) -> list[TracedBlock]:
 
 
 def _what_and_place(said: str) -> tuple[str, str]:
-    """`v_next` and `plant (1).msnn.yaml:27` of `v_next (plant (1).msnn.yaml:27)`.
+    """Splits `v_next (plant (1).msnn.yaml:27)` into `v_next` and `plant (1).msnn.yaml:27`.
 
-    A note with a name or formula ends with its place in parentheses, which may hold others.
+    A comment with a name or formula ends with its place in parentheses, which may be nested.
     """
     if not said.endswith(")"):
         return "", said

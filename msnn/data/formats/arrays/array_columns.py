@@ -1,4 +1,4 @@
-"""Columns out of named arrays: what MAT, HDF5, NPZ and Parquet files and frames have in common."""
+"""Extracts columns from named arrays, shared by MAT, HDF5, NPZ, Parquet and data frames."""
 
 from __future__ import annotations
 
@@ -45,26 +45,29 @@ def _no_packing(name: str) -> Mapping[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class NamedArrays:
-    """The arrays of one file: their names, in the file's order, and how to get one."""
+    """The arrays of one file: their names, in the file's order, and a function that reads one."""
 
     file: str
     names: Sequence[str]
     get: Callable[[str], NDArray[Any]]
     zoned: frozenset[str] = frozenset()
-    """Names of arrays of dates that are of UTC; numpy knows no zones."""
+    """Names of date arrays in UTC; numpy's dates have no time zone."""
     unit_texts: Callable[[str], UnitTexts] = _no_texts
-    """The units that the file states of an array apart from its name."""
+    """Units that the file states for an array, apart from the array's name."""
     packing: Callable[[str], Mapping[str, Any]] = _no_packing
-    """The attributes by which the numbers of an array are unpacked."""
+    """The attributes for unpacking an array, such as `scale_factor`."""
     other_names: Sequence[str] = ()
     other_units: Callable[[], Sequence[str]] = tuple
-    """Names and units of other arrays of the file: they show whether it has small letters."""
+    """Names and units of the file's other arrays, which show if the file uses lower-case
+    letters.
+    """
 
     def table(self, wanted: WantedColumns) -> ColumnTable:
-        """The wanted columns. An array of one dimension is a column by its name; `name[2]` is the
-        third column of one of two dimensions, whose rows are samples. `F` is also `F [kN]`.
+        """The requested columns, each (rows,).
 
-        Raises SpecError with everything that is wrong.
+        A one-dimensional array is a column with its own name. `name[2]` is the third column of a
+        two-dimensional array, whose rows are samples. `F` also matches `F [kN]`. Raises SpecError
+        with all errors of the file.
         """
         faults: list[Diagnostic] = []
         missing: dict[str, str] = {}
@@ -122,7 +125,7 @@ class NamedArrays:
         return ColumnTable(columns=columns, units=units, packed=packed, begins=begins)
 
     def has(self, key: ColumnKey) -> bool:
-        """Whether there is an array for a column."""
+        """True if there is an array for a column."""
         return self._split(key)[0] is not None
 
     def _split(self, key: ColumnKey) -> tuple[str | None, int | None]:
@@ -150,7 +153,7 @@ class NamedArrays:
         return with_case(unit, (*self.names, *self.other_names), (*others, *self.other_units()))
 
     def _before_units(self, key: ColumnKey) -> list[str]:
-        """The names of which the key is what stands before a unit."""
+        """The array names that consist of the key and a unit, such as `F [kN]` for `F`."""
         return [name for name in self.names if column_and_unit(name)[0] == key]
 
     def _is_double(self, key: ColumnKey) -> bool:
@@ -159,7 +162,7 @@ class NamedArrays:
 
 def length_faults(file: str, columns: Mapping[ColumnKey, FloatArray]) -> list[Diagnostic]:
     """Reports columns whose lengths differ although they should be rows of one table."""
-    # arrays of a file are rows of one table only if they are alike long
+    # arrays of a file form one table only if they have equal lengths
     lengths = {str(key): len(column) for key, column in columns.items()}
     if len(set(lengths.values())) > 1:
         return [data_formats.unequal_columns(file, lengths)]
@@ -171,7 +174,7 @@ def length_faults(file: str, columns: Mapping[ColumnKey, FloatArray]) -> list[Di
 def value_faults(
     file: str, key: ColumnKey, column: FloatArray, *, may_miss: bool, is_time: bool = False
 ) -> list[Diagnostic]:
-    """Values that are infinite, and those that are missing where they may not be."""
+    """Diagnostics for infinite values, and for missing values unless `may_miss`."""
     faults: list[Diagnostic] = []
     missing, infinite = np.isnan(column), np.isinf(column)
     if missing.any() and not may_miss:
@@ -193,7 +196,7 @@ def value_faults(
 
 
 def _column(array: NDArray[Any], index: int | None) -> tuple[FloatArray | None, str]:
-    """One column in float64, or None with the reason; times become seconds."""
+    """One column as float64, or None with the reason. Dates and durations become seconds."""
     if array.dtype.kind == "M":
         # from the earliest on: nanoseconds since 1970 have more digits than a float64
         array = (array - array.min(initial=array[0])) / np.timedelta64(1, "ns") * 1e-9

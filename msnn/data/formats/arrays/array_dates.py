@@ -1,4 +1,4 @@
-"""Reads a column of dates out of an array: of numpy's dates, of texts, or of objects like them."""
+"""Reads an array of dates: numpy's datetime64, texts, or objects whose text is a date."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from spec_schema.expressions.moments import FARTHEST, Moment, read_moment
 
 _MISSING = MISSING | {"nat", "none", "<na>"}
 _PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
-"""Ticks of numpy's dates; days and longer are read as seconds, finer ones as nanoseconds."""
+"""Ticks per second of datetime64; coarser units are read as seconds, finer ones as nanoseconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dates:
-    """Seconds from the first date, that date, and what is wrong with others."""
+    """Seconds since the first date, the first date, and diagnostics for invalid dates."""
 
     seconds: FloatArray
     begins: Moment | None
@@ -31,7 +31,7 @@ class Dates:
 
 
 def has_dates(array: NDArray[Any]) -> bool:
-    """Whether an array is a column of dates: numpy's, or others of which the first is one."""
+    """True for a datetime64 array, or if the first element is the text of a date."""
     if array.ndim != 1:
         return False
     if array.dtype.kind == "M":
@@ -40,9 +40,9 @@ def has_dates(array: NDArray[Any]) -> bool:
 
 
 def dates_of(array: NDArray[Any], file: str, column: str, *, is_utc: bool) -> Dates:
-    """The dates of an array that has some. Dates of numpy have a zone where they are of UTC.
+    """The dates of an array for which `has_dates` is true; `is_utc` gives datetime64 a time zone.
 
-    Objects are read as they print themselves, as a date of pandas with its offset does.
+    Other objects are parsed from their text, such as a pandas Timestamp with its UTC offset.
     """
     if array.dtype.kind == "M":
         return _of_numpy(array, file, column, is_utc=is_utc)
@@ -51,7 +51,7 @@ def dates_of(array: NDArray[Any], file: str, column: str, *, is_utc: bool) -> Da
     assert first is not None, "has_dates has seen it"
     no_dates = [row for row, moment in enumerate(moments) if moment is None]
     absent = [row for row in no_dates if str(array[row]).lower() in _MISSING]
-    # words for missing values are told apart from what is no date: the repairs differ
+    # markers for missing values and invalid dates are reported separately: the repairs differ
     others = [row for row in no_dates if row not in set(absent)]
     of_another_clock = [
         row

@@ -1,4 +1,4 @@
-"""Finds the units that files and frames state of their arrays, apart from the arrays' names."""
+"""Finds the units that files and frames state for their arrays, apart from the arrays' names."""
 
 from __future__ import annotations
 
@@ -9,32 +9,34 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 
 _KEYS = frozenset(("unit", "units"))
-"""In small letters: the attribute `units` of CF and NeXus, `unit` of loggers."""
+"""Attribute names in lower case: `units` in CF and NeXus, `unit` in data loggers."""
 _VALUES = frozenset(("data", "value", "values", "samples", "y"))
-"""Fields of a struct in which the numbers stand, beside a field with their unit."""
+"""Fields of a struct that contain the values, next to a field with their unit."""
 PANDAS_ATTRIBUTES = "PANDAS_ATTRS"
-"""The key of Parquet's metadata below which pandas keeps `attrs`."""
+"""The Parquet metadata key under which pandas saves `attrs`."""
 _LONGEST = 200
 
 
 UnitTexts: TypeAlias = Sequence[Sequence[str]]
-"""What a file states of an array's unit: each statement is one text, or one for each column."""
+"""The statements of a file about an array's unit: each is one text, or one text per column."""
 
 
 def units_in(attributes: Any) -> UnitTexts:
-    """The units in a mapping of attributes, in which `unit` and `units` may both be."""
-    # attributes that cannot be read, as references of HDF5, are not looked at
+    """The units in a mapping of attributes; `unit` and `units` may both be present."""
+    # other attributes are never read: some, such as HDF5 references, cannot be
     keys = [key for key in attributes if text_of(key).lower() in _KEYS]
     return [texts_of(attributes[key]) for key in keys]
 
 
 def unit_of_array(array: Any) -> UnitTexts:
-    """The unit that an array of a session has with it: of pandas and xarray in `attrs`, of pint in
-    `units`, of astropy in `unit`."""
+    """The unit attached to an array of a frame.
+
+    pandas and xarray have it in `attrs`, pint in `units`, astropy in `unit`.
+    """
     attributes = getattr(array, "attrs", None)
     if attributes:
         return units_in(attributes)
-    # those of dates and times of day are of numpy's ticks
+    # for datetime64 and timedelta64, a unit would be that of numpy's ticks
     if getattr(getattr(array, "dtype", None), "kind", "f") in "mM":
         return ()
     for key in ("units", "unit"):
@@ -45,7 +47,9 @@ def unit_of_array(array: Any) -> UnitTexts:
 
 
 def unit_beside(names: Collection[str], name: str, get: Callable[[str], Any]) -> UnitTexts:
-    """The units in texts of the same file: `speed_unit`, or `speed.unit` beside `speed.data`."""
+    """Units in other arrays of the file: `speed_unit` for `speed`, `speed.unit` for
+    `speed.data`.
+    """
     stems = [(name, "_")]
     for sign in "./":
         base, found, field = name.rpartition(sign)
@@ -67,8 +71,8 @@ def unit_beside(names: Collection[str], name: str, get: Callable[[str], Any]) ->
 def unit_of_column(attributes: Any, name: str) -> UnitTexts:
     """The units of a column in the attributes of its table.
 
-    They are `{"units": {"speed": "km/h"}}`, `{"speed": {"units": "km/h"}}` or `speed_unit`. Parquet
-    keeps mappings as JSON, and those that pandas has in `attrs` below a key of pandas.
+    Accepted forms: `{"units": {"speed": "km/h"}}`, `{"speed": {"units": "km/h"}}` and `speed_unit`.
+    Parquet saves mappings as JSON, and pandas' `attrs` under a key of pandas.
     """
     found: list[Sequence[str]] = []
     for key, value in attributes.items():
@@ -84,7 +88,7 @@ def unit_of_column(attributes: Any, name: str) -> UnitTexts:
 
 
 def mapping_of(value: Any) -> Mapping[Any, Any]:
-    """A mapping, of which Parquet has the JSON; empty for anything else."""
+    """A mapping, or the mapping in a JSON text as Parquet saves it; empty for anything else."""
     if isinstance(value, str | bytes):
         try:
             value = json.loads(value)
@@ -94,7 +98,7 @@ def mapping_of(value: Any) -> Mapping[Any, Any]:
 
 
 def texts_of(value: Any) -> Sequence[str]:
-    """The texts of an attribute or an array: a text, bytes, letters of MATLAB, or a list of texts.
+    """The texts in an attribute or array: str, bytes, MATLAB character codes or a list of texts.
 
     Empty for anything else.
     """
@@ -112,7 +116,7 @@ def texts_of(value: Any) -> Sequence[str]:
 
 
 def text_of(value: Any) -> str:
-    """A text, of bytes too."""
+    """The value as str; bytes are decoded as UTF-8, else as Latin-1."""
     if isinstance(value, bytes):
         # latin-1 has each byte, and `°` of old loggers
         try:

@@ -1,4 +1,4 @@
-"""Reads columns from HDF5 files; a dataset in groups is named by its path, `run1/speed`."""
+"""Reads columns from HDF5 files; a dataset in groups has its path as name, `run1/speed`."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import SpecError
 
 _NETCDF = "_NCProperties"
-"""The attribute of files of the NetCDF library."""
+"""An attribute that the NetCDF library adds to its files."""
 
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
-    """The wanted datasets of the file; (rows,) or (rows, columns).
+    """The requested datasets of the file, of shape (rows,) or (rows, columns).
 
-    Raises SpecError with everything that is wrong.
+    Raises SpecError with all errors of the file.
     """
     del dialect  # lays out text
     return read_datasets(path, shown, wanted, transposed=False, separator="/")
@@ -34,9 +34,9 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
 def read_datasets(
     path: Path, shown: str, wanted: WantedColumns, *, transposed: bool, separator: str
 ) -> ColumnTable:
-    """The wanted datasets; `transposed` where the file keeps matrices column by column, as MATLAB.
+    """The requested datasets; `transposed` if matrices are stored by columns, as MATLAB does.
 
-    A dataset whose numbers stand in another file is not followed: a data file reads nothing else.
+    Datasets whose values are in another file are ignored: a data file must not read other files.
     """
     try:
         with h5py.File(path, "r") as file:
@@ -66,7 +66,7 @@ def read_datasets(
 
 
 def _datasets(file: Any) -> dict[str, Any]:
-    """All datasets of the file by path. Links to other files and data kept in them are left out."""
+    """All datasets of the file by path, without external links and virtual datasets."""
     found: dict[str, Any] = {}
 
     def visit(name: str, entry: Any) -> None:

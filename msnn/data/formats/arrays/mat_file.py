@@ -1,4 +1,4 @@
-"""Reads columns from MATLAB files, of version 5 to 7.2 with scipy and of 7.3, which is HDF5."""
+"""Reads columns from MATLAB files: versions 5 to 7.2 with scipy, version 7.3 as HDF5."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
-    """The wanted variables; a field of a struct is named `log.speed`.
+    """The requested variables; a field of a struct has a name such as `log.speed`.
 
-    Raises SpecError with everything that is wrong.
+    Raises SpecError with all errors of the file.
     """
     del dialect  # lays out text
     if h5py.is_hdf5(path):

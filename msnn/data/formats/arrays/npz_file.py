@@ -24,7 +24,7 @@ _LONE = b"\x93NUMPY"
 
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
-    """The wanted arrays of the archive. Raises SpecError with everything that is wrong."""
+    """The requested arrays of the archive. Raises SpecError with all errors of the file."""
     del dialect  # lays out text
     try:
         # numpy leaves a broken file open that it opened itself

@@ -1,4 +1,4 @@
-"""Unpacks numbers by the attributes that files have with them, as the CF conventions define."""
+"""Unpacks stored values by attributes such as `scale_factor`, as the CF conventions define."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _KEYS = frozenset((_FACTOR, _SUMMAND, _UNSIGNED, *_MISSING, _LEAST, _MOST, _RANG
 
 
 class PackingError(ValueError):
-    """An attribute by which numbers cannot be unpacked; the text says why."""
+    """Values cannot be unpacked because of an attribute; the text gives the reason."""
 
 
 def packing_in(attributes: Any) -> dict[str, Any]:
-    """The attributes of packed numbers among those of an array or a column."""
+    """The attributes for unpacking, selected from the attributes of an array or a column."""
     # others are not even read: references of HDF5 cannot be
     found = {text_of(key): attributes[key] for key in attributes if text_of(key) in _KEYS}
     # a series has the attributes of its frame, which are mappings by column
@@ -29,9 +29,9 @@ def packing_in(attributes: Any) -> dict[str, Any]:
 
 
 def packing_of_column(attributes: Any, name: str) -> dict[str, Any]:
-    """The attributes of a column among those of its table.
+    """The attributes for unpacking a column, selected from the attributes of its table.
 
-    They are `{"speed": {"scale_factor": 0.1}}` or `{"scale_factor": {"speed": 0.1}}`.
+    Accepted forms: `{"speed": {"scale_factor": 0.1}}` and `{"scale_factor": {"speed": 0.1}}`.
     """
     found: dict[str, Any] = {}
     for key, value in attributes.items():
@@ -46,9 +46,9 @@ def packing_of_column(attributes: Any, name: str) -> dict[str, Any]:
 
 
 def with_netcdf_fill(packing: Mapping[str, Any], dtype: np.dtype[Any]) -> Mapping[str, Any]:
-    """The attributes with the number that NetCDF has where nobody wrote one, without an attribute.
+    """The attributes with NetCDF's default fill value, which marks values that were never written.
 
-    Source: NC_FILL_* of netcdf.h; numbers of one byte have none.
+    Source: NC_FILL_* of netcdf.h; one-byte types have no default.
     """
     fill = _NETCDF_FILLS.get(dtype.str[1:])
     return packing if fill is None else {_MISSING[0]: dtype.type(fill), **packing}
@@ -67,10 +67,10 @@ _NETCDF_FILLS = {
 
 
 def unpacked(array: NDArray[Any], packing: Mapping[str, Any]) -> NDArray[Any]:
-    """array * scale_factor + add_offset, NaN where the packed number is missing or not valid.
+    """array * scale_factor + add_offset; NaN if the packed value is missing or outside its limits.
 
-    Source: CF conventions 1.11, sections 2.5.1 and 8.1. Fill values and limits are those of packed
-    numbers. Arrays that hold no numbers stay as they are. Raises PackingError.
+    Fill values and limits apply to packed values. Non-numeric arrays are returned unchanged. Raises
+    PackingError. Source: CF conventions 1.11, sections 2.5.1 and 8.1.
     """
     if not packing or array.dtype.kind not in "biuf":
         return array
@@ -97,7 +97,7 @@ def unpacked(array: NDArray[Any], packing: Mapping[str, Any]) -> NDArray[Any]:
 
 
 def scaling(packing: Mapping[str, Any]) -> str:
-    """The attributes that scale or shift numbers, for messages; empty where they change none.
+    """The attributes that scale or shift values, for messages; empty if they have no effect.
 
     Raises PackingError.
     """
@@ -116,7 +116,7 @@ def _limits(packing: Mapping[str, Any]) -> tuple[Any, Any]:
 
 
 def _numbers(packing: Mapping[str, Any], key: str) -> NDArray[Any]:
-    """The numbers of an attribute, of which Parquet has the text; none where it is not there."""
+    """The numeric values of an attribute, also of its text as Parquet saves it; empty if absent."""
     value = packing.get(key, ())
     if isinstance(value, str | bytes):
         value = text_of(value).strip("[] ").replace(",", " ").split()

@@ -1,4 +1,4 @@
-"""Reads columns from Parquet files with pyarrow; only those that are wanted are decoded."""
+"""Reads columns from Parquet files with pyarrow; only requested columns are decoded."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
-    """The wanted columns of the file; null is a missing value.
+    """The requested columns of the file; null is a missing value.
 
-    Raises SpecError with everything that is wrong.
+    Raises SpecError with all errors of the file.
     """
     del dialect  # lays out text
     # for whoever watches this process: arrow opens it in C++
     sys.audit("open", path, "rb", os.O_RDONLY)
     try:
         with parquet.ParquetFile(path) as file:
-            # a value that repeats takes no room in the file, and 8 bytes a row when it is read
+            # a repeated value takes almost no space in the file, but 8 bytes per row in memory
             refuse_unpacking(path, shown, 8 * file.metadata.num_rows * len(wanted.users))
             names = tuple(str(name) for name in file.schema_arrow.names)
             zoned = zoned_columns(file.schema_arrow)
@@ -56,7 +56,7 @@ def _array(file: Any, name: str) -> NDArray[Any]:
 
 
 def zoned_columns(schema: Any) -> frozenset[str]:
-    """The names of columns of dates that are of UTC."""
+    """The names of date columns in UTC."""
     return frozenset(
         str(field.name)
         for field in schema
@@ -65,19 +65,19 @@ def zoned_columns(schema: Any) -> frozenset[str]:
 
 
 def units_of_field(schema: Any, name: str) -> UnitTexts:
-    """The units in the metadata of a column and in that of the file, as of pandas' `attrs`."""
+    """The units in the metadata of the column and of the file, such as pandas' `attrs`."""
     of_field = units_in(schema.field(name).metadata or {})
     return [*of_field, *unit_of_column(schema.metadata or {}, name)]
 
 
 def packing_of_field(schema: Any, name: str) -> Mapping[str, Any]:
-    """The attributes of packed numbers in the metadata of a column and in that of the file."""
+    """The attributes for unpacking, in the metadata of the column and of the file."""
     of_table = packing_of_column(schema.metadata or {}, name)
     return of_table | packing_in(schema.field(name).metadata or {})
 
 
 def as_array(column: Any) -> NDArray[Any]:
-    """The numbers or dates of a column; null is NaN."""
+    """The numbers or dates of a column as numpy array; null becomes NaN."""
     # numpy would make objects of them
     if arrow.types.is_decimal(column.type):
         column = column.cast(arrow.float64())

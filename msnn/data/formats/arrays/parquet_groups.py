@@ -1,4 +1,4 @@
-"""Reads row groups of Parquet files one at a time, with the columns that folders name."""
+"""Reads row groups of Parquet files one at a time, with columns from folder names."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 
 def row_groups(path: Path, shown: str) -> Sequence[NamedArrays]:
-    """The row groups of a file as records; nothing is read before a column is asked for.
+    """The row groups of a file as recordings; columns are read when they are requested.
 
-    A folder `vehicle=7` above the file is a column `vehicle`, as Hive has it. Raises SpecError for
-    what is no Parquet file.
+    A folder `vehicle=7` above the file adds a column `vehicle` (Hive partitioning). Raises
+    SpecError if the file is not Parquet.
     """
     # for whoever watches this process: arrow opens it in C++
     sys.audit("open", path, "rb", os.O_RDONLY)

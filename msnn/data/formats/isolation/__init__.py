@@ -1,1 +1,1 @@
-"""Reads files with compiled readers in a process of its own, which a broken file may end."""
+"""Runs compiled file readers in a separate process, which a malformed file may crash."""

@@ -1,4 +1,4 @@
-"""Writes requests and results of a reader as JSON and raw arrays: no pickle, which runs code."""
+"""Encodes requests and results of a reader as JSON and raw arrays; pickle could run code."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from spec_schema.units.unit import Unit
 
 @dataclass(frozen=True, slots=True)
 class ReadRequest:
-    """A file to read by `read` of a module, and what that may take."""
+    """A file to read with the function `read` of a module, and limits of memory and time."""
 
     module: str
     path: Path
@@ -33,9 +33,9 @@ class ReadRequest:
     wanted: WantedColumns
     dialect: Dialect
     memory: int
-    """Bytes in addition to those that the process has."""
+    """Maximum additional memory in bytes."""
     seconds: int
-    """Of the processor."""
+    """Maximum processor time."""
 
 
 _REQUEST = (ReadRequest, WantedColumns, TimeSource, Located, Dialect)
@@ -43,7 +43,7 @@ _RESULT = (ColumnTable, Streams, Diagnostic, Span, Moment, CapitalUnit, UnknownU
 _KINDS = (*_REQUEST, *_RESULT)
 _CLASSES: dict[str, type[Any]] = {kind.__name__: kind for kind in _KINDS}
 _LENGTH = 8
-"""Bytes that say how long the JSON is."""
+"""Size in bytes of the length field before the JSON."""
 _LONGEST = 1 << 30
 
 
@@ -63,7 +63,7 @@ def write_message(pipe: IO[bytes], value: object) -> None:
 
 
 def read_message(pipe: IO[bytes]) -> Any:
-    """The value of a message; EOFError where the writer has ended within it."""
+    """Reads one value. Raises EOFError if the message is incomplete."""
     length = int.from_bytes(_whole(pipe, _LENGTH), "big")
     if length > _LONGEST:
         raise EOFError
@@ -111,7 +111,7 @@ def _encoded(value: object, arrays: list[FloatArray]) -> object:
 
 def _decoded(value: Any, pipe: IO[bytes]) -> Any:
     match value:
-        # in the order in which they were encoded, which is that of their bytes
+        # decoded in the order of encoding, which is the order of the arrays' bytes
         case {"array": count}:
             array = np.empty(int(count), np.float64)
             view = array.view(np.uint8).data

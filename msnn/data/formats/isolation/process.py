@@ -1,4 +1,4 @@
-"""The process that reads files for another one, within limits of memory and processor time."""
+"""The process that reads files for another process, with limits of memory and processor time."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from msnn.errors.data.files import unreadable_file
 from spec_schema.diagnostics.diagnostic import SpecError
 
 Reader: TypeAlias = Callable[[Path, str, WantedColumns, Dialect], ColumnTable | Streams]
-"""(path, its name in messages, the wanted columns, layout of text) → columns; raises SpecError."""
+"""(path, its name in messages, requested columns, text layout) → columns; raises SpecError."""
 
 _LONGEST_REASON = 200
-"""Letters of what a library says of a broken file."""
+"""Maximum number of characters of a library's error message."""
 
 
 def serve() -> None:
-    """Answers requests of the standard input until it ends."""
+    """Answers requests from the standard input until it is closed."""
     # the user's Ctrl-C ends the one who asks, and that ends this one
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = os.fdopen(os.dup(1), "wb")
-    # libraries print what they think of a file
+    # libraries print messages about a file to the standard output
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.dup2(nowhere, 2)
@@ -84,7 +84,9 @@ def _limit(memory: int, seconds: int) -> None:
 
 
 def _address_space() -> int:
-    """Bytes of memory that the process may address already; 4 GiB where the system does not say."""
+    """Bytes of memory that the process already addresses; 4 GiB if the system does not report
+    it.
+    """
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[0])
     except OSError:

@@ -1,4 +1,4 @@
-"""Has files read by a process of its own, and says why where that process ended."""
+"""Starts a process that reads files, and reports the reason if that process crashes."""
 
 from __future__ import annotations
 
@@ -23,16 +23,18 @@ from spec_schema.diagnostics.diagnostic import SpecError
 
 _MEMORY = 1 << 30
 _TIMES_SIZE = 64
-"""Memory for a file: so much, and so many times its size; real logs are packed by 20 at most."""
+"""Memory limit of a file: a constant plus a multiple of its size; real logs compress at most
+20:1.
+"""
 _SECONDS = 20
 _PER_SECOND = 1_000_000
-"""Processor time for a file: so many seconds, and one for so many bytes more."""
+"""Processor time limit of a file: a constant, plus one second per this many bytes."""
 
 _PIPE = 1 << 20
-"""Bytes of a pipe: the most that Linux gives to any process."""
+"""Buffer size of a pipe in bytes: the maximum that Linux allows an ordinary process."""
 
 _HOME = Path(__file__).parents[4]
-"""The folder in which the package `msnn` lies."""
+"""The folder that contains the package `msnn`."""
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from msnn.data.formats.isolation.process import serve; serve()"
@@ -40,10 +42,10 @@ _START = (
 
 
 def isolated(module: str) -> Reader:
-    """The reader `read` of a module, run in a process of its own.
+    """The function `read` of a module, run in a separate process.
 
-    A file that ends that process is an unreadable file (E0802). One process serves all files of a
-    command, since readers take long to load.
+    A file that crashes the process is reported as unreadable (E0802). All files of a command share
+    one process, because readers take long to import.
     """
 
     def read(
@@ -70,7 +72,7 @@ def isolated(module: str) -> Reader:
 
 
 class _Readers:
-    """The process that reads, started when a file needs it and again after one that ended it."""
+    """The reader process: started on first use, and restarted after a crash."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
@@ -107,14 +109,14 @@ class _Readers:
         return process.wait()
 
     def end(self) -> None:
-        """Ends the process, if there is one."""
+        """Stops the process if it is running."""
         if self._process is not None:
             self._ended(self._process)
 
 
 @cache
 def _readers(process: int) -> _Readers:
-    """One for each process: a copy of it that the system makes has none of its own."""
+    """One instance per process: a forked child must not use its parent's reader."""
     del process
     return _Readers()
 

@@ -1,1 +1,1 @@
-"""Reads recordings in which every signal has times of its own: MDF and ROS bags."""
+"""Reads recordings in which every signal has its own timestamps: MDF and ROS bags."""

@@ -1,4 +1,4 @@
-"""Reads channels from ASAM MDF measurements with asammdf; each has the times of its group."""
+"""Reads channels of ASAM MDF files with asammdf; each channel has the times of its group."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _IN_GROUP = re.compile(r"(?P<name>.+)@(?P<group>[0-9]{1,6})")
 
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Streams:
-    """The wanted channels with their conversions to physical values applied.
+    """The requested channels, with their conversions to physical values applied.
 
-    A name that several channel groups have is written with the group, `speed@2`. Times count from
-    the start of the measurement, or are the values of a channel of the same group that the spec
-    names. Raises SpecError with everything that is wrong.
+    A name that occurs in several channel groups needs the group number: `speed@2`. Times count from
+    the start of the measurement, unless the spec names a time channel of the same group. Raises
+    SpecError with all errors of the file.
     """
     del dialect  # lays out text
     try:
@@ -55,7 +55,7 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Str
 
 
 def _names(file: Any) -> list[str]:
-    """The names of the channels, without those that hold the times of the others."""
+    """The names of the channels, without the time channels of the groups."""
     masters = {file.groups[g].channels[i].name for g, i in file.masters_db.items()}
     return [name for name in file.channels_db if name not in masters]
 
@@ -67,9 +67,9 @@ def _times(
     names: Sequence[str],
     units: dict[ColumnKey, StatedUnit],
 ) -> Callable[[str], FloatArray] | None:
-    """The times of a channel's values by the channel of its group that the spec names as time.
+    """A function that returns the times of a channel from the time channel named in the spec.
 
-    `units` takes their units, as far as the file states them.
+    Adds the units of these times to `units` if the file states them.
     """
     if column is None:
         return None
@@ -105,7 +105,7 @@ def _times(
 
 
 def _units(file: Any) -> list[str]:
-    """The units of the same channels, as far as they state one."""
+    """The units of the channels that state one, without the time channels."""
     found: list[str] = []
     for number, group in enumerate(file.groups):
         for index, channel in enumerate(group.channels):
@@ -117,7 +117,7 @@ def _units(file: Any) -> list[str]:
 
 
 def _places(file: Any, key: str) -> list[tuple[int, int]]:
-    """The group and index of each channel that a name means."""
+    """(group, index) of each channel with this name."""
     found = _IN_GROUP.fullmatch(key)
     # a channel may have an `@` in its own name
     name = found["name"] if found and key not in file.channels_db else key

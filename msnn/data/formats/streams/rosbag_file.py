@@ -1,4 +1,4 @@
-"""Reads fields of messages from ROS 1 and ROS 2 bags with rosbags."""
+"""Reads message fields from ROS 1 and ROS 2 bags with rosbags."""
 
 from __future__ import annotations
 
@@ -27,20 +27,24 @@ from spec_schema.expressions.moments import Moment
 
 _STEP = re.compile(r"(?P<field>\w+)(?:\[(?P<index>[0-9]{1,6})\])?", re.ASCII)
 _DAY = 86_400 * 10**9
-"""Nanoseconds by which a clock is off that is not the recorder's, as that of a simulator."""
+"""Nanoseconds; a clock further from the recorder's clock is a different one, such as a
+simulator's.
+"""
 
 _Path: TypeAlias = tuple[tuple[str, int | None], ...]
-"""Names of fields, each with the index of an element where it is a list."""
+"""Field names, each with the index of an element if the field is a list."""
 
 
 @dataclass(slots=True)
 class _Channel:
-    """One field of a topic's messages, as `/imu.linear_acceleration.x` or `/joints.position[2]`."""
+    """One field of a topic's messages, such as `/imu.linear_acceleration.x` or
+    `/joints.position[2]`.
+    """
 
     topic: str
     path: _Path
     clock: _Path | None = None
-    """The field that has the time of a message; None where it is when it was recorded."""
+    """The field with the time of a message; None to use the time of recording."""
     time: list[float] = field(default_factory=list[float])
     values: list[float] = field(default_factory=list[float])
     unit: str = ""
@@ -73,7 +77,9 @@ def _field(message: Any, path: _Path) -> Any:
 
 
 def _unit(message: Any, path: _Path) -> str:
-    """The unit of a field: of the first on its path that has one, `angular_velocity` not its x."""
+    """The unit of a field, from the outermost field with a unit: `angular_velocity`, not its
+    `x`.
+    """
     for number, (name, _) in enumerate(path):
         unit = field_unit(_field(message, path[:number]).__msgtype__, name)
         if unit:
@@ -82,11 +88,11 @@ def _unit(message: Any, path: _Path) -> str:
 
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Streams:
-    """The wanted fields. The time of a message is when it was recorded, from the bag's start.
+    """The requested fields; by default, times are times of recording, counted from the bag's start.
 
-    `time: header.stamp` takes the stamp of all topics that have one, `time: /imu.header.stamp` that
-    of one topic, from the bag's start too. A field of numbers is the time of one topic alone.
-    Raises SpecError with everything that is wrong.
+    `time: header.stamp` uses the stamp of every topic that has one, `time: /imu.header.stamp` that
+    of one topic. Stamps count from the bag's start too. A numeric field can be the time of its own
+    topic only. Raises SpecError with all errors of the file.
     """
     del dialect  # lays out text
     # the types of a bag without definitions of its own, as old ROS 2 recorders leave it
@@ -126,9 +132,9 @@ def _set_clocks(
     column: TimeSource,
     shown: str,
 ) -> Moment | None:
-    """Gives channels the field of time that the spec names, of their topic or of all topics.
+    """Assigns the time field named in the spec to channels of its topic, or of all topics.
 
-    Returns the time 0: the bag's start, the first stamp of a simulated clock, None for numbers.
+    Returns time 0: the bag's start, the first stamp of a simulated clock, or None for numbers.
     """
     key, span = str(column.column), column.place
     topic, path = _split(key, topics)
@@ -168,7 +174,7 @@ def _set_clocks(
 
 
 def _first(bag: AnyReader, topic: str) -> Any:
-    """The first message of a topic; None where it has none."""
+    """The first message of a topic; None if the topic has no messages."""
     connections = [c for c in bag.connections if c.topic == topic]
     for connection, _, raw in bag.messages(connections):
         return bag.deserialize(raw, connection.msgtype)
@@ -181,7 +187,7 @@ def _channel(key: str, topics: Sequence[str]) -> _Channel | None:
 
 
 def _split(key: str, topics: Sequence[str]) -> tuple[str | None, _Path | None]:
-    """The topic with which a name begins, and the field that the rest of it names."""
+    """The topic and the field path of a column name; None for parts that do not exist."""
     # the longest: `/imu` and `/imu.raw` may both be there
     topic = max((t for t in topics if key.startswith(f"{t}.")), key=len, default=None)
     path: list[tuple[str, int | None]] = []
@@ -195,7 +201,7 @@ def _split(key: str, topics: Sequence[str]) -> tuple[str | None, _Path | None]:
 
 def _fill(bag: AnyReader, channels: dict[str, _Channel], begin: int) -> None:
     topics = {channel.topic for channel in channels.values()}
-    # other topics are not even decoded: images are most of a bag
+    # other topics are not decoded: images make up most of a bag
     connections = [c for c in bag.connections if c.topic in topics]
     for connection, nanoseconds, raw in bag.messages(connections) if connections else ():
         message = bag.deserialize(raw, connection.msgtype)

@@ -1,4 +1,4 @@
-"""Lists the units of ROS messages: SI by REP 103, and what the messages' definitions say."""
+"""Lists the units of ROS messages: SI by REP 103, and units in the messages' definitions."""
 
 from __future__ import annotations
 
@@ -51,10 +51,13 @@ UNITS: Mapping[str, Mapping[str, str]] = {
     "builtin_interfaces/msg/Time": {"sec": "s", "nanosec": "ns"},
     "builtin_interfaces/msg/Duration": {"sec": "s", "nanosec": "ns"},
 }
-"""Units of fields by the message that has them; those of other fields, as of the joints of
-`JointState`, which turn or slide, depend on the robot."""
+"""Units of fields by message type.
+
+Fields whose unit depends on the robot are omitted, such as the joints of `JointState`, which turn
+or slide.
+"""
 
 
 def field_unit(message: str, field: str) -> str:
-    """The unit of a field and of all in it; empty where the definition says none."""
+    """The unit of a field and of its sub-fields; empty if the definition states none."""
     return UNITS.get(message, {}).get(field, "")

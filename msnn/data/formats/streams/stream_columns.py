@@ -1,4 +1,4 @@
-"""Columns out of recordings in which every signal has times of its own."""
+"""Extracts columns from recordings in which every signal has its own timestamps."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from msnn.errors.data import files as errors
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 Lookup = Callable[[str], tuple[FloatArray, NamedArrays] | None]
-"""A column's name → the seconds of its samples and its values under that name; None: no such."""
+"""Column name → times in seconds and values under that name; None if there is no such column."""
 
 
 def stream_columns(file: str, wanted: WantedColumns, names: Sequence[str], find: Lookup) -> Streams:
-    """The wanted columns; an index counts along `names`.
+    """The requested columns; an integer key is an index into `names`.
 
-    Raises SpecError with all that is wrong.
+    Raises SpecError with all errors of the file.
     """
     faults: list[Diagnostic] = []
     missing: dict[str, str] = {}

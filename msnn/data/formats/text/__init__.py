@@ -1,1 +1,1 @@
-"""Reads tables of text: CSV, and workbooks as the text that they would be saved as."""
+"""Reads tables of text: CSV, and workbooks as if saved as text."""

@@ -1,4 +1,4 @@
-"""Converts CSV cells to numbers one by one, where numpy cannot, and reports which are wrong."""
+"""Reads a CSV file cell by cell, to report exactly which cells are wrong and where."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from spec_schema.diagnostics.source import Span
 from spec_schema.expressions.moments import Moment, read_moment
 
 CellFault = Callable[[str, int, str, str, int, Span], Diagnostic]
-"""A constructor of `errors`: (file, row, column, text, more of the kind, place)."""
+"""A constructor in `errors`: (file, row, column, text, count of further faults, place)."""
 
 # `1,5` where the delimiter is no comma
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
-"""`1.500`, which is fifteen hundred where commas are decimal, and 1.5 where they are not."""
+"""`1.500`: 1500 if the decimal sign is a comma, otherwise 1.5."""
 _LONGEST_SHOWN = 40
 _MISSING_TIME: CellFault = partial(cell_errors.missing_value, is_time=True)
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedColumns:
-    """Columns of a table, and the first moment of those that have dates."""
+    """Columns of a table, and the first date of date columns."""
 
     columns: Sequence[FloatArray]
     begins: Mapping[ColumnKey, Moment]
@@ -43,10 +43,10 @@ class CheckedColumns:
 def checked_columns(
     lines: Lines, header: Header, places: Mapping[ColumnKey, int], wanted: WantedColumns
 ) -> CheckedColumns:
-    """The columns at `places`, NaN where an optional cell is empty.
+    """The columns at `places`; NaN for empty cells of optional columns.
 
-    Raises SpecError with one diagnostic for each kind of fault and column; it shows the first and
-    counts the others.
+    Raises SpecError with one diagnostic per kind of fault and column, which shows the first fault
+    and counts the others.
     """
     faults = _Faults()
     readers = [
@@ -83,7 +83,7 @@ def checked_columns(
 
 
 def line_of_row(lines: Lines, header: Header, row: int) -> int:
-    """The line of the file, counted from 1, that holds a data row."""
+    """The line number in the file, from 1, of a data row."""
     # read again: places are asked for once or twice in a file of millions of lines
     for found, (number, _) in enumerate(lines()):
         if found == row + header.lines:
@@ -92,7 +92,7 @@ def line_of_row(lines: Lines, header: Header, row: int) -> int:
 
 
 def cell_of_row(lines: Lines, header: Header, row: int, index: int) -> tuple[str, Span]:
-    """The text of a cell in a data row, and where it stands."""
+    """The text and place of a cell in a data row."""
     return next(line for line in _lines(lines, header) if line.row == row).cell(index)
 
 
@@ -106,7 +106,7 @@ class _Numbers:
     values: list[float] = field(default_factory=list[float])
 
     def fault_of(self, cell: str) -> CellFault | None:
-        """Takes a cell of the column, and says what is wrong with it."""
+        """Appends the value of a cell, and returns the constructor of its diagnostic or None."""
         value, fault = _number(cell, self.dialect, self.may_miss)
         self.values.append(value)
         return fault
@@ -118,7 +118,7 @@ class _Numbers:
 
 @dataclass(slots=True, kw_only=True)
 class _Times(_Numbers):
-    """Reads a column of time: moments where the first cell is one, else numbers."""
+    """Reads a time column: dates if the first cell is a date, else numbers."""
 
     nanoseconds: list[int] = field(default_factory=list[int])
     has_zone: bool = False
@@ -140,7 +140,7 @@ class _Times(_Numbers):
 
     @property
     def column(self) -> FloatArray:
-        """Seconds from the first row; exact to a nanosecond over a hundred days."""
+        """Seconds since the first row; exact to a nanosecond over a hundred days."""
         if not self.nanoseconds:
             return np.array(self.values)
         moments = np.array(self.nanoseconds, dtype=np.int64)
@@ -181,7 +181,7 @@ def _lines(lines: Lines, header: Header) -> Iterator[_Line]:
 
 @dataclass(slots=True, kw_only=True)
 class _Line:
-    """One row of the file, and the faults that may be found in it."""
+    """One row of the file, and constructors of diagnostics about it."""
 
     header: Header
     row: int
@@ -219,7 +219,7 @@ class _Line:
         )
 
     def cell(self, index: int) -> tuple[str, Span]:
-        """The text of a cell, and where it stands."""
+        """The text and place of a cell."""
         # cells lost their quotes when they were split: with quotes the whole line is underlined
         start = sum(len(cell) + 1 for cell in self.cells[:index])
         end = start + max(len(self.cells[index]), 1)
@@ -234,7 +234,7 @@ class _Line:
 
 
 class _Faults:
-    """The first fault of each kind, and how many more there are."""
+    """The first fault of each kind, and the number of further ones."""
 
     def __init__(self) -> None:
         self._first: dict[object, Callable[[int], Diagnostic]] = {}

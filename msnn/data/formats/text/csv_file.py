@@ -1,4 +1,4 @@
-"""Reads columns of numbers from a CSV file: fast where all is well, exact about what is wrong."""
+"""Reads numeric columns from a CSV file: fast if it is valid, else with exact error reports."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ _CHUNK = 1 << 20
 
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
-    """The wanted columns of a UTF-8 text file.
+    """The requested columns of a UTF-8 text file.
 
     An empty or NaN cell becomes NaN in optional columns and is an error in the others. `shown` is
-    the file's name in messages. Raises SpecError with all faults of the file.
+    the file's name in messages. Raises SpecError with all errors of the file.
     """
     # `log.csv` that is an Excel file: its bytes would be told of as text that is not UTF-8
     refuse_other_formats(path, shown)
@@ -74,14 +74,14 @@ def _table(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> C
 def text_table(
     lines: Lines, header: Header, places: Mapping[ColumnKey, int], wanted: WantedColumns
 ) -> ColumnTable:
-    """The wanted columns of a table, cell by cell. Raises SpecError with all of its faults."""
+    """The requested columns of a table, read cell by cell. Raises SpecError with all errors."""
     return named_table(lines, header, places, checked_columns(lines, header, places, wanted))
 
 
 def named_table(
     lines: Lines, header: Header, places: Mapping[ColumnKey, int], found: CheckedColumns
 ) -> ColumnTable:
-    """Columns with what the file says of them and where their rows stand."""
+    """The table with its stated units, and functions that locate its rows and cells."""
 
     def place(row: int) -> Span:
         line = line_of_row(lines, header, row)
@@ -101,7 +101,7 @@ def named_table(
 
 
 def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatArray] | None:
-    """The columns as numpy reads them, None if the file has anything but plain rows of numbers."""
+    """The columns read by numpy; None if the file has anything but plain rows of numbers."""
     dialect = header.dialect
     # numpy knows neither commas as decimals nor lines of comments that count as none
     if dialect.decimal != "." or dialect.comment is not None:
@@ -139,12 +139,12 @@ def _numbers(path: Path, header: Header, indices: Sequence[int]) -> list[FloatAr
 
 
 def _delimiters(path: Path, header: Header) -> int:
-    """The count of delimiters after the header: loadtxt skips columns it does not read."""
+    """The number of delimiters after the header: a check of columns that loadtxt skips."""
     return _count(path, header, header.dialect.delimiter.encode())
 
 
 def _lines_below(path: Path, header: Header) -> int:
-    """The count of lines after the header."""
+    """The number of lines after the header."""
     with path.open("rb") as file:
         file.seek(-1, SEEK_END)
         is_ended = file.read(1) == b"\n"

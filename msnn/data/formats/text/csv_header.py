@@ -1,4 +1,4 @@
-"""Reads the header of a text table: names of columns, their units, the delimiter that fits."""
+"""Reads the header of a text table: column names, their units, and the delimiter."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 from spec_schema.diagnostics.source import Span
 
 BLANKS = " "
-"""The delimiter of tables whose cells stand apart by one or more blanks or tabs."""
+"""The delimiter of tables whose cells are separated by one or more blanks or tabs."""
 
 # ";" before ",": with decimal commas both are there
 _DELIMITERS = (";", ",", "\t", "|", BLANKS)
 LONGEST_LINE = 1 << 22
-"""Characters of a line: 200,000 numbers, more columns than a table of measurements has."""
+"""Maximum characters per line: 200,000 numbers, more columns than a measurement has."""
 
 Lines: TypeAlias = Callable[[], Iterator[tuple[int, str]]]
-"""The lines of a table with their numbers from 1, from its first on each time it is called."""
+"""Returns an iterator over the lines from the first on, with line numbers from 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
-    """The layout of a file's text: `skip` lines, a header line if there is one, rows."""
+    """The layout of a text file: `skip` lines, an optional header line, rows."""
 
     delimiter: str = ","
     is_usual: bool = False
-    """Whether nobody said the delimiter, so that the header may show another."""
+    """True if the spec gives no delimiter, so that it may be inferred from the header."""
     decimal: str = "."
     comment: str | None = None
     header: bool = True
@@ -54,7 +54,7 @@ class Dialect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Header:
-    """The first line with content; `lines` is 0 where it is data already, 2 with units below."""
+    """The first line with content; `lines` is 0 if it is data, 2 if a line of units follows."""
 
     file: str
     dialect: Dialect
@@ -63,13 +63,13 @@ class Header:
     names: tuple[str, ...]
     lines: int
     below: int = 0
-    """The number of the line of units, where there is one."""
+    """Line number of the units, if there is such a line."""
     below_units: tuple[str, ...] = ()
     """The texts in that line."""
     shown_units: Mapping[int, tuple[ShownUnit, ...]] = field(
         default_factory=dict[int, tuple[ShownUnit, ...]]
     )
-    """Units with which a workbook shows the numbers of columns, by index."""
+    """Units in the number formats of a workbook's columns, by index."""
 
     @property
     def width(self) -> int:
@@ -77,7 +77,7 @@ class Header:
 
     @property
     def skipped(self) -> int:
-        """Lines of the file before its first row of data, blank ones after them left aside."""
+        """The number of lines before the first data row, without blank lines directly before it."""
         return max(self.line, self.below) if self.lines else self.dialect.skip
 
     @property
@@ -92,18 +92,19 @@ class Header:
 
     @property
     def holds_numbers(self) -> bool:
-        """Whether the line is one of data, by its looks."""
+        """True if all cells of the line are numbers, so that it is probably data."""
         # a header of numbers is one that is missing
         return all(is_number(name.replace(self.dialect.decimal, ".")) for name in self.names)
 
     def label(self, index: int) -> str:
-        """The name of a column in messages: its own, or its index."""
+        """The name of a column in messages: from the header, else its index."""
         return self.names[index] if self.lines else str(index)
 
     def places(self, wanted: WantedColumns) -> dict[ColumnKey, int]:
-        """The index of each wanted column that is there; SpecError with all that are missing.
+        """The index of each requested column that exists. Raises SpecError with all missing
+        columns.
 
-        A name is that of the header, or what stands before the unit there: `F` of `F [N]`.
+        A key matches the header's name, or the name before its unit: `F` matches `F [N]`.
         """
         found: dict[ColumnKey, int] = {}
         faults: list[Diagnostic] = []
@@ -147,7 +148,7 @@ class Header:
         return found
 
     def units(self, places: Iterable[int]) -> dict[int, StatedUnit]:
-        """The units that the file states of columns."""
+        """The units that the file states for columns, by index."""
         found: dict[int, StatedUnit] = {}
         for index in places if self.lines else ():
             below = written_unit(self.below_units[index]) if self.below_units else None
@@ -162,10 +163,10 @@ class Header:
 
 
 def read_header(lines: Lines, shown: str, dialect: Dialect, keys: Iterable[ColumnKey]) -> Header:
-    """The header of a table; SpecError if it is empty or the delimiter is plainly another.
+    """The header of a table. Raises SpecError if it is empty or if the delimiter is clearly wrong.
 
-    Where all keys are indices a first line of numbers is taken as data. Where nobody said the
-    delimiter and the usual one finds a single column, one that finds all names is taken.
+    If all keys are indices, a first line of numbers is data. If the spec gives no delimiter and the
+    default one yields a single column, a delimiter that finds all names is used.
     """
     keys = set(keys)
     (line, text), below = _first_two(lines)
@@ -202,7 +203,7 @@ def _first_two(lines: Lines) -> Sequence[tuple[int, str]]:
 
 
 def _meant_delimiter(text: str, keys: Iterable[ColumnKey]) -> str | None:
-    """The sign that makes several columns of a header: one that finds all names, or most cells."""
+    """A delimiter that splits the header into all names, else the one with most cells."""
     cells = {sign: len(header_cells(text, sign)) for sign in _DELIMITERS}
     # a sign that separates nothing is none
     several = [sign for sign in _DELIMITERS if cells[sign] > 1]
@@ -211,7 +212,7 @@ def _meant_delimiter(text: str, keys: Iterable[ColumnKey]) -> str | None:
 
 
 def _finds_all(text: str, sign: str, keys: Iterable[ColumnKey]) -> bool:
-    """Whether a delimiter finds every name in the header, and there are names to find."""
+    """True if a delimiter finds every name in the header, and at least one name is requested."""
     names = header_cells(text, sign)
     known = {*names, *(column_and_unit(name)[0] for name in names)}
     wanted = [key for key in keys if isinstance(key, str)]
@@ -225,7 +226,7 @@ def _finds_any(text: str, keys: Iterable[ColumnKey]) -> bool:
 def _refuse_late_header(
     lines: Lines, shown: str, dialect: Dialect, keys: Iterable[ColumnKey]
 ) -> None:
-    """SpecError where a line further down has every name: loggers write about themselves first."""
+    """Raises SpecError if a later line contains every name: many loggers write a preamble first."""
     signs = _DELIMITERS if dialect.is_usual else (dialect.delimiter,)
     # a bound: a file of data without names would be searched to its end
     for line, text in islice(lines(), 1, _FURTHEST_HEADER):
@@ -241,10 +242,10 @@ _FURTHEST_HEADER = 100
 def content_lines(
     path: Path, dialect: Dialect, shown: str, *, blank: bool = False
 ) -> Iterator[tuple[int, str]]:
-    """Number (from 1) and text of the lines after `skip` that are no comment and not blank.
+    """Number (from 1) and text of the lines after `skip` that are neither comments nor blank.
 
-    With `blank` blank lines are there, without their blanks. SpecError for a line that is far
-    longer than a row of numbers.
+    With `blank`, blank lines are included as empty texts. Raises SpecError for a line over
+    LONGEST_LINE.
     """
     # a byte order mark is no part of the first name; `csv` wants line ends as they are
     with path.open(encoding="utf-8-sig", newline="") as file:
@@ -265,9 +266,9 @@ def content_lines(
 
 
 def with_blank_rows(lines: Lines, header: Header) -> Lines:
-    """The lines of a table of one column, of which blank ones among the rows are missing values.
+    """The lines of a one-column table; blank lines between rows are missing values.
 
-    A blank line at the end of a file is none.
+    Blank lines at the end of the file are ignored.
     """
 
     def kept() -> Iterator[tuple[int, str]]:
@@ -284,7 +285,7 @@ def with_blank_rows(lines: Lines, header: Header) -> Lines:
 
 
 def split_cells(line: str, delimiter: str) -> list[str]:
-    """The cells of one line, quotes removed."""
+    """The cells of one line, with quotes removed."""
     if '"' in line:
         # its own limit is shorter than ours
         csv.field_size_limit(LONGEST_LINE)
@@ -298,7 +299,9 @@ def split_cells(line: str, delimiter: str) -> list[str]:
 
 
 def header_cells(text: str, delimiter: str) -> tuple[str, ...]:
-    """The names in a header; between blanks `F [N]` is one, and so is `T [deg C]`."""
+    """The names in a header; with blanks as delimiter, `F [N]` and `T [deg C]` are one name
+    each.
+    """
     found: list[str] = []
     for cell in split_cells(text, delimiter):
         # `[N]` alone is the unit of the column before, and brackets hold together what is in them

@@ -1,4 +1,4 @@
-"""Says of a file that is no text in UTF-8 what it is, and how it becomes that."""
+"""Identifies files that are not UTF-8 text, and suggests a conversion."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from msnn.errors.data.files import spreadsheet, unreadable_file
 from spec_schema.diagnostics.diagnostic import Diagnostic, SpecError
 
 _MARKS = {b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16"}
-"""What begins a file that says its encoding."""
+"""Byte order marks, by which a file states its encoding."""
 _EUROPEAN = "WINDOWS-1252"
-"""What German, French and other spreadsheets and loggers write without saying so."""
+"""The encoding that European spreadsheets and loggers write without a mark."""
 _COMPRESSED = {
     b"\x1f\x8b": "gzip",
     b"BZh": "bzip2",
     b"\xfd7zXZ\x00": "xz",
     b"\x28\xb5\x2f\xfd": "zstd",
 }
-"""First bytes, and the program that unpacks the file."""
+"""First bytes of compressed files, and the program that unpacks them."""
 _OTHERS = {
     b"\x89HDF\r\n\x1a\n": ("HDF5", ".h5"),
     b"PAR1": ("Parquet", ".parquet"),
@@ -29,7 +29,7 @@ _OTHERS = {
     b"SQLite format 3": ("ROS bag", ".db3"),
     b"\x89MCAP0": ("ROS bag", ".mcap"),
 }
-"""First bytes of formats that have readers of their own, and the suffix by which they are known."""
+"""First bytes of formats with their own readers, and the suffix that selects the reader."""
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _ZIP = b"PK\x03\x04"
 _WITHOUT_READER = {
@@ -40,7 +40,7 @@ _WITHOUT_READER = {
 
 
 def refuse_other_formats(path: Path, shown: str) -> None:
-    """Raises SpecError for a file in another format than text, whatever its name."""
+    """Raises SpecError for a file in a format other than text, regardless of its name."""
     try:
         with path.open("rb") as file:
             begin = file.read(16)
@@ -63,9 +63,9 @@ def refuse_other_formats(path: Path, shown: str) -> None:
 
 
 def other_name(path: Path) -> str | None:
-    """The repair of a file that no reader of its suffix understands: the name for its format.
+    """The repair for a file that the reader of its suffix rejects: a name that fits its format.
 
-    None where nothing tells its format.
+    None if the format cannot be identified.
     """
     try:
         with path.open("rb") as file:
@@ -82,7 +82,7 @@ def other_name(path: Path) -> str | None:
 
 
 def not_utf8(path: Path, shown: str, error: UnicodeDecodeError) -> Diagnostic:
-    """E0802, with the line that converts the file."""
+    """Diagnostic E0802, with the command that converts the file."""
     with path.open("rb") as file:
         # a guess that the message shows as a command, not one that is read by
         encoding = _MARKS.get(file.read(2), _EUROPEAN)
@@ -100,7 +100,7 @@ def _compressed(shown: str, program: str) -> Diagnostic:
 
 
 def _archive(path: Path, shown: str) -> Diagnostic:
-    """Of a ZIP archive, which workbooks and archives of numpy are too."""
+    """The diagnostic for a ZIP archive, which may be a workbook or an archive of numpy."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()

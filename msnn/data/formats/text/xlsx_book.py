@@ -1,4 +1,4 @@
-"""Opens Excel workbooks, and tells number formats of dates from those of numbers with units."""
+"""Opens Excel workbooks, and distinguishes date formats from number formats with units."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 _LITERAL = re.compile(r'"[^"]*"|[\\_*].|\[(?!(?:h+|m+|s+)\])[^\]]*\]', re.IGNORECASE | re.DOTALL)
-"""Quoted and escaped text, widths and fills, colours, conditions and locales; `[h]` is a time."""
+"""Literals in a number format: quoted text, fills, colours, conditions; `[h]` is a duration."""
 _PARTS_OF_SECONDS = re.compile(r"(s\]?)[.,]?0+", re.IGNORECASE)
 _NUMBER = re.compile(r"[0#?]|General|Standard", re.IGNORECASE)
 _DATE = re.compile(r"[dmhys]", re.IGNORECASE)
@@ -20,8 +20,8 @@ _DATE = re.compile(r"[dmhys]", re.IGNORECASE)
 def is_date_format(code: str) -> bool:
     """True if a number format shows its cells as dates, times or durations.
 
-    Digits other than those behind seconds make it one of numbers: `0.0 km/h` has a unit, no month
-    and hour.
+    Digits other than fractions of a second make it a number format: in `0.0 km/h`, m and h are a
+    unit.
     """
     plain = _LITERAL.sub("", code).partition(";")[0]
     plain = _PARTS_OF_SECONDS.sub(r"\1", plain)
@@ -30,9 +30,9 @@ def is_date_format(code: str) -> bool:
 
 @contextmanager
 def first_sheet(path: Path, *, data_only: bool = True) -> Generator[Any]:
-    """The first sheet of a workbook, whose cells are dates where `is_date_format` says so.
+    """The first sheet of a workbook, with cells as dates if `is_date_format` is true.
 
-    `data_only` has the values of formulas that were saved, else their texts.
+    `data_only` yields the saved values of formulas, otherwise their texts.
     """
     # an optional package without types
     openpyxl: Any = import_module("openpyxl")

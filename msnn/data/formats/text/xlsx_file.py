@@ -1,4 +1,4 @@
-"""Reads the first sheet of an Excel workbook as the table of text that it would be saved as."""
+"""Reads the first sheet of an Excel workbook as if it had been saved as text."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _CELLS = "\t"
 
 
 def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> ColumnTable:
-    """The wanted columns; rows in messages are those below the header, lines those of the sheet.
+    """The requested columns; messages count rows from the header and lines from the sheet's top.
 
-    Numbers are the doubles of the workbook, formulas the values they had when it was saved. Raises
-    SpecError with all faults of the sheet.
+    Numbers are the workbook's doubles, formulas have their last saved values. Raises SpecError with
+    all errors of the sheet.
     """
     # once: a workbook is unpacked and parsed each time it is opened
     every = list(sheet_lines(path, dialect, shown, blank=True))
@@ -48,9 +48,9 @@ def read(path: Path, shown: str, wanted: WantedColumns, dialect: Dialect) -> Col
 def sheet_lines(
     path: Path, dialect: Dialect, shown: str, *, blank: bool = False
 ) -> Iterator[tuple[int, str]]:
-    """Number and text of the rows after `skip` that are no comment and not empty.
+    """Number and text of the rows after `skip` that are neither comments nor empty.
 
-    With `blank` empty rows are there, as empty texts.
+    With `blank`, empty rows are included as empty texts.
     """
     for number, text in _sheet(path, shown):
         plain = text.lstrip()
@@ -60,7 +60,7 @@ def sheet_lines(
 
 
 def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
-    """The rows of the first sheet with their numbers, cells apart by tabs."""
+    """The rows of the first sheet with their numbers; cells are separated by tabs."""
     try:
         with zipfile.ZipFile(path) as book:
             unpacked = sum(part.file_size for part in book.infolist())
@@ -90,11 +90,11 @@ def _sheet(path: Path, shown: str) -> Sequence[tuple[int, str]]:
 
 
 _MOST_EMPTY = 10_000_000
-"""Empty cells of a table: a row of spaces for each of 100,000 rows with 100 columns."""
+"""Maximum number of empty cells: a sparse table of 100,000 rows and 100 columns."""
 
 
 def _refuse_scattered(rows: Sequence[Sequence[str]], shown: str) -> None:
-    """SpecError for cells so far from the others that the table would be empty cells."""
+    """Raises SpecError for a cell so far from the others that the table would be mostly empty."""
     width = max(map(len, rows), default=0)
     filled = sum(map(bool, rows))
     cells = sum(cell != "" for row in rows for cell in row)
@@ -107,7 +107,7 @@ def _refuse_scattered(rows: Sequence[Sequence[str]], shown: str) -> None:
 
 
 _FAR = 1000
-"""Rows and columns beyond which a lone cell is no table."""
+"""Rows and columns beyond which a single cell is considered stray."""
 
 
 def _has_formulas(path: Path) -> bool:
@@ -119,9 +119,9 @@ def _has_formulas(path: Path) -> bool:
 
 
 def _show_formulas(path: Path, rows: list[list[str]]) -> None:
-    """Puts formulas in the place of values that nobody has computed and saved.
+    """Replaces missing results of formulas by the formulas' texts, so that they are reported.
 
-    They would read as cells that are empty, which is a measurement that was not made.
+    Without a saved value, a formula would be read as an empty cell, i.e. as a missing measurement.
     """
     with first_sheet(path) as shown, first_sheet(path, data_only=False) as written:
         both = zip(rows, shown.iter_rows(), written.iter_rows(), strict=True)

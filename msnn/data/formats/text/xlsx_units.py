@@ -1,4 +1,4 @@
-"""Finds the units that the number formats of a workbook's cells show: `0%`, `0.0 "km/h"`."""
+"""Finds the units in the number formats of a workbook's cells: `0%`, `0.0 "km/h"`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from spec_schema.units.unit import ONE, Unit
 _STYLES = "xl/styles.xml"
 _MOST = 1 << 20
 _PERCENTS = re.compile(rb'numFmtId="(?:9|10)"')
-"""In the styles of a workbook: the built-in formats of percents."""
+"""Matches the built-in percent formats in a workbook's styles."""
 _CODES = re.compile(r"""formatCode=(?:"([^"]*)"|'([^']*)')""")
 _TOKEN = re.compile(
     r'"(?P<quoted>[^"]*)"|\\(?P<escaped>.)|[_*].|\[\$(?P<currency>[^\]-]*)[^\]]*\]'
@@ -28,7 +28,7 @@ _TOKEN = re.compile(
     re.DOTALL,
 )
 _THOUSANDS = re.compile(r"(?<=0),+(?![0,])")
-"""Commas behind a digit and before none: each divides the number that is shown by 1000."""
+"""Commas after the last digit: each divides the displayed number by 1000."""
 _CONDITION = re.compile(r"([<>=]+)\s*(.+)")
 _COMPARED: Mapping[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
@@ -42,23 +42,23 @@ _COMPARED: Mapping[str, Callable[[float, float], bool]] = {
 
 @dataclass(frozen=True, slots=True)
 class _Section:
-    """One of the sections of a number format, which are parted by `;`."""
+    """One of the sections of a number format, which are separated by `;`."""
 
     unit: Unit | CapitalUnit | UnknownUnit | None
     thousands: int = 0
-    """How often the number is divided by 1000 to be shown."""
+    """The number of divisions by 1000 for display."""
     condition: tuple[str, float] | None = None
-    """Of numbers that it shows, where the format says one: `[>=1000]`."""
+    """Condition on the displayed numbers, if the format has one: `[>=1000]`."""
     has_digits: bool = True
 
 
 def units_of_formats(
     path: Path, columns: Collection[int], after: int
 ) -> Mapping[int, tuple[ShownUnit, ...]]:
-    """The units with which the numbers of columns are shown below row `after`, by index.
+    """The units with which columns are displayed below row `after`, by column index.
 
-    A cell in percent holds the ratio itself: 0.5 where 50 % is shown. A comma behind the digits
-    shows a thousandth of the cell.
+    A percent cell stores the ratio: 0.5 for a displayed 50 %. A comma after the digits displays a
+    thousandth of the value.
     """
     if not _may_show_units(path):
         return {}
@@ -95,7 +95,7 @@ def _may_show_units(path: Path) -> bool:
 
 
 def _section(sections: Sequence[_Section], value: float) -> _Section:
-    """The section that shows a number: that whose condition it fulfils, else the last one."""
+    """The section that displays a number: the first whose condition is true, else the last."""
     *first, last = sections[:3]  # the fourth shows texts
     # positive numbers and 0, negative ones; with three sections the last one shows 0
     usual = ((">" if len(first) == 2 else ">=", 0.0), ("<", 0.0))
@@ -108,7 +108,7 @@ def _section(sections: Sequence[_Section], value: float) -> _Section:
 
 @lru_cache(256)
 def _sections(format: str) -> tuple[_Section, ...]:
-    """The sections of a number format. One that shows no unit has that of the others."""
+    """The sections of a number format. A section without a unit uses that of the others."""
     parts: list[list[re.Match[str]]] = [[]]
     for token in _TOKEN.finditer(format):
         if token["end"]:
@@ -153,7 +153,7 @@ def _condition(tokens: Sequence[re.Match[str]]) -> tuple[str, float] | None:
 
 
 def _text(tokens: Sequence[re.Match[str]]) -> str:
-    """The text around a number, without signs; empty where it has no letters."""
+    """The text around a number, without signs; empty if it contains no letters."""
     text = "".join(
         token["quoted"] or token["escaped"] or token["currency"] or token["letter"] or ""
         for token in tokens

@@ -1,1 +1,1 @@
-"""Trains by native kernels, each checked when it is built."""
+"""Trains with native kernels, each checked after it is built."""

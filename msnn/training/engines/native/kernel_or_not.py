@@ -1,4 +1,4 @@
-"""Tries native kernels, and says what to go on with where msnn itself made a mistake."""
+"""Tries native kernels, and selects a fallback if a kernel is wrong."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True, slots=True)
 class Attempt(Generic[Made]):
-    """A stage's kernels; None where torch must do, with the reasons."""
+    """The kernels of a stage; None if torch is needed, with the reasons."""
 
     made: Made | None
     plan: StagePlan
-    """The stage as it runs."""
+    """The stage as it will run."""
     notes: tuple[Diagnostic, ...]
 
 
 def try_natively(
     plan: StagePlan, make: Callable[[StagePlan], Made], *, in_double: bool
 ) -> Attempt[Made]:
-    """Makes and checks kernels; where these are wrong in float32, those `in_double` if wanted.
+    """Builds and checks kernels; if they are wrong in float32, tries float64 if `in_double`.
 
-    Nobody's training is lost by a mistake of ours: it is said and the stage goes on without.
-    Raises CompilerMissingError, and SpecError where `engine: native` cannot be had.
+    A wrong kernel never ends a training: it is reported, and the stage uses the fallback. Raises
+    CompilerMissingError, and SpecError if `engine: native` is not possible.
     """
     try:
         return Attempt(make(plan), plan, ())
-    # no mistake of ours: the caller says what a missing compiler means
+    # not a wrong kernel: the caller handles a missing compiler
     except (CompilerMissingError, SpecError):
         raise
     except WrongKernelError as error:

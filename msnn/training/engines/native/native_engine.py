@@ -30,13 +30,13 @@ from spec_schema.sections.training.optimizers import (
 )
 
 BATCHES_A_CALL = 200
-"""Most batches between two looks at keyboard and clock."""
+"""Maximum number of batches between two checks for interrupts and the time limit."""
 
 
 class NativeEngine:
     """Trains the parameters `plan.trained` of one stage; the others keep their values.
 
-    Raises CompilerMissingError where there is no C compiler.
+    Raises CompilerMissingError if there is no C compiler.
     """
 
     finished: str | None = None
@@ -72,32 +72,36 @@ class NativeEngine:
         self._series, self._train_rows = series, train_rows
         self._measured: KernelData | None = None
         self._evaluated: tuple[Runs, Groups] | None = None
-        """The rollouts of the last evaluation in their groups: mostly those of the next."""
+        """The grouped rollouts of the last evaluation; the next evaluation usually uses the
+        same.
+        """
 
     def check(self, runs: Runs) -> None:
-        """Compares a fresh kernel with the interpreter. Raises WrongKernelError."""
+        """Compares a newly built kernel with the reference interpreter. Raises WrongKernelError."""
         kernel, weights = self._kernel, self.weights()
         check_if_fresh(kernel.built, lambda: check_kernel(kernel, self._series, runs, weights))
 
     def weights(self) -> dict[str, FloatArray]:
-        """Physical values; parameters that are not trained are exactly those given."""
+        """Physical values; untrained parameters keep exactly their given values."""
         return {**self._variables.weights(), **self._fixed}
 
     def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
-        """As `Engine.begin_epoch`."""
+        """See `Engine.begin_epoch`."""
         self._train.write(factors_of(self._plan, self._series, epoch, attempt))
         self._variables.scale_rates(rate)
         self._variables.set_spread(spread)
 
     def measure(self, runs: Runs) -> LossSums:
-        """The losses of rollouts to train on at the current weights, nothing left out of them."""
+        """The losses of training rollouts at the current weights, without dropout."""
         if self._measured is None:
             series, skip = self._series, self._plan.rollout.skip
             self._measured = self._kernel.data(series, skip, self._train_rows)
         return self._losses(self._measured, self._kernel.groups(runs.t0, runs.steps))
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
-        """Replaces series by which runs start: of those that are watched, or trained on."""
+        """Replaces the series with the start values of runs, either of watched or of training
+        runs.
+        """
         (self._evaluation if watched else self._train).write(series)
         if not watched:
             self._series |= series
@@ -111,7 +115,10 @@ class NativeEngine:
         members: IntArray | None = None,
         before: LossSums | None = None,
     ) -> LossSums:
-        """One optimiser step a batch; the losses before each, summed. NonFiniteLossError."""
+        """Takes one optimiser step per batch; returns the summed losses before the steps.
+
+        Raises NonFiniteLossError.
+        """
         steps = int(runs.steps[0]) if runs.uniform else runs.steps
         groups, bounds = self._kernel.batches(runs.t0, steps, size, members)
         earlier = [(before or {}).get(n, LossSum(0.0, 0)) for n in self._kernel.source.losses]
@@ -136,23 +143,23 @@ class NativeEngine:
         return self._named(sums, counts)
 
     def order(self, count: int, key: int) -> IntArray:
-        """As `epoch_order.shuffled`."""
+        """See `epoch_order.shuffled`."""
         return self._kernel.shuffled(count, key)
 
     def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of these rollouts at the current weights, on the rows that count."""
+        """The losses of these rollouts at the current weights, on the scored rows."""
         if self._evaluated is None or self._evaluated[0] is not runs:
             self._evaluated = runs, self._kernel.groups(runs.t0, runs.steps)
         return self._losses(self._evaluation, self._evaluated[1])
 
     def state(self) -> EngineState:
-        """Raw variables and optimiser as they are now."""
+        """The current raw variables and optimiser state."""
         kept = {name: array.copy() for name, array in self._variables.remembered.items()}
         counts = {name: getattr(struct, name) for struct, name in self._variables.counts}
         return EngineState(kept, {"engine": "native", **counts})
 
     def restore(self, state: EngineState) -> None:
-        """Goes back to a state of the same stage; KeyError or ValueError for any other."""
+        """Restores a state of the same stage; KeyError or ValueError for any other."""
         if not isinstance(state.structure, dict) or state.structure.get("engine") != "native":
             message = "the checkpoint is of another engine"
             raise ValueError(message)

@@ -1,4 +1,4 @@
-"""Computes residuals and their slopes by a kernel."""
+"""Computes residuals and their Jacobians with a kernel."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Weights = Mapping[str, FloatArray]
 
 
 class NativeSlopes:
-    """Asks one kernel for slopes. Raises CompilerMissingError and StackTooSmallError."""
+    """Computes Jacobians with one kernel. Raises CompilerMissingError and StackTooSmallError."""
 
     def __init__(
         self, plan: StagePlan, series: Weights, train_rows: Mapping[str, BoolArray] | None
@@ -36,19 +36,19 @@ class NativeSlopes:
         self._train = self._kernel.data(own_series(plan, series), plan.train_skip, train_rows)
 
     def check(self, runs: Runs, weights: Weights) -> None:
-        """Compares a fresh kernel with the interpreter. Raises WrongKernelError."""
+        """Compares a newly built kernel with the reference interpreter. Raises WrongKernelError."""
         kernel, found, series = self._kernel, self._found, self._series
         check_if_fresh(
             kernel.built, lambda: check_sensitivities(kernel, found, series, runs, weights)
         )
 
     def write(self, series: Weights, *, watched: bool) -> None:
-        """Replaces series by which runs start that are trained on."""
+        """Replaces the series with the start values of training runs."""
         if not watched:
             self._train.write(series)
 
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
-        """The products of residuals and slopes of every loss."""
+        """JᵀJ and Jᵀr of every loss, with residuals r and Jacobian J."""
         physical = flat(self._program, weights)
         if self._ranks is None:
             return self._kernel.products(self._train, runs.t0, runs.steps, physical)
@@ -61,7 +61,7 @@ class NativeSlopes:
         return summed_products(found, self._ranks)
 
     def products_of_runs(self, runs: Runs, weights: Weights, own: int) -> dict[str, ProductsOfRuns]:
-        """The same, the last `own` numbers of every run apart."""
+        """The same products, with separate blocks for the last `own` variables of every run."""
         if self._ranks is not None:  # one run after the other is shared out and summed
             each = [self.products(runs.take(np.array([i])), weights) for i in range(len(runs))]
             return {name: joined_runs([run[name] for run in each], own) for name in each[0]}

@@ -1,4 +1,4 @@
-"""Computes residuals, slopes and costs by kernels."""
+"""Computes residuals, Jacobians and costs with kernels."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Weights = Mapping[str, FloatArray]
 
 
 class NativeSquares:
-    """Asks one kernel for slopes and one for costs. Raises CompilerMissingError."""
+    """Uses one kernel for Jacobians and one for costs. Raises CompilerMissingError."""
 
     def __init__(
         self,
@@ -42,30 +42,32 @@ class NativeSquares:
         self._evaluation = self._costs.data(series, plan.rollout.skip, evaluation_rows)
 
     def check(self, runs: Runs, weights: Weights) -> None:
-        """Compares fresh kernels with the interpreter. Raises WrongKernelError."""
+        """Compares newly built kernels with the reference interpreter. Raises WrongKernelError."""
         costs, series = self._costs, self._series
         check_if_fresh(costs.built, lambda: check_kernel(costs, series, runs, weights))
         self._slopes.check(runs, weights)
 
     def write(self, series: Weights, *, watched: bool) -> None:
-        """Replaces series by which runs start: of those that are watched, or trained on."""
+        """Replaces the series with the start values of runs, either of watched or of training
+        runs.
+        """
         self._slopes.write(series, watched=watched)
         (self._evaluation if watched else self._train).write(series)
 
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
-        """The products of residuals and slopes of every loss."""
+        """JᵀJ and Jᵀr of every loss, with residuals r and Jacobian J."""
         return self._slopes.products(runs, weights)
 
     def products_of_runs(self, runs: Runs, weights: Weights, own: int) -> dict[str, ProductsOfRuns]:
-        """The same, the last `own` numbers of every run apart."""
+        """The same products, with separate blocks for the last `own` variables of every run."""
         return self._slopes.products_of_runs(runs, weights, own)
 
     def train_costs(self, runs: Runs, weights: Weights) -> LossSums:
-        """The losses of rollouts to train on."""
+        """The losses of training rollouts."""
         return self._costs_on(self._train, runs, weights)
 
     def watched_costs(self, runs: Runs, weights: Weights) -> LossSums:
-        """The losses of rollouts on the rows that are watched."""
+        """The losses of rollouts on the watched rows."""
         return self._costs_on(self._evaluation, runs, weights)
 
     def _costs_on(self, data: KernelData, runs: Runs, weights: Weights) -> LossSums:

@@ -1,1 +1,1 @@
-"""Steps by second-order methods, whatever engine gives residuals and slopes."""
+"""Trains with second-order methods, with residuals and Jacobians from any engine."""

@@ -23,43 +23,43 @@ from compiler.ir.program import Parameter
 from msnn.data.dataset import FloatArray
 
 _SHARE_OF_WAY = 0.9
-"""Of the way to a bound that the first steps take that are limited by it."""
+"""Fraction of the way to a bound that the first steps limited by it take."""
 _CONTACTS = 2
-"""Steps in a row that are limited by a bound, before one ends on it."""
+"""Number of successive steps limited by a bound before a step ends on the bound."""
 _ROUNDED = 4.0 * np.finfo(float).eps
 _INWARD = 1e-12
-"""Derivative, relative to the largest, above which a value leaves a bound within a step."""
+"""Derivative, relative to the largest, above which a variable leaves its bound within a step."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepBox:
-    """Limits of a step in scaled variables, and what the bounds add to the curvature."""
+    """Limits of a step in scaled variables, and the curvature added by the bounds."""
 
     low: FloatArray
     high: FloatArray
     share: FloatArray
-    """Of the way to each bound that a step may take: (2, variables)."""
+    """Fraction of the way to each bound that a step may take: (2, variables)."""
     added: FloatArray
-    """Coleman and Li's term, |slope|/distance."""
+    """The term of Coleman and Li, |∂F/∂p|/distance."""
 
     @property
     def whole(self) -> StepBox:
-        """The box alone."""
+        """The box without limited fractions and added curvature."""
         return replace(self, share=np.ones_like(self.share), added=np.zeros_like(self.added))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VariableBounds:
-    """The bounds of all variables, infinite where there is none, and how often they were met."""
+    """The bounds of all variables (infinite if absent), and counts of steps that they limited."""
 
     low: FloatArray
     high: FloatArray
     contacts: FloatArray
-    """Steps in a row that a bound has limited: (2, variables), the lower one first."""
+    """Number of successive steps that a bound has limited: (2, variables), lower bound first."""
 
     @classmethod
     def of(cls, parameters: Sequence[Parameter]) -> VariableBounds:
-        """Those of the elements of parameters, one parameter after the other."""
+        """The bounds of all elements of the parameters, one parameter after the other."""
         sizes = [int(np.prod([axis.size for axis in p.axes])) for p in parameters]
         low = [-np.inf if p.minimum is None else p.minimum for p in parameters]
         high = [np.inf if p.maximum is None else p.maximum for p in parameters]
@@ -77,7 +77,7 @@ class VariableBounds:
     def box(self, at: FloatArray, scale: FloatArray, slope: FloatArray) -> StepBox | None:
         """The box of a step from `at`, in variables divided by `scale`; None without bounds.
 
-        `slope` is half the derivative of the total in the scaled variables.
+        `slope` is half the gradient of the total loss in the scaled variables.
         """
         if not self.some:
             return None
@@ -92,7 +92,7 @@ class VariableBounds:
         )
 
     def moved(self, at: FloatArray, step: FloatArray) -> FloatArray:
-        """The variables after a step; exactly the bound where it leads to it."""
+        """The variables after a step; exactly on a bound if the step leads to it."""
         trial = at + step
         # at + (bound − at) need not be the bound: the rounding is that of the larger of the two
         rounding = _ROUNDED * (np.abs(at) + np.abs(trial))
@@ -100,7 +100,7 @@ class VariableBounds:
         return np.where(near_low, self.low, np.where(near_high, self.high, trial))
 
     def met(self, at: FloatArray, trial: FloatArray) -> VariableBounds:
-        """With the contacts of a step from `at` to `trial` counted."""
+        """The bounds with the counts updated after a step from `at` to `trial`."""
         share = _SHARE_OF_WAY * (1.0 - 1e-9)
         with np.errstate(invalid="ignore"):
             limited = np.stack(
@@ -113,7 +113,7 @@ class VariableBounds:
 
 
 def in_physical_units(parameters: Sequence[Parameter]) -> list[Parameter]:
-    """The parameters with variables that are the physical values where there are bounds."""
+    """The parameters; for bounded ones, the variable is the physical value."""
     return [
         replace(p, minimum=None, maximum=None, scale=1.0) if _is_bounded(p) else p
         for p in parameters
@@ -127,9 +127,9 @@ def _is_bounded(parameter: Parameter) -> bool:
 def box_step(curvature: FloatArray, slope: FloatArray, box: StepBox) -> FloatArray:
     """The step d within the box that minimises 2 slopeᵀd + dᵀ (curvature + added) d.
 
-    Their sum is positive definite, and the box holds 0. A primal active-set method (Nocedal,
-    Wright, Numerical Optimization, 2006, algorithm 16.3) from d = 0: each change of the set costs
-    one solution of the equations of the free variables.
+    The sum of curvature and `added` is positive definite, and the box contains 0. Method: primal
+    active-set from d = 0 (Nocedal, Wright, Numerical Optimization, 2006, algorithm 16.3). Each
+    change of the active set costs one solution of the equations for the free variables.
     """
     low, high = box.low * box.share[0], box.high * box.share[1]
     curvature = curvature + np.diag(box.added)

@@ -1,4 +1,4 @@
-"""Judges the products of the losses that count: whether a step can be made of them."""
+"""Checks the products of the weighted losses: can they define a step?"""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from msnn.training.plans.stage_plan import StagePlan
 
 @dataclass(frozen=True, slots=True)
 class CountedProducts:
-    """The products of losses with a weight and with rows that are scored; penalties have none."""
+    """The products of losses with a weight and with scored rows, without penalties."""
 
     by_loss: Mapping[str, Products]
 
     @property
     def are_finite(self) -> bool:
-        """Whether a step can be made of these; rows of losses that do not count may be anything."""
+        """True if all products are finite."""
         return all(
             np.isfinite(one.cost)
             and np.isfinite(one.slope).all()
@@ -31,7 +31,7 @@ class CountedProducts:
 
     @property
     def leave_out_some(self) -> bool:
-        """Whether a residual has no share in the model, as its slopes are infinite."""
+        """True if a residual is excluded from the model because its derivatives are infinite."""
         return any(one.left_out for one in self.by_loss.values())
 
     @property
@@ -40,11 +40,11 @@ class CountedProducts:
 
     @property
     def make_a_model(self) -> bool:
-        """Whether a next step follows from these."""
+        """True if the products determine a next step."""
         return self.are_finite and not self.leave_out_all
 
     def without_slopes(self, numbers: LearnedNumbers) -> tuple[str, ...]:
-        """The parameters in which a loss has no finite slope though its value is one."""
+        """The parameters with a non-finite derivative of a finite loss."""
         if not all(np.isfinite(one.cost) for one in self.by_loss.values()):
             return ()
         bad = [
@@ -56,7 +56,7 @@ class CountedProducts:
 
 
 def counted_products(plan: StagePlan, products: Mapping[str, Products]) -> CountedProducts:
-    """The products of the losses that count."""
+    """The products of the weighted losses with scored rows."""
     return CountedProducts(
         {
             loss.name: products[loss.name]

@@ -1,9 +1,9 @@
-"""Finds the least of a damped model of the total, with penalties that have corners or without.
+"""Minimises a damped quadratic model of the loss, with optional non-smooth penalties.
 
-Near some raw variables the total is F + 2gᵀδ + δᵀAδ + P(raw + δ). A step minimises that and
-μ · δᵀDδ beside it. Without P it solves (A + μD)δ = −g. With P it is found by accelerated proximal
-steps (Beck, Teboulle 2009) that start again where they turn uphill (O'Donoghue, Candès 2015), in
-variables scaled by √D, whose curvature is about 1 in each direction.
+Near given raw variables the total is F + 2gᵀδ + δᵀAδ + P(raw + δ). A step minimises this plus μ ·
+δᵀDδ. Without P, the step solves (A + μD)δ = −g. With P, it is computed by accelerated proximal
+gradient steps (Beck, Teboulle 2009) with restarts when the objective increases (O'Donoghue, Candès
+2015). They use variables scaled by √D, in which the curvature is about 1 in each direction.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from msnn.training.engines.second_order.bounded_steps import StepBox, box_step
 
 _MOST_STEPS = 20_000
 UNDAMPED = 1e-13
-"""Damping that only keeps equations solvable."""
+"""Damping that only keeps the equations solvable."""
 _SETTLED = 1e-13
-"""Relative change of the scaled variables at which the proximal steps end."""
+"""Relative change of the scaled variables at which the proximal steps stop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DampedModel:
-    """The model in variables scaled by 1/√D."""
+    """The quadratic model in variables scaled by 1/√D."""
 
     total: float
     raw: FloatArray
-    """Where it was made."""
+    """The raw variables at which the model was built."""
     scale: FloatArray
     """1/√D."""
     slope: FloatArray
     curvatures: FloatArray
-    """Eigenvalues of A, none below 0."""
+    """Eigenvalues of A, all ≥ 0."""
     directions: FloatArray
-    """Their eigenvectors, in columns."""
+    """The eigenvectors, as columns."""
     known: KnownTerms
     box: StepBox | None = None
     """The limits of the step; None without bounds."""
 
     def step(self, damping: float) -> tuple[FloatArray, float]:
-        """The step in raw variables at this damping, and how much the model falls by it."""
+        """The step in raw variables for this damping, and the predicted decrease of the model."""
         if self.box is not None and not self.known.has_corners:
             return self._within(self.box, damping)
         along = -(self.directions.T @ self.slope) / (self.curvatures + damping)
@@ -57,35 +57,37 @@ class DampedModel:
         return step, self.lost_corners(step) - bent
 
     def _within(self, box: StepBox, damping: float) -> tuple[FloatArray, float]:
-        """The step within the bounds, and the fall of the model without what bounds add."""
+        """The step within the bounds, and the decrease of the model without the term of the
+        bounds.
+        """
         curvature = (self.directions * self.curvatures) @ self.directions.T
         scaled = box_step(curvature + damping * np.eye(len(curvature)), self.slope, box)
         fall = -float(2.0 * self.slope @ scaled + scaled @ curvature @ scaled)
         return scaled * self.scale, fall
 
     def promise(self) -> float:
-        """The fall of the model by its almost undamped step."""
+        """The predicted decrease of an almost undamped step."""
         return self.undamped.step(UNDAMPED)[1]
 
     @property
     def undamped(self) -> DampedModel:
-        """The model with its bounds alone."""
+        """The model with its bounds, but without limited fractions and added curvature."""
         return self if self.box is None else replace(self, box=self.box.whole)
 
     def lost_corners(self, step: FloatArray) -> float:
-        """The fall of the penalties by a step in raw variables."""
+        """The decrease of the penalties by a step in raw variables."""
         if not self.known.has_corners:
             return 0.0
         return corners(self.known, self.raw) - corners(self.known, self.raw + step)
 
     def _at(self, scaled: FloatArray) -> FloatArray:
-        """Raw variables, exactly 0 where the step leads there."""
+        """The raw variables after a step; exactly 0 where the step leads to 0."""
         reached = self.raw + scaled * self.scale
-        # raw + scaled · scale rounds, and would leave what is on a corner a little beside it
+        # raw + scaled · scale is rounded, and would miss a kink of a penalty at 0 slightly
         return np.where(scaled == -self.raw / self.scale, 0.0, reached)
 
     def _to_corners(self, scaled: FloatArray, damping: float) -> FloatArray:
-        """The least of the damped model with its corners, from the one without."""
+        """The minimum of the damped model with penalties, starting from the one without."""
         steepest = float(self.curvatures.max(initial=0.0)) + damping
         # 1/L of a gradient 2(Aδ + g), in raw variables, in which the penalties are written
         lengths = self.scale * self.scale / (2.0 * steepest)

@@ -1,4 +1,4 @@
-"""Starts of runs as unknowns of least squares, together with the parameters (decision 0212)."""
+"""Initial states of runs as unknowns of least squares with the parameters (decision 0212)."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ Weights = Mapping[str, FloatArray]
 
 
 class JointStarts:
-    """The starts of the runs of a stage as numbers in a row, and slopes in them.
+    """The initial states of a stage's runs as one vector, and Jacobians with respect to it.
 
-    To all starts of a state a parameter is added that is 0: the slopes of one run in it are those
-    in its start.
+    A parameter with value 0 is added to all initial states. The derivative of one run with respect
+    to it is the derivative with respect to the run's initial state.
     """
 
     def __init__(self, plan: StagePlan, series: Weights) -> None:
@@ -42,25 +42,27 @@ class JointStarts:
             rollout=replace(plan.rollout, program=with_moved_starts(program)),
             trained=(*plan.trained, *map(offset_parameter, self._states)),
         )
-        """The stage whose squares have slopes in starts, after those in the parameters."""
+        """The stage whose Jacobians have columns for initial states after those of the
+        parameters.
+        """
 
     @property
     def numbers(self) -> int:
-        """The count of numbers in the start of one run."""
+        """Number of elements in the initial state of one run."""
         return sum(self._sizes)
 
     def moved(self, weights: Weights) -> dict[str, FloatArray]:
-        """The weights with the parameters that are added to starts."""
+        """The weights with the parameters that are added to initial states."""
         zeros = {offset_parameter(s): np.zeros(Type(s.axes).shape) for s in self._states}
         return {**weights, **zeros}
 
     def flat(self, series: Weights, t0: IntArray) -> FloatArray:
-        """The starts of runs, one after the other."""
+        """The initial states of runs as one vector, run after run."""
         parts = [series[start_signal(s.name)][t0].reshape(len(t0), -1) for s in self._states]
         return np.concatenate(parts, axis=1).ravel()
 
     def series(self, flat: FloatArray, t0: IntArray) -> dict[str, FloatArray]:
-        """The series that runs read these starts from."""
+        """The series from which runs read these initial states."""
         found: dict[str, FloatArray] = {}
         for name, values in self.values(flat, len(t0)).items():
             # runs read their start at row t0 of a series; the other rows are never read
@@ -70,7 +72,7 @@ class JointStarts:
         return found
 
     def values(self, flat: FloatArray, runs: int) -> dict[str, FloatArray]:
-        """These starts as (runs, *shape) of each state."""
+        """The initial states as (runs, *shape) per state."""
         parts = np.split(flat.reshape(runs, -1), np.cumsum(self._sizes)[:-1], axis=1)
         return {
             state.name: part.reshape(runs, *Type(state.axes).shape)
@@ -78,28 +80,28 @@ class JointStarts:
         }
 
     def products(self, squares: SlopedSquares, runs: Runs, weights: Weights) -> dict[str, Products]:
-        """The products of every loss, the slopes in the start of each run apart."""
+        """The products of every loss, with separate blocks for the initial state of each run."""
         return {name: one.all for name, one in self.of_each(squares, runs, weights).items()}
 
     def of_each(
         self, squares: SlopedSquares, runs: Runs, weights: Weights
     ) -> dict[str, ProductsOfRuns]:
-        """The same, with the sums of each run."""
-        # in a sum over runs the slopes in the one added parameter would be those of all starts
+        """The products of every loss with the sums of each run."""
+        # summed over runs, it would be the derivative with respect to a common shift of all starts
         return squares.products_of_runs(runs, self.moved(weights), self.numbers)
 
 
 _NOTHING = 1e-10
-"""Curvature, relative to that of single numbers, below which a direction changes nothing."""
+"""Curvature, relative to that of single variables, below which a direction is unidentifiable."""
 
 
 def without_starts(
     products: Mapping[str, Products], shares: Mapping[str, float]
 ) -> tuple[dict[str, Products], dict[str, float]]:
-    """The products after the starts are eliminated, and the residuals that these have used up.
+    """Eliminates the initial states; returns the reduced products and the degrees of freedom used.
 
-    With C = Σ cₗ KₗᵀKₗ and B = Σ cₗ JₗᵀKₗ of a run, the start follows a change of the parameters by
-    −C⁺Bᵀ: what is left of the slopes is Jₗ − KₗC⁺Bᵀ. A loss pays tr(C⁺ cₗ KₗᵀKₗ) numbers.
+    With C = Σ cₗ KₗᵀKₗ and B = Σ cₗ JₗᵀKₗ of a run, the initial state follows a parameter change by
+    −C⁺Bᵀ. The reduced Jacobian is Jₗ − KₗC⁺Bᵀ. A loss loses tr(C⁺ cₗ KₗᵀKₗ) degrees of freedom.
     """
     blocks = {name: one.starts for name, one in products.items() if one.starts is not None}
     cross = sum(share * blocks[name].cross for name, share in shares.items())
@@ -120,9 +122,9 @@ def without_starts(
 
 
 def inverted_blocks(blocks: FloatArray) -> FloatArray:
-    """The inverse of each block in the directions that change something."""
+    """The pseudo-inverse of each block on its identifiable subspace."""
     diagonal = np.diagonal(blocks, axis1=1, axis2=2)
-    # before small values are told from nothing: starts have units too
+    # scale first: initial states have units, and the rank must not depend on them
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(blocks * scale[:, :, None] * scale[:, None, :])
     seen = values > _NOTHING

@@ -46,24 +46,24 @@ from msnn.training.plans.stage_result import EstimatedStarts
 from spec_schema.sections.training.optimizers import LevenbergMarquardt
 
 NAME = "levenberg_marquardt in physical units"
-"""In a checkpoint: the variables of bounded parameters are the physical values."""
+"""Name in checkpoints: the variables of bounded parameters are their physical values."""
 
 Weights = Mapping[str, FloatArray]
 
 _MOST_DAMPING = 1e16
-"""Times the curvature: a step that is so much shorter is lost in the rounding of the variables."""
+"""Maximum damping, relative to the curvature: such short steps vanish in rounding."""
 
 LOST = float(np.finfo(float).eps)
-"""The share of the curvature in a variable that one step must leave; less is rounding beside it."""
+"""Minimum fraction of the curvature of a variable after a step; less is rounding noise."""
 
 _COUNTS = 0.1
-"""Of its largest curvature that a variable must have now for a step to lose it.
+"""Fraction of its largest curvature that a variable must have for a step to count as losing it.
 
-A limit that fewer and fewer rows reach may leave the last of them.
+A limit that fewer and fewer rows reach may lose its last row.
 """
 
 _LEAST_SHARE = 1e-12
-"""Of the largest curvature in a bounded variable so far that its damping keeps."""
+"""Fraction of a bounded variable's largest curvature so far that remains in its damping."""
 
 
 class LevenbergMarquardtEngine:
@@ -102,20 +102,22 @@ class LevenbergMarquardtEngine:
         self._damping, self._growth = self._options.damping, 2.0
         self.finished: str | None = None
         self._ahead: tuple[Runs, Mapping[str, Products]] | None = None
-        """The products at the present variables, where the last step has looked at them."""
+        """The products at the current variables, if the last step computed them."""
         as_squares = plan if self._joint is None else self._joint.plan
         self._squares = squares(as_squares, series, train_rows, evaluation_rows)
 
     def check(self, runs: Runs) -> None:
-        """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
+        """Compares the kernels of this stage with the reference interpreter. Raises
+        WrongKernelError.
+        """
         self._squares.check(runs, self._all(self.weights()))
 
     def weights(self) -> dict[str, FloatArray]:
-        """Physical values; parameters that are not trained are exactly those given."""
+        """Physical values; untrained parameters keep exactly their given values."""
         return self._numbers.weights(self._raw)
 
     def starts(self) -> EstimatedStarts | None:
-        """Where the runs start that were trained on last; None where starts are no variables."""
+        """The initial states of the last training runs; None if they are not estimated."""
         if self._joint is None or self._started is None:
             return None
         runs = self._started
@@ -123,17 +125,19 @@ class LevenbergMarquardtEngine:
         return EstimatedStarts(t0=runs.t0, steps=runs.steps, values=values)
 
     def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
-        """Takes how priors count; it leaves nothing out, as its steps compare totals."""
+        """Sets the weight of priors. Dropout is not used, because steps compare totals."""
         self._spread = spread
 
     def measure(self, runs: Runs) -> LossSums:
-        """The losses of rollouts to train on at the current weights."""
+        """The losses of training rollouts at the current weights."""
         in_order = runs.take(np.argsort(runs.t0, kind="stable"))
         self._begin(in_order)
         return self._costs_at(in_order, self._raw)
 
     def write(self, series: Weights, *, watched: bool) -> None:
-        """Replaces series by which runs start; those that are variables begin there."""
+        """Replaces the series with the start values of runs; estimated initial states begin
+        there.
+        """
         if watched:
             self._watches_training = False
         else:
@@ -148,7 +152,9 @@ class LevenbergMarquardtEngine:
         members: IntArray | None = None,
         before: LossSums | None = None,
     ) -> LossSums:
-        """One step from all rollouts; the losses before it. Raises NonFiniteLossError."""
+        """Takes one step on all rollouts; returns the losses before it. Raises
+        NonFiniteLossError.
+        """
         assert not before, "an epoch is one step"
         runs = runs if members is None else runs.take(members)
         assert size >= len(runs), "every step takes all rollouts"
@@ -169,23 +175,23 @@ class LevenbergMarquardtEngine:
         return loss_sums_of(products)
 
     def order(self, count: int, key: int) -> IntArray:
-        """As they stand: every step takes all rollouts, in the order of their rows."""
+        """The natural order: every step uses all rollouts, in the order of their rows."""
         del key
         return np.arange(count, dtype=np.int64)
 
     def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of these rollouts at the current weights, on the rows that count."""
+        """The losses of these rollouts at the current weights, on the scored rows."""
         if self._joint is not None and self._watches_training:
             trained = (self._raw, self._largest, self._started, self._ahead)
             found = self.measure(runs)
-            # on the way to whole rollouts others are trained on: their starts stay the variables
+            # a curriculum trains other rollouts: their initial states remain the variables
             if trained[2] is not None:
                 self._raw, self._largest, self._started, self._ahead = trained
             return found
         return self._squares.watched_costs(runs, self._all(self.weights()))
 
     def state(self) -> EngineState:
-        """Raw variables, scales and damping as they are now."""
+        """The current raw variables, scales and damping."""
         structure = {
             "engine": NAME,
             "damping": self._damping,
@@ -200,7 +206,7 @@ class LevenbergMarquardtEngine:
         return EngineState(arrays, structure)
 
     def restore(self, state: EngineState) -> None:
-        """Goes back to a state of the same stage; KeyError or ValueError for any other."""
+        """Restores a state of the same stage; KeyError or ValueError for any other."""
         if not isinstance(state.structure, dict) or state.structure.get("engine") != NAME:
             message = "the checkpoint is of another engine"
             raise ValueError(message)
@@ -216,7 +222,7 @@ class LevenbergMarquardtEngine:
             self._started = Runs(t0, steps, 0, 0)
 
     def _begin(self, runs: Runs) -> None:
-        """Takes the starts of other runs as variables than so far."""
+        """Makes the initial states of these runs the variables, if the runs have changed."""
         if self._joint is None or (self._started is not None and self._started.begin_as(runs)):
             return
         n, starts = self._learned, self._joint.flat(self._begun, runs.t0)
@@ -230,7 +236,7 @@ class LevenbergMarquardtEngine:
         self._started, self._ahead = runs, None
 
     def _all(self, weights: Weights) -> Weights:
-        """The weights of the program that the squares are of."""
+        """The weights of the program whose Jacobians are computed."""
         return weights if self._joint is None else self._joint.moved(weights)
 
     def _products_at(self, runs: Runs, raw: FloatArray) -> Mapping[str, Products]:
@@ -250,7 +256,7 @@ class LevenbergMarquardtEngine:
             self._squares.write(series, watched=False)
 
     def _products(self, runs: Runs) -> Mapping[str, Products]:
-        """The products at the present variables."""
+        """The products at the current variables."""
         if self._ahead is not None and self._ahead[0].begin_as(runs):
             return self._ahead[1]
         return self._products_at(runs, self._raw)
@@ -261,7 +267,7 @@ class LevenbergMarquardtEngine:
     def _equations(
         self, products: Mapping[str, Products], at: FloatArray | None = None
     ) -> NormalEquations:
-        """F, its derivative and curvature, at the present variables or at others."""
+        """F, its gradient and its curvature at the current variables or at `at`."""
         whole = self._raw if at is None else at
         shares = {
             name: self._plan.loss_weights[name] / found.count
@@ -272,7 +278,7 @@ class LevenbergMarquardtEngine:
         return losses.plus(self._quadratic_terms(raw), corners(self._known, raw))
 
     def _model(self, found: NormalEquations) -> QuadraticModel:
-        """The model that damping shortens the steps of."""
+        """The quadratic model, in variables scaled for damping."""
         # D never shrinks, so that a variable which loses its influence does not run away (Moré
         # 1978); bounds keep it from that, and within them the present size reaches more minima
         self._largest = np.maximum(self._largest, found.diagonal)
@@ -280,7 +286,9 @@ class LevenbergMarquardtEngine:
         return self._scaled_by(found, np.maximum(found.diagonal, least * self._largest))
 
     def _scaled_by(self, found: NormalEquations, size: FloatArray) -> QuadraticModel:
-        """In variables times √size; 1 in a variable that no residual depends on."""
+        """The quadratic model in variables times √size; factor 1 for a variable without
+        influence.
+        """
         scale = 1.0 / np.sqrt(np.where(size > NO_INFLUENCE, size, 1.0))
         return found.model(scale, self._raw[: self._learned], self._known, self._bounds)
 
@@ -288,7 +296,7 @@ class LevenbergMarquardtEngine:
         return quadratic_terms(self._known, raw, self._decay, self._spread)
 
     def _descend(self, runs: Runs, equations: NormalEquations) -> None:
-        """Takes the first step that lowers the total, shorter ones until one does."""
+        """Takes the first step that lowers the total, increasing the damping until one does."""
         model = self._model(equations)
         n = self._learned
         lost: tuple[FloatArray, Mapping[str, Products]] | None = None
@@ -335,10 +343,11 @@ class LevenbergMarquardtEngine:
             self.finished = "no step lowers the total"
 
     def _forgets_largest(self, equations: NormalEquations) -> bool:
-        """True if curvatures of long ago held the variables: damping begins again without them.
+        """True if old curvatures blocked the variables; damping then restarts without them.
 
-        A variable whose curvature was 10¹⁰ times as large at a bad initial point, and is damped by
-        it, does not move for any damping that the others leave. Once per step.
+        A variable whose curvature was 10¹⁰ times larger at a bad initial point is damped by that
+        value. It would not move for any damping at which the others move. Happens at most once per
+        step.
         """
         present = equations.diagonal
         if self._bounds.some or np.all(self._largest <= present):
@@ -352,12 +361,11 @@ class LevenbergMarquardtEngine:
     def _loses(
         self, here: NormalEquations, ahead: Mapping[str, Products], trial: FloatArray
     ) -> bool:
-        """True if residuals no longer depend on a variable at the trial.
+        """True if at the trial point the residuals no longer depend on a variable.
 
-        No derivative brings back the rate of an exponential from where that is 0, and the steps of
-        other variables pay for one that has taken it there. It is too long, and is taken only if no
-        shorter one lowers the total. Corners and bounds are exact places: variables that count for
-        nothing there are right.
+        For example, no derivative leads back from a region where an exponential is 0. Such a step
+        is rejected unless no shorter step lowers the total. Kinks of penalties and bounds are
+        exempt: there a variable may correctly have no influence.
         """
         if self._known.has_corners or self._bounds.some:
             return False
@@ -366,7 +374,7 @@ class LevenbergMarquardtEngine:
         return bool(np.any(counted & (left < LOST * seen)))
 
     def _end_on_bounds(self, runs: Runs, equations: NormalEquations) -> None:
-        """Ends at a minimum, with values exactly on the bounds that they were about to reach."""
+        """Ends at a minimum, with values exactly on the bounds that they were approaching."""
         self.finished = "converged"
         n = self._learned
         trial = self._raw.copy()
@@ -375,9 +383,9 @@ class LevenbergMarquardtEngine:
             self._raw, self._ahead = trial, None
 
     def _is_stationary(self, found: NormalEquations) -> bool:
-        """True where the total has no derivative along which the variables may move.
+        """True if the derivative of the total vanishes in all feasible directions.
 
-        A long way from the minimum a large damping makes short steps too, whose falls are small.
+        This must be checked: far from a minimum, a large damping also makes steps short.
         """
         raw = self._raw[: self._learned]
         if found.is_stationary(raw, self._known, self._bounds):
@@ -387,7 +395,7 @@ class LevenbergMarquardtEngine:
         return undamped.promise() <= self._options.tolerance * found.total
 
     def _total_at(self, runs: Runs, raw: FloatArray) -> float:
-        """The weighted total; NaN, which is below nothing, where a rollout leaves the numbers."""
+        """The weighted total; NaN, which compares as not lower, if a rollout is not finite."""
         with np.errstate(over="ignore"):
             sums = self._costs_at(runs, raw)
         losses = sum(

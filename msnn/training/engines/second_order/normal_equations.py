@@ -1,4 +1,4 @@
-"""The total of a stage near its variables, and the step that lowers it at some damping."""
+"""The total loss near the current variables, and the step that lowers it for a given damping."""
 
 from __future__ import annotations
 
@@ -16,32 +16,34 @@ from msnn.training.engines.second_order.damped_steps import UNDAMPED, DampedMode
 from msnn.training.engines.second_order.quadratic_terms import QuadraticTerms
 
 STATIONARY = 1e-4
-"""Cosine between residuals and their derivative in a variable below which it is stationary."""
+"""Cosine between residuals and a column of the Jacobian below which a variable is stationary."""
 
 NO_INFLUENCE = 1e-300
-"""Curvature in a variable up to which its quotients may overflow: it changes nothing."""
+"""Curvature up to which quotients may overflow; such a variable has no influence."""
 
 
 class QuadraticModel(Protocol):
-    """The total near the variables."""
+    """The quadratic model of the total near the current variables."""
 
     @property
     def total(self) -> float:
-        """F at the variables."""
+        """F at the current variables."""
         ...
 
     def step(self, damping: float) -> tuple[FloatArray, float]:
-        """The step in raw variables at this damping, and how much the model of the total falls."""
+        """The step in raw variables for this damping, and the predicted decrease of the total."""
         ...
 
     def promise(self) -> float:
-        """The fall of the model by its almost undamped step within the bounds."""
+        """The predicted decrease of an almost undamped step within the bounds."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class NormalEquations:
-    """F, its slope 2g and curvature 2A in the raw variables, those of starts apart."""
+    """F, its gradient 2g and Hessian 2A in the raw variables, with separate blocks of initial
+    states.
+    """
 
     total: float
     slope: FloatArray
@@ -50,7 +52,7 @@ class NormalEquations:
 
     @property
     def diagonal(self) -> FloatArray:
-        """The diagonal of A: the parameters, then the starts of all runs."""
+        """The diagonal of A: the parameters, then the initial states of all runs."""
         of_parameters = np.diagonal(self.curvature)
         if self.starts is None:
             return of_parameters
@@ -58,7 +60,7 @@ class NormalEquations:
         return np.concatenate([of_parameters, own.ravel()])
 
     def plus(self, known: QuadraticTerms, penalties: float) -> NormalEquations:
-        """With what is known of the parameters beside the data, and penalties in the total."""
+        """Adds decay and priors of the parameters, and the value of penalties to the total."""
         return replace(
             self,
             total=self.total + known.value + penalties,
@@ -67,11 +69,11 @@ class NormalEquations:
         )
 
     def is_stationary(self, raw: FloatArray, known: KnownTerms, bounds: VariableBounds) -> bool:
-        """True where no variable moved alone, within its bounds, changes the residuals much.
+        """True if no single variable, moved within its bounds, changes the residuals noticeably.
 
-        For a variable inside its bounds that is |Jᵢᵀr| <= limit · |Jᵢ| |r|, the measure of
-        MINPACK's `gtol` (Moré 1978), which has no units. On a bound it is the condition of Karush,
-        Kuhn and Tucker: the derivative may have the sign that points outward.
+        For a variable inside its bounds the condition is |Jᵢᵀr| <= limit · |Jᵢ| |r|, the unit-free
+        measure of MINPACK's `gtol` (Moré 1978). On a bound it is the condition of Karush, Kuhn and
+        Tucker: the derivative may have the sign that points outward.
         """
         slope, diagonal = self.whole_slope, self.diagonal
         curved = np.where(diagonal > NO_INFLUENCE, diagonal, np.inf)
@@ -81,7 +83,9 @@ class NormalEquations:
         return bool(np.all(move * move * diagonal <= STATIONARY**2 * self.total))
 
     def onto_bounds(self, raw: FloatArray, bounds: VariableBounds) -> FloatArray:
-        """The variables, on the bound where the minimum in each alone is on or beyond it."""
+        """The variables, moved to a bound if the minimum along the single variable is at or beyond
+        it.
+        """
         diagonal = np.diagonal(self.curvature)
         reached = raw - self.slope / np.where(diagonal > NO_INFLUENCE, diagonal, np.inf)
         below = np.where(reached <= bounds.low, bounds.low, raw)
@@ -89,7 +93,7 @@ class NormalEquations:
 
     @property
     def whole_slope(self) -> FloatArray:
-        """Half the derivative of F: in the parameters, then in the starts of all runs."""
+        """Half the gradient of F: in the parameters, then in the initial states of all runs."""
         if self.starts is None:
             return self.slope
         return np.concatenate([self.slope, self.starts.slope.ravel()])
@@ -97,9 +101,9 @@ class NormalEquations:
     def model(
         self, scale: FloatArray, raw: FloatArray, known: KnownTerms, bounds: VariableBounds
     ) -> QuadraticModel:
-        """In variables times 1/scale, at these raw variables of the parameters."""
+        """The model in variables times 1/scale, at these raw variables."""
         n = len(self.curvature)
-        # scaled first: eigenvalues of numbers in N/m beside numbers in mm would lose the small ones
+        # scale first: with units such as N/m and mm, small eigenvalues would be lost in rounding
         top = scale[:n]
         values, vectors = np.linalg.eigh(_scaled(self.curvature, top))
         parameters = DampedModel(
@@ -121,7 +125,7 @@ class NormalEquations:
 def in_raw_variables(
     products: Mapping[str, Products], shares: Mapping[str, float], physical_by_raw: FloatArray
 ) -> NormalEquations:
-    """The sum of the products of losses, each times its share of the total."""
+    """The sum of the products of losses, each weighted by its share of the total."""
     n = len(physical_by_raw)
     total, slope, curvature = 0.0, np.zeros(n), np.zeros((n, n))
     blocks: list[StartBlocks] = []
@@ -140,40 +144,40 @@ def in_raw_variables(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArrowModel:
-    """The total near the variables, F + 2gᵀδ + δᵀAδ + P, where A has a block a run beside a border.
+    """The quadratic model F + 2gᵀδ + δᵀAδ + P, where A has one block per run and a border.
 
-    Eliminating the starts leaves the damped model of the parameters, whose curvature is the Schur
-    complement S = A − Σ B(C + μ)⁻¹Bᵀ of the blocks C of the runs (Golub, Pereyra 1973); starts have
-    no penalties P. All variables are scaled by 1/√D.
+    Eliminating the initial states leaves the damped model of the parameters. Its curvature is the
+    Schur complement S = A − Σ B(C + μ)⁻¹Bᵀ of the blocks C of the runs (Golub, Pereyra 1973).
+    Initial states have no penalties P. All variables are scaled by 1/√D.
     """
 
     parameters: DampedModel
-    """The model of the parameters while all starts stay."""
+    """The model of the parameters with fixed initial states."""
     curvature: FloatArray
-    """Of the parameters."""
+    """Curvature of the parameters."""
     slope: FloatArray
-    """Of the starts, (runs, starts)."""
+    """Half the gradient in the initial states, (runs, elements)."""
     scale: FloatArray
-    """1/√D of the starts, (runs, starts)."""
+    """1/√D of the initial states, (runs, elements)."""
     cross: FloatArray
     values: FloatArray
-    """Eigenvalues of the blocks of the runs, none below 0."""
+    """Eigenvalues of the blocks of the runs, all ≥ 0."""
     directions: FloatArray
 
     @property
     def total(self) -> float:
-        """F at the variables."""
+        """F at the current variables."""
         return self.parameters.total
 
     def promise(self) -> float:
-        """The fall of the model by its almost undamped step within the bounds."""
+        """The predicted decrease of an almost undamped step within the bounds."""
         return replace(self, parameters=self.parameters.undamped).step(UNDAMPED)[1]
 
     @classmethod
     def of(
         cls, parameters: DampedModel, curvature: FloatArray, blocks: StartBlocks, scale: FloatArray
     ) -> ArrowModel:
-        """The model of unscaled products of starts; `scale` is theirs."""
+        """The model from unscaled products; `scale` belongs to the initial states."""
         top, own = parameters.scale, scale.reshape(blocks.slope.shape)
         values, directions = np.linalg.eigh(blocks.curvature * own[:, :, None] * own[:, None, :])
         return cls(
@@ -188,7 +192,9 @@ class ArrowModel:
         )
 
     def step(self, damping: float) -> tuple[FloatArray, float]:
-        """The step in raw variables, then starts, and how much the model of the total falls."""
+        """The step in raw variables, then initial states, and the predicted decrease of the
+        total.
+        """
         # in the directions of each block (C + μ) is diagonal: one decomposition serves every
         # damping
         turned = self.cross @ self.directions
@@ -218,5 +224,7 @@ class ArrowModel:
 
 
 def _scaled(curvature: FloatArray, scale: FloatArray) -> FloatArray:
-    """The curvature in scaled variables; the product of two scales may overflow."""
+    """The curvature in scaled variables; multiplied twice, because the product of scales may
+    overflow.
+    """
     return curvature * scale[:, None] * scale

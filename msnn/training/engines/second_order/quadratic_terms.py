@@ -1,7 +1,7 @@
-"""Adds to least squares what a stage knows beside the data, as quadratics of its raw variables.
+"""Adds weight decay and priors to least squares, as quadratic functions of the raw variables.
 
-Weight decay λ is λ/2 · Σ raw², whose slope λ · raw is what the other optimisers add to theirs. A
-prior is ŝ²/n · ((p − mean)/std)², the square of one more residual of the physical value p.
+Weight decay λ is λ/2 · Σ raw²; its gradient λ · raw is what other optimisers add to the gradient. A
+prior is ŝ²/n · ((p − mean)/std)², the square of an additional residual of the physical value p.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from msnn.data.dataset import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class QuadraticTerms:
-    """Terms near some raw variables: value + 2 slopeᵀδ + Σ curvature · δ²."""
+    """A quadratic near given raw variables: value + 2 slopeᵀδ + Σ curvature · δ²."""
 
     value: float
     slope: FloatArray
@@ -29,7 +29,7 @@ class QuadraticTerms:
 def quadratic_terms(
     known: KnownTerms, variables: FloatArray, decay: Decay, spread: float
 ) -> QuadraticTerms:
-    """The terms at these variables; priors count by `spread`, ŝ²/n."""
+    """The terms at these variables; priors are weighted by `spread`, ŝ²/n."""
     half = 0.5 * decay.factor
     raw, by_variable = decay.raw(variables)
     away, steep = deviations(known, variables)
@@ -42,14 +42,16 @@ def quadratic_terms(
 
 @dataclass(frozen=True, slots=True)
 class Decay:
-    """Weight decay λ: of bounded values too in the raw variables that other optimisers move."""
+    """Weight decay λ in the raw variables of other optimisers, for bounded values too."""
 
     factor: float
     parameters: Sequence[Parameter]
-    """With their bounds."""
+    """The parameters with their bounds."""
 
     def raw(self, variables: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Raw variables and their derivatives, where the variables of bounded values are these."""
+        """Raw variables and their derivatives with respect to the physical values of bounded
+        parameters.
+        """
         raw, by_variable = variables.copy(), np.ones_like(variables)
         begin = 0
         for parameter in self.parameters if self.factor else ():

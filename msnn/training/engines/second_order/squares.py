@@ -1,4 +1,4 @@
-"""Defines what second-order methods ask of a stage: residuals, their slopes, their costs."""
+"""Defines the interface for second-order methods: residuals, Jacobians and costs of a stage."""
 
 from __future__ import annotations
 
@@ -16,29 +16,35 @@ RowsByLoss = Mapping[str, BoolArray]
 
 
 class SlopedSquares(Protocol):
-    """The losses of a stage as sums of squares with their slopes, at any weights, in float64."""
+    """The losses of a stage as sums of squares with Jacobians, at any weights, in float64."""
 
     def check(self, runs: Runs, weights: Mapping[str, FloatArray]) -> None:
-        """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
+        """Compares the kernels of this stage with the reference interpreter. Raises
+        WrongKernelError.
+        """
         ...
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
-        """Replaces series by which runs start: of those that are watched, or trained on."""
+        """Replaces the series with the start values of runs, either of watched or of training
+        runs.
+        """
         ...
 
     def products(self, runs: Runs, weights: Mapping[str, FloatArray]) -> dict[str, Products]:
-        """The products of residuals and slopes of every loss, in the numbers of `plan.trained`."""
+        """JᵀJ and Jᵀr of every loss, with respect to the elements of `plan.trained`."""
         ...
 
     def products_of_runs(
         self, runs: Runs, weights: Mapping[str, FloatArray], own: int
     ) -> dict[str, ProductsOfRuns]:
-        """The same, the last `own` numbers of every run apart, in the order of the runs."""
+        """The same, with separate blocks for the last `own` variables of every run, in order of
+        runs.
+        """
         ...
 
 
 class Squares(SlopedSquares, Protocol):
-    """The same with the losses alone, for those who try steps."""
+    """The same, and losses without derivatives for trial steps."""
 
     def __init__(
         self,
@@ -49,14 +55,14 @@ class Squares(SlopedSquares, Protocol):
     ) -> None: ...
 
     def train_costs(self, runs: Runs, weights: Mapping[str, FloatArray]) -> LossSums:
-        """The losses of rollouts to train on."""
+        """The losses of training rollouts."""
         ...
 
     def watched_costs(self, runs: Runs, weights: Mapping[str, FloatArray]) -> LossSums:
-        """The losses of rollouts on the rows that are watched."""
+        """The losses of rollouts on the watched rows."""
         ...
 
 
 def loss_sums_of(products: Mapping[str, Products]) -> LossSums:
-    """The losses that came with their products."""
+    """The losses contained in the products."""
     return {name: LossSum(one.cost, one.count) for name, one in products.items()}

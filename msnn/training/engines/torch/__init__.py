@@ -1,1 +1,1 @@
-"""Trains by torch modules."""
+"""Trains with torch modules."""

@@ -1,4 +1,4 @@
-"""Takes raw tensors to what is known of them beside the slopes of the losses."""
+"""Handles priors, penalties and decay of raw tensors, in addition to the losses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from spec_schema.sections.training.optimizers import Adam, AdamW, Lbfgs, Sgd
 
 
 def prior_total(plan: StagePlan, raws: Mapping[str, Tensor], spread: float) -> Tensor:
-    """ŝ²/n · Σ ((p − mean)/std)² of the parameters that move, differentiable."""
+    """ŝ²/n · Σ ((p − mean)/std)² of the trained parameters, differentiable."""
     found: list[Tensor] = []
     for name, raw in raws.items():
         parameter = plan.program.parameter(name)
@@ -29,7 +29,7 @@ def prior_total(plan: StagePlan, raws: Mapping[str, Tensor], spread: float) -> T
 
 
 class KnownSteps:
-    """The proximal steps of optimisers whose own steps are known, for others terms with slopes."""
+    """Proximal steps for optimisers with a known step size; differentiable terms for the others."""
 
     def __init__(self, plan: StagePlan, parameters: Sequence[Parameter]) -> None:
         self._terms = known_of(plan, parameters)
@@ -37,7 +37,7 @@ class KnownSteps:
         self._takes_steps = plan.optimizer.reaches_corners and not self._terms.is_empty
 
     def terms(self, raws: Mapping[str, Tensor], spread: float) -> Tensor | float:
-        """The terms minimised beside the losses, differentiable; 0 where steps follow instead."""
+        """The differentiable terms added to the losses; 0 if proximal steps follow instead."""
         total: Tensor | float = 0.0
         if self._terms.has_priors and not self._takes_steps:
             total = prior_total(self._plan, raws, spread)
@@ -49,7 +49,7 @@ class KnownSteps:
     def follow(
         self, raws: Mapping[str, Tensor], optimizer: torch.optim.Optimizer, spread: float
     ) -> None:
-        """The proximal step after one of the optimiser, in float64 as kernels take it."""
+        """The proximal step after an optimiser step, in float64 like in kernels."""
         if not self._takes_steps:
             return
         tensors = [raws[parameter.name] for parameter in self._terms.parameters]
@@ -63,7 +63,7 @@ class KnownSteps:
                 tensor.copy_(torch.from_numpy(part.reshape(tensor.shape)))
 
     def _lengths(self, optimizer: torch.optim.Optimizer) -> dict[Tensor, FloatArray]:
-        """The distance that each number moves along a slope that lasts, by this step."""
+        """The effective step size of each element in this step, for a constant gradient."""
         found: dict[Tensor, FloatArray] = {}
         for group in optimizer.param_groups:
             rate = float(group["lr"])

@@ -1,4 +1,4 @@
-"""Gives torch optimisers what they minimise: losses unrolled in torch or by a kernel."""
+"""Provides objectives for torch optimisers: losses unrolled in torch or computed by a kernel."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class TorchObjective:
     ) -> None:
         self._model, self._plan = model, plan
         self.has_infinite_slopes = training_step(plan.program).has_infinite_slopes
-        """Whether slopes of the total can be infinite where it is finite."""
+        """True if the gradient of a finite total can be infinite."""
         series = own_series(plan, series)
         self._series, self._train_rows = series, train_rows
         self._measured: TorchScoring | None = None
@@ -62,10 +62,10 @@ class TorchObjective:
         self._evaluation = scoring(model, series, plan.rollout.skip, evaluation_rows)
 
     def check(self, runs: Runs) -> None:
-        """Nothing: torch was built by others."""
+        """Does nothing: torch needs no check against the reference interpreter."""
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool = False) -> None:
-        """Replaces series that rollouts to train on, or those watched, read (`own_series`)."""
+        """Replaces series that training or watched rollouts read (see `own_series`)."""
         _write(self._evaluation if watched else self._train, series)
         if not watched:
             measured = without_masks(self._plan, series)
@@ -74,10 +74,10 @@ class TorchObjective:
                 _write(self._measured, measured)
 
     def scored(self, runs: Runs) -> Scored:
-        """The losses of rollouts to train on."""
+        """The losses of training rollouts."""
         sums = batch_losses(self._model, self._train, runs)
         terms = [
-            # a penalty has a corner, so its slope is no step: it counts in the total, and the
+            # a penalty is not smooth, so no gradient step is taken: it counts in the total, and the
             # optimiser's proximal step moves it (decision 0215)
             weight * (value if loss.penalty is None else value.detach())
             for loss in self._plan.program.losses
@@ -88,11 +88,11 @@ class TorchObjective:
         return Scored(torch.stack(terms).sum(), numbers)
 
     def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of rollouts on the rows that are watched, without slopes."""
+        """The losses of rollouts on the watched rows, without gradient."""
         return evaluated(self._model, self._evaluation, runs)
 
     def measure(self, runs: Runs) -> LossSums:
-        """The losses of rollouts to train on, nothing left out of them, without slopes."""
+        """The losses of training rollouts without dropout and gradient."""
         if self._measured is None:
             skip, rows = self._plan.rollout.skip, self._train_rows
             self._measured = scoring(self._model, self._series, skip, rows)
@@ -105,7 +105,7 @@ def _write(into: TorchScoring, series: Mapping[str, FloatArray]) -> None:
 
 
 class KernelObjective:
-    """Asks a training kernel for losses and gradient. Raises CompilerMissingError."""
+    """Computes losses and gradient with a training kernel. Raises CompilerMissingError."""
 
     def __init__(
         self,
@@ -127,12 +127,12 @@ class KernelObjective:
         self._grouped: tuple[Runs, Groups] | None = None
 
     def check(self, runs: Runs) -> None:
-        """Compares a fresh kernel with the interpreter. Raises WrongKernelError."""
+        """Compares a newly built kernel with the reference interpreter. Raises WrongKernelError."""
         kernel, weights = self._kernel, self._model.weights()
         check_if_fresh(kernel.built, lambda: check_kernel(kernel, self._series, runs, weights))
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool = False) -> None:
-        """Replaces series that rollouts to train on, or those watched, read (`own_series`)."""
+        """Replaces series that training or watched rollouts read (see `own_series`)."""
         (self._evaluation if watched else self._train).write(series)
         if not watched:
             measured = without_masks(self._plan, series)
@@ -141,7 +141,7 @@ class KernelObjective:
                 self._measured.write(measured)
 
     def scored(self, runs: Runs) -> Scored:
-        """The losses of rollouts to train on."""
+        """The losses of training rollouts."""
         losses: LossSums = {}
         physical = self._physical()
         total = _KernelTotal.apply(physical, self, self._train, runs, losses)
@@ -149,11 +149,11 @@ class KernelObjective:
         return Scored(total, losses)
 
     def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of rollouts on the rows that are watched, without slopes."""
+        """The losses of rollouts on the watched rows, without gradient."""
         return self._evaluated(self._evaluation, runs)
 
     def measure(self, runs: Runs) -> LossSums:
-        """The losses of rollouts to train on, nothing left out of them, without slopes."""
+        """The losses of training rollouts without dropout and gradient."""
         if self._measured is None:
             skip, rows = self._plan.rollout.skip, self._train_rows
             self._measured = self._kernel.data(self._series, skip, rows)
@@ -191,7 +191,9 @@ class KernelObjective:
         return value, found.gradient
 
     def _groups(self, runs: Runs) -> Groups:
-        """The groups of rollouts, kept as a line search asks for the last ones again."""
+        """The groups of rollouts, cached because a line search evaluates the same ones
+        repeatedly.
+        """
         if self._grouped is None or self._grouped[0] is not runs:
             self._grouped = runs, self._kernel.groups(runs.t0, runs.steps)
         return self._grouped[1]
@@ -202,7 +204,7 @@ class KernelObjective:
 
 
 class _KernelTotal(torch.autograd.Function):
-    """A kernel's weighted total; its gradient comes with it."""
+    """A kernel's weighted total; the forward pass also computes the gradient."""
 
     @staticmethod
     def forward(  # pyright: ignore[reportIncompatibleMethodOverride]  (torch's way)

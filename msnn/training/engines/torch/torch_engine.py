@@ -1,4 +1,4 @@
-"""Trains in torch: an optimiser moves raw variables along the slopes of an objective."""
+"""Trains in torch: an optimiser updates raw variables by the gradient of an objective."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _WALL = 1e6
 
 
 class _NoStep(Exception):  # noqa: N818  (an event, no error)
-    """The slopes of a batch are infinite."""
+    """The gradient of a batch is infinite."""
 
 
 class TorchEngine:
@@ -84,22 +84,26 @@ class TorchEngine:
         return variables
 
     def check(self, runs: Runs) -> None:
-        """Compares what was built for this stage with the interpreter. Raises WrongKernelError."""
+        """Compares the kernels of this stage with the reference interpreter. Raises
+        WrongKernelError.
+        """
         self._objective.check(runs)
 
     def weights(self) -> dict[str, FloatArray]:
-        """Physical values; parameters that are not trained are exactly those given."""
+        """Physical values; untrained parameters keep exactly their given values."""
         return {**self._model.weights(), **self._fixed}
 
     def begin_epoch(self, epoch: int, rate: float, attempt: int = 0, spread: float = 0.0) -> None:
-        """As `Engine.begin_epoch`."""
+        """See `Engine.begin_epoch`."""
         self._spread = spread
         self._objective.write(factors_of(self._plan, self._series, epoch, attempt))
         for group, usual in zip(self._optimizer.param_groups, self._rates, strict=True):
             group["lr"] = rate * usual
 
     def write(self, series: Mapping[str, FloatArray], *, watched: bool) -> None:
-        """Replaces series by which runs start: of those that are watched, or trained on."""
+        """Replaces the series with the start values of runs, either of watched or of training
+        runs.
+        """
         self._objective.write(series, watched=watched)
 
     def train_batches(
@@ -109,7 +113,9 @@ class TorchEngine:
         members: IntArray | None = None,
         before: LossSums | None = None,
     ) -> LossSums:
-        """One optimiser step on each batch; the losses before it. Raises NonFiniteLossError."""
+        """Takes one optimiser step per batch; returns the losses before. Raises
+        NonFiniteLossError.
+        """
         runs = runs if members is None else runs.take(members)
         sums = dict(before or {})
         self.left_out = 0
@@ -164,9 +170,11 @@ class TorchEngine:
             raw.grad = None
 
     def _hold(self) -> None:
-        """Takes the slopes of what has rate 0 in the stage's arithmetic: torch leaves it as it is.
+        """Removes the gradients of variables with learning rate 0, so that torch does not change
+        them.
 
-        0 times an infinite slope is NaN, and some optimisers step by other lengths than the rate.
+        0 times an infinite derivative is NaN, and some optimisers scale steps by more than the
+        rate.
         """
         for group in self._optimizer.param_groups:
             if self._number(group["lr"]) == 0:
@@ -174,7 +182,7 @@ class TorchEngine:
                     raw.grad = None
 
     def _is_steep(self) -> bool:
-        """Whether a slope is infinite, of those that can be."""
+        """True if the gradient is infinite, for programs in which that is possible."""
         if not self._objective.has_infinite_slopes:
             return False
         slopes = [raw.grad for raw in self._variables.values() if raw.grad is not None]
@@ -182,26 +190,26 @@ class TorchEngine:
         return not squares <= LARGEST_SLOPE * LARGEST_SLOPE  # true of NaN
 
     def order(self, count: int, key: int) -> IntArray:
-        """As `epoch_order.shuffled`."""
+        """See `epoch_order.shuffled`."""
         return shuffled(count, key)
 
     def evaluate(self, runs: Runs) -> LossSums:
-        """The losses of these rollouts at the current weights, on the rows that count."""
+        """The losses of these rollouts at the current weights, on the scored rows."""
         with _one_thread():
             return self._objective.evaluate(runs)
 
     def measure(self, runs: Runs) -> LossSums:
-        """The losses of rollouts to train on at the current weights, nothing left out of them."""
+        """The losses of training rollouts at the current weights, without dropout."""
         with _one_thread():
             return self._objective.measure(runs)
 
     def state(self) -> EngineState:
-        """Raw variables and optimiser as they are now."""
+        """The current raw variables and optimiser state."""
         variables = {name: raw.detach() for name, raw in self._variables.items()}
         return flattened({"variables": variables, "optimizer": self._optimizer.state_dict()})
 
     def restore(self, state: EngineState) -> None:
-        """Goes back to a state of the same stage."""
+        """Restores a state of the same stage."""
         content = rebuilt(state)
         with torch.no_grad():
             for name, raw in self._variables.items():
@@ -258,7 +266,7 @@ def _groups(plan: StagePlan, variables: Mapping[str, Tensor], lr: float) -> list
 
 @contextmanager
 def _one_thread() -> Generator[None]:
-    """Small models are slower on more threads, and one adds in the same order each time."""
+    """Limits torch to one thread: small models are faster, and sums have a fixed order."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

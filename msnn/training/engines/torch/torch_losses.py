@@ -18,18 +18,18 @@ from msnn.simulation.rollout import LossSum, longest_first
 from msnn.training.engines.engine import LossSums, batches_of
 
 EVALUATION_BATCH = 4096
-"""Rollouts that are evaluated side by side; bounds the memory."""
+"""Rollouts evaluated in parallel; limits the memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class TorchLossSum:
-    """Σ of a loss over all scored elements, differentiable, and their number by LossSum."""
+    """Σ of a loss over all scored elements, differentiable, and the number of these elements."""
 
     total: Tensor
     count: float
 
     def value(self, measure: Measure) -> Tensor:
-        """The loss: 0 where nothing was scored (rule R9)."""
+        """The loss; 0 if no element was scored (rule R9)."""
         # differentiable without a scored element too: a batch may lack every target of one loss
         mean = self.total / (self.count or 1.0)
         if measure is Measure.RMSE and mean.item() > 0:  # the root has no slope at 0
@@ -37,20 +37,20 @@ class TorchLossSum:
         return mean
 
     def numbers(self) -> LossSum:
-        """The same without the graph that torch differentiates."""
+        """The same as a LossSum, detached from torch's graph."""
         return LossSum(self.total.item(), self.count)
 
 
 @dataclass(frozen=True, slots=True)
 class TorchScoring:
-    """The data of a stage in torch, and what of a rollout counts."""
+    """The data of a stage as tensors, and the scored part of rollouts."""
 
     series: Mapping[str, Tensor]
     skip: int
     missing: bool
-    """Whether targets may be NaN."""
+    """True if targets may be NaN."""
     scored: Mapping[str, Tensor] | None
-    """Rows t at which each loss counts; None for all."""
+    """Mask of rows t at which each loss is scored; None for all rows."""
 
 
 def scoring(
@@ -59,7 +59,7 @@ def scoring(
     skip: int,
     scored: Mapping[str, BoolArray] | None,
 ) -> TorchScoring:
-    """The series with the dtype of a model, where the model is."""
+    """The series as tensors with the dtype and device of a model."""
     # looked for once: a mask where nothing can be missing would cost every batch
     missing = any(bool(np.isnan(values).any()) for values in series.values())
     place, dtype = model.device, model.dtype
@@ -74,9 +74,9 @@ def scoring(
 def batch_losses(
     model: TorchModel, data: TorchScoring, runs: Runs, frame: Frame | None = None
 ) -> dict[str, TorchLossSum]:
-    """Every loss over rollouts that run side by side; one that has ended is left out.
+    """Every loss over rollouts that run in parallel, each until its last step.
 
-    `frame` has the parameters where they are not those of the model.
+    `frame` replaces the parameters of the model if given.
     """
     scored = scored_values(model, frame or model.frame(), data, runs)
     return {loss.name: _summed(loss, scored[loss.name], model) for loss in model.program.losses}
@@ -85,7 +85,7 @@ def batch_losses(
 def evaluated(
     model: TorchModel, data: TorchScoring, runs: Runs, frame: Frame | None = None
 ) -> LossSums:
-    """Every loss over any number of rollouts as numbers, without slopes."""
+    """Every loss over any number of rollouts as numbers, without gradient."""
     sums: LossSums = {}
     with torch.no_grad():
         for part in batches_of(runs, EVALUATION_BATCH):
@@ -96,22 +96,22 @@ def evaluated(
 
 @dataclass(frozen=True, slots=True)
 class ScoredValues:
-    """Predictions and targets of a loss where there is a target and the row counts."""
+    """Predictions and targets of a loss, for scored elements with a target."""
 
     prediction: Tensor
     target: Tensor | None
     factors: Tensor | None
-    """How much each counts; None for 1."""
+    """Weight of each element; None for 1."""
     runs: Tensor
-    """The rollout of each element."""
+    """Index of the rollout of each element."""
 
 
 def scored_values(
     model: TorchModel, frame: Frame, data: TorchScoring, runs: Runs
 ) -> dict[str, ScoredValues | None]:
-    """The pairs that every loss compares over the rollouts; None where nothing is scored."""
+    """The pairs that every loss compares over the rollouts; None if nothing is scored."""
     program = model.program
-    # so that those which still run are always the first of their batch: a slice, no index
+    # sort by length: the rollouts that still run are then a slice of the batch
     order = longest_first(runs)
     t0 = torch.from_numpy(runs.t0[order]).to(model.device)
     members = torch.from_numpy(order).to(model.device)
@@ -135,7 +135,7 @@ def scored_values(
 
 
 class _Block:
-    """The rows around a batch of rollouts, gathered once: (B, *shape, rows) a signal."""
+    """The rows around a batch of rollouts, gathered once: (B, *shape, rows) per signal."""
 
     def __init__(
         self, program: Program, series: Mapping[str, Tensor], t0: Tensor, steps: int
@@ -158,7 +158,7 @@ class _Block:
 
 
 def _reads(program: Program, steps: int) -> dict[str, Extent]:
-    """The samples around t0 that a rollout reads of each signal."""
+    """The samples relative to t0 that a rollout reads, by signal."""
     found: dict[str, Extent] = {}
     # the start runs at t0 alone, the step at t0 … t0 + steps − 1
     for graph, last in ((program.step, steps - 1), (program.start, 0)):
@@ -174,12 +174,12 @@ class _Part:
     prediction: Tensor
     target: Tensor | None
     rows: Tensor | None
-    """Which rows count."""
+    """Mask of scored rows."""
     factors: Tensor | None
     runs: Tensor
 
     def along(self, value: Tensor) -> Tensor:
-        """The value of the rows that count."""
+        """The elements of scored rows."""
         return value if self.rows is None else value[self.rows]
 
 

@@ -1,4 +1,4 @@
-"""Makes optimisers of `torch.optim` by their names."""
+"""Constructs optimisers of `torch.optim` by name."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def try_torch_optimizer(
     trained: Iterable[Parameter],
     findings: Findings,
 ) -> None:
-    """Makes the optimiser and takes a step; what this version of torch refuses goes to `findings`.
+    """Constructs the optimiser and takes one step; errors of this torch version go to `findings`.
 
-    That is little after the check of the spec: options that go together, a class too new.
+    The check of the spec leaves few of them: incompatible options, or a class that is too new.
     """
     name = optimizer.name
     if name.value not in torch_optimizer_names():
@@ -46,7 +46,7 @@ def try_torch_optimizer(
 def torch_optimizer(
     optimizer: TorchOptimizer, groups: list[dict[str, Any]], weight_decay: float
 ) -> torch.optim.Optimizer:
-    """The optimiser, one step of which follows the gradients of the groups."""
+    """The optimiser; one step uses the gradients of the groups."""
     assert optimizer.name.value in TORCH_OPTIMIZERS, "a name reaches nothing else of torch"
     made = getattr(torch.optim, optimizer.name.value)
     known = inspect.signature(made).parameters
@@ -59,5 +59,5 @@ def torch_optimizer(
 
 
 def torch_optimizer_names() -> tuple[str, ...]:
-    """The optimisers that this version of torch has for models."""
+    """The optimisers for models in the installed version of torch."""
     return tuple(name for name in TORCH_OPTIMIZERS if hasattr(torch.optim, name))

@@ -1,4 +1,4 @@
-"""Computes residuals, slopes and costs in torch, the slopes by its own forward mode."""
+"""Computes residuals, Jacobians and costs in torch, with forward-mode differentiation."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ from msnn.training.engines.torch.torch_losses import (
 from msnn.training.plans.stage_plan import StagePlan
 
 _TANGENTS = 20_000
-"""Rollouts times learned numbers that are carried side by side; bounds the memory."""
+"""Rollouts times learned elements processed in parallel; limits the memory."""
 
 Weights = Mapping[str, FloatArray]
 
 
 class TorchSquares:
-    """Unrolls the program's module; every learned number is a direction of its forward mode."""
+    """Unrolls the program's module; every learned element is a direction of forward mode."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class TorchSquares:
             one.loss.name: one.left_out is not None
             for one in sensitivities(program, plan.trained).residuals
         }
-        """Whether a residual of the loss can have an infinite slope."""
+        """True if a residual of the loss can have an infinite derivative, by loss."""
         scales = scales_of(program, plan.trained)
         self._scales = torch.tensor(scales, dtype=torch.float64, device=plan.device)
         self._model = build_module(program, torch.float64, plan.device).requires_grad_(False)
@@ -67,16 +67,18 @@ class TorchSquares:
         self._evaluation = scoring(self._model, series, plan.rollout.skip, evaluation_rows)
 
     def check(self, runs: Runs, weights: Weights) -> None:
-        """Nothing: torch was built by others."""
+        """Does nothing: torch needs no check against the reference interpreter."""
 
     def write(self, series: Weights, *, watched: bool) -> None:
-        """Replaces series by which runs start: of those that are watched, or trained on."""
+        """Replaces the series with the start values of runs, either of watched or of training
+        runs.
+        """
         into = self._evaluation if watched else self._train
         for name, values in series.items():
             into.series[name].copy_(torch.from_numpy(values))
 
     def products(self, runs: Runs, weights: Weights) -> dict[str, Products]:
-        """The products of residuals and slopes of every loss."""
+        """JᵀJ and Jᵀr of every loss, with residuals r and Jacobian J."""
         sums: dict[str, Products] = {}
         for _, rows in self._rows(runs, weights):
             for name, one in rows.items():
@@ -85,7 +87,7 @@ class TorchSquares:
         return sums
 
     def products_of_runs(self, runs: Runs, weights: Weights, own: int) -> dict[str, ProductsOfRuns]:
-        """The same, the last `own` numbers of every run apart."""
+        """The same products, with separate blocks for the last `own` variables of every run."""
         parts: dict[str, list[ProductsOfRuns]] = {}
         for batch, rows in self._rows(runs, weights):
             for name, one in rows.items():
@@ -93,7 +95,7 @@ class TorchSquares:
         return {name: one_after_the_other(found) for name, found in parts.items()}
 
     def _rows(self, runs: Runs, weights: Weights) -> Iterator[tuple[Runs, dict[str, _Rows]]]:
-        """The residuals of every loss with their slopes, some rollouts after the other."""
+        """Yields batches of rollouts with the residuals and Jacobians of every loss."""
         values = self._tensors(weights)
         learned = torch.cat([values[name].reshape(-1) for name in self._trained])
         for batch in batches_of(runs, max(1, _TANGENTS // len(learned))):
@@ -148,11 +150,11 @@ class TorchSquares:
         return {name: part.reshape(values[name].shape) for name, part in parts}
 
     def train_costs(self, runs: Runs, weights: Weights) -> LossSums:
-        """The losses of rollouts to train on."""
+        """The losses of training rollouts."""
         return self._costs(self._train, runs, weights)
 
     def watched_costs(self, runs: Runs, weights: Weights) -> LossSums:
-        """The losses of rollouts on the rows that are watched."""
+        """The losses of rollouts on the watched rows."""
         return self._costs(self._evaluation, runs, weights)
 
     def _costs(self, data: TorchScoring, runs: Runs, weights: Weights) -> LossSums:
@@ -162,15 +164,15 @@ class TorchSquares:
 
 @dataclass(frozen=True, slots=True)
 class _Rows:
-    """The residuals of one loss and their slopes, without those whose slopes are infinite."""
+    """Residuals and Jacobian of one loss, without residuals with infinite derivatives."""
 
     error: Tensor
     slopes: Tensor
     costs: Tensor
-    """The term of each in the loss, by its factor."""
+    """The weighted contribution of each element to the loss."""
     factors: Tensor
     left_out: Tensor
-    """The factor of those that are left out, 0 of others."""
+    """The weight of excluded elements, 0 for the others."""
     runs: Tensor
 
     @classmethod
@@ -183,13 +185,14 @@ class _Rows:
         runs: Tensor,
         scales: Tensor | None,
     ) -> _Rows:
-        """Huber by the weight that gives the square its slope; factors of rows are weights too.
+        """Builds the rows; Huber and row factors become weights of residuals.
 
-        With `scales` a slope can be infinite.
+        The weight of a Huber residual gives its square the gradient of the Huber cost. With
+        `scales`, derivatives may be infinite.
         """
         each = torch.ones_like(error) if factors is None else factors.reshape(-1)
         costs = each * cost(loss, error, None)
-        # below δ that makes f²e² = e²/2, above it the slope 2f²e is δ times the sign of e
+        # |e| < δ: f²e² = e²/2; otherwise the derivative 2f²e is δ · sign(e)
         if loss.measure is Measure.HUBER:
             factor = torch.sqrt(0.5 * loss.delta / error.abs().clamp(min=loss.delta))
             error, slopes = factor * error, factor[:, None] * slopes
@@ -216,7 +219,7 @@ class _Rows:
         )
 
     def products_of_runs(self, runs: int, own: int) -> ProductsOfRuns:
-        """The products with the last `own` numbers of each of so many runs apart."""
+        """The products with separate blocks for the last `own` variables of each run."""
         n = self.slopes.shape[1] - own
         shared, apart = self.slopes[:, :n], self.slopes[:, n:]
 

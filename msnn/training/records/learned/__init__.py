@@ -1,1 +1,1 @@
-"""Records what was learned: parameters, how sure they are, what is 0."""
+"""Describes the learned parameters: values, standard errors, zeros."""

@@ -1,8 +1,8 @@
-"""Decides for values near a bound whether the data hold them there or training got stuck there.
+"""Determines if values near a bound are optimal there or if training got stuck.
 
-The derivative of the total says it (Karush, Kuhn, Tucker): on a bound that the data hold it points
-outward. Where it points inward the value is no minimum, as after a step of an optimiser so long
-that a sigmoid is flat there.
+The derivative of the total decides (Karush, Kuhn, Tucker): at an optimum on a bound, descent points
+outward. If it points inward, the value is not a minimum. This happens after too long a step, where
+the sigmoid of the bounds is flat.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from compiler.ir.program import Parameter
 from msnn.data.dataset import BoolArray, FloatArray
 
 NEAR_BOUND = 1e-3
-"""Part of the range, or of the way to a bound, within which a value counts as near it."""
+"""Fraction of the range, or of the distance to a bound, within which a value is near the bound."""
 
 _STEEP = 1e-2
-"""Cosine of residuals and their derivative above which a value is no minimum."""
+"""Cosine between residuals and their derivative above which a value is not a minimum."""
 _GAIN = 1e-4
-"""Part of the total that a derivative must change, where the curvature is not known."""
+"""Minimum relative change of the total by a significant derivative, if the curvature is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class BesideBounds:
 
 
 def near_bounds(parameter: Parameter, value: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """The masks of elements of a value that are near the minimum and near the maximum."""
+    """The masks of elements near the minimum and near the maximum."""
     low, high = parameter.minimum, parameter.maximum
     # with one bound there is no range: the parameter's scale is what a change is measured by
     span = high - low if low is not None and high is not None else abs(parameter.scale)
@@ -49,15 +49,15 @@ def near_bounds(parameter: Parameter, value: FloatArray) -> tuple[BoolArray, Boo
 
 
 def is_near_bound(parameter: Parameter, value: FloatArray) -> BoolArray:
-    """The mask of elements of a value that are near a bound of the parameter."""
+    """The mask of elements near a bound of the parameter."""
     near_low, near_high = near_bounds(parameter, value)
     return near_low | near_high
 
 
 def way_to(parameter: Parameter, value: FloatArray, bound: float, span: float) -> FloatArray:
-    """The measure of a distance to a bound, as small numbers are small beside any scale.
+    """The reference length for the distance to a bound; small values need a small one.
 
-    The range or scale, or where that is less the bound, or how far it was to it at first.
+    It is the range or scale, or, if smaller, the larger of |bound| and the initial distance.
     """
     begun = np.asarray(parameter.initial)
     if begun.size != value.size:
@@ -73,11 +73,11 @@ def beside_bounds(
     curvature: FloatArray,
     total: float,
 ) -> BesideBounds:
-    """From half the derivative of the total F and its curvature, of each number of parameters.
+    """Classifies values from half the gradient of the total F and its curvature.
 
-    `curvature` is the diagonal of JᵀJ. A value near a bound is held by it where the minimum along
-    this one number is on or beyond it. It is stuck where that minimum is farther inside than the
-    value itself, and the loss falls on the way.
+    `curvature` is the diagonal of JᵀJ. A value near a bound is held by it if the minimum along this
+    single element is at or beyond the bound. It is stuck if that minimum is farther inside than the
+    value and the loss decreases noticeably on the way.
     """
     held: dict[str, BoolArray] = {}
     stuck: dict[str, BoolArray] = {}
@@ -106,9 +106,10 @@ def beside_bounds_by_slope(
     slope: Mapping[str, FloatArray],
     total: float,
 ) -> BesideBounds:
-    """From the derivative of the total alone, where its curvature is not known.
+    """Classifies values from the gradient alone, if the curvature is unknown.
 
-    A derivative is one if the way that counts as near the bound changes the total by 10⁻⁴ of it.
+    A derivative is significant if a move over the near-bound distance changes the total by 10⁻⁴ of
+    it.
     """
     held: dict[str, BoolArray] = {}
     stuck: dict[str, BoolArray] = {}

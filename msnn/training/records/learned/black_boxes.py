@@ -1,4 +1,4 @@
-"""Finds the layers of a spec whose numbers nobody reads one by one."""
+"""Finds the layers whose individual weights have no physical meaning."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from spec_schema.sections.spec import Spec
 
 
 def black_boxes(spec: Spec) -> frozenset[str]:
-    """Full names of the layers that are a black box, or local models of such cells."""
+    """Full names of black-box layers, and of local models with black-box cells."""
     return frozenset(name for name, layer in spec.layers.items() if _is_one(layer))
 
 

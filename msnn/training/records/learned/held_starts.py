@@ -1,15 +1,16 @@
-"""Holds what residuals say of the learned numbers where each run's first rows decide its start.
+"""Computes the information about the parameters if each run's first rows determine its start.
 
-Starts x minimise Σ c̃ₗ r̃ₗᵀr̃ₗ over the first evaluations of their run, with slopes J̃ in the numbers
-and K̃ in x. The numbers θ minimise Σ cₗ rₗᵀrₗ of the evaluations after these, with slopes J and K,
-and take x as given. Where both hold, with A = Σ c̃ₗ K̃ₗᵀK̃ₗ and L = Σ c̃ₗ J̃ₗᵀK̃ₗ A⁻¹ of a run,
+Initial states x minimise Σ c̃ₗ r̃ₗᵀr̃ₗ over the first steps of their run, with Jacobians J̃ in the
+parameters and K̃ in x. The parameters θ minimise Σ cₗ rₗᵀrₗ of the later steps, with Jacobians J
+and K, for given x. At both minima, with A = Σ c̃ₗ K̃ₗᵀK̃ₗ and L = Σ c̃ₗ J̃ₗᵀK̃ₗ A⁻¹ of a run,
 
-    dx = −A⁻¹ Σ c̃ₗ K̃ₗᵀẽₗ − Lᵀ dθ,       so that the residuals follow θ by Dₗ = Jₗ − Kₗ Lᵀ,
-    M dθ = −Σ cₗ Jₗᵀeₗ + Σ_runs G Σ c̃ₗ K̃ₗᵀẽₗ,   M = Σ cₗ JₗᵀDₗ,   G = Σ cₗ JₗᵀKₗ A⁻¹:
+    dx = −A⁻¹ Σ c̃ₗ K̃ₗᵀẽₗ − Lᵀ dθ. The residuals follow θ by Dₗ = Jₗ − Kₗ Lᵀ.
 
-the noise ẽ of the first evaluations comes to θ by the starts (two-step estimators: Newey, McFadden,
-Handbook of Econometrics IV, 1994, section 6). It is in the residuals r after them too, as the error
-of a forecast, which is why σ² is not rᵀr / (n − p) there.
+    M dθ = −Σ cₗ Jₗᵀeₗ + Σ_runs G Σ c̃ₗ K̃ₗᵀẽₗ, M = Σ cₗ JₗᵀDₗ, G = Σ cₗ JₗᵀKₗ A⁻¹.
+
+The noise ẽ of the first steps thus affects θ through the initial states (two-step estimators:
+Newey, McFadden, Handbook of Econometrics IV, 1994, section 6). It is also in the later residuals r,
+like a forecast error, so σ² is not rᵀr / (n − p).
 """
 
 from __future__ import annotations
@@ -26,25 +27,27 @@ from msnn.training.engines.second_order.joint_starts import inverted_blocks
 from msnn.training.records.learned.information import Information, Sandwich, numbers
 
 _ROUNDS = 50
-"""Of the equations for the variances of several losses; one loss is solved in the first."""
+"""Iterations for the variances of several losses; one loss needs one iteration."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeldStarts:
-    """The information of residuals whose starts were found apart from the numbers."""
+    """The information of residuals if initial states are estimated separately from the
+    parameters.
+    """
 
     products: Mapping[str, Products]
-    """Of what is scored, the slopes in starts apart."""
+    """Products of the scored steps, with separate blocks for initial states."""
     shares: Mapping[str, float]
-    """cₗ of every loss that scores something."""
+    """cₗ of every loss with scored rows."""
     inverse: FloatArray
-    """A⁻¹ of each run, (runs, numbers of a start, the same)."""
+    """A⁻¹ of each run, (runs, elements of x, elements of x)."""
     follows: FloatArray
-    """L of each run, (runs, learned, numbers of a start)."""
+    """L of each run, (runs, learned elements, elements of x)."""
     spread: Mapping[str, FloatArray]
     """c̃ₗ² K̃ₗᵀK̃ₗ of each run."""
     slopes: Mapping[str, FloatArray] | None = None
-    """Covariances of the slope where runs overlap; else runs have no noise in common."""
+    """Covariances of the gradient if runs overlap; None if runs share no noise."""
 
     @classmethod
     def of_blocks(
@@ -54,7 +57,9 @@ class HeldStarts:
         first: Mapping[str, StartBlocks],
         decided: Mapping[str, FloatArray],
     ) -> HeldStarts:
-        """From products of what is scored, those of the first evaluations of runs, and their c̃."""
+        """Builds the information from products of scored steps, blocks of first steps, and their
+        c̃.
+        """
         factors = {name: decided[name][:, None, None] for name in shares}
         both = sum(factors[name] * first[name].curvature for name in shares)
         mixed = sum(factors[name] * first[name].cross for name in shares)
@@ -75,23 +80,27 @@ class HeldStarts:
         first: Mapping[str, ProductsOfRuns],
         weights: Mapping[str, float],
     ) -> HeldStarts:
-        """From products of what is scored, and those of the first evaluations of each run."""
+        """Builds the information from products of scored steps and of the first steps of each
+        run.
+        """
         decided = {name: weights[name] / np.maximum(first[name].count, 1.0) for name in shares}
         blocks = {name: first[name].blocks for name in shares}
         return cls.of_blocks(products, shares, blocks, decided)
 
     @property
     def robust(self) -> Mapping[str, Sandwich]:
-        """None: starts are those of squares, beside which a robust loss has no errors."""
+        """Empty: initial states use sums of squares, for which a robust loss has no standard
+        errors.
+        """
         return {}
 
     @property
     def used_up(self) -> Mapping[str, float]:
-        """None: what starts take of the residuals is in the variances."""
+        """Empty: the variances account for the degrees of freedom of the initial states."""
         return {}
 
     def of(self, free: IntArray) -> Information:
-        """The same of some of the numbers."""
+        """The information about a subset of the elements."""
         some: dict[str, Products] = {}
         for name, one in self.products.items():
             blocks = _blocks(one)
@@ -121,7 +130,7 @@ class HeldStarts:
         }
 
     def variances(self, inverse: FloatArray, measured: frozenset[str]) -> dict[str, float]:
-        """σₗ² that make the squares of every loss what they are: Σ over m of F[l, m] σₘ²."""
+        """σₗ² that explain the squares of every loss: squaresₗ = Σ over m of F[l, m] σₘ²."""
         names = [name for name in self.shares if name in measured]
         squares = np.array([self.products[name].squares for name in names])
         factors = np.array([[self._factor(a, b, inverse) for b in names] for a in names])
@@ -134,7 +143,7 @@ class HeldStarts:
         return {n: float(v) if d else np.nan for n, v, d in zip(names, found, decided, strict=True)}
 
     def _factor(self, name: str, noise: str, inverse: FloatArray) -> float:
-        """The squares of one loss from variance 1 of the noise of another."""
+        """F: expected squares of one loss for noise of variance 1 in another loss."""
         starts, spread = _blocks(self.products[name]), self.spread[noise]
         moved = inverse @ self.spreads()[noise] @ inverse.T
         forecast = self.inverse @ spread @ self.inverse

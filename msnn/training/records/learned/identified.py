@@ -1,4 +1,4 @@
-"""Inverts a curvature where it is not flat, and names the directions that change nothing."""
+"""Inverts a curvature on its identifiable subspace, and names unidentifiable directions."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 from msnn.data.dataset import BoolArray, FloatArray
 
 _NOTHING = 1e-10
-"""Curvature, relative to that of single parameters, below which a direction changes nothing."""
+"""Curvature, relative to that of single parameters, below which a direction is unidentifiable."""
 
 _SHARE = 1e-3
-"""Part of a direction that changes nothing from which on a number is named as a part of it."""
+"""Minimum component with which an element is named as part of an unidentifiable direction."""
 
 
 def inverted(
     curvature: FloatArray, equations: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """The inverse in the directions that change something, and the others as columns.
+    """Pseudo-inverse on the identifiable subspace, and a basis of its null space as columns.
 
-    In variables that are scaled to curvature 1 each, so that units do not decide what is small.
-    Where `equations` are given, these are inverted, and the curvature says what changes something.
-    Raises LinAlgError where they are singular in what does.
+    Variables are first scaled to curvature 1, so that the rank does not depend on units. If
+    `equations` are given, they are inverted on the subspace that the curvature identifies. Raises
+    LinAlgError if they are singular there.
     """
     diagonal = np.diagonal(curvature)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
@@ -39,14 +39,14 @@ def inverted(
 
 
 def is_part_of(nothing: FloatArray) -> BoolArray:
-    """The mask of numbers that have a part in a direction that changes nothing."""
+    """The mask of elements that take part in an unidentifiable direction."""
     return np.asarray((nothing * nothing).sum(axis=1) > _SHARE * _SHARE)
 
 
 def combinations(
     curvature: FloatArray, nothing: FloatArray, names: list[str]
 ) -> tuple[Mapping[str, float], ...]:
-    """The directions that change nothing, in the parameters' own units."""
+    """The unidentifiable directions, in the units of the parameters."""
     diagonal = np.diagonal(curvature)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     found: list[Mapping[str, float]] = []

@@ -1,4 +1,4 @@
-"""Holds what residuals say of the learned numbers where their runs start at known values."""
+"""Computes the information about parameters if runs start at known or jointly estimated states."""
 
 from __future__ import annotations
 
@@ -16,44 +16,44 @@ from msnn.training.plans.stage_plan import StagePlan
 
 
 class Information(Protocol):
-    """The information that decides the learned numbers, near the minimum.
+    """The information of residuals about the learned elements, near the minimum.
 
-    A change dθ of them solves M dθ = −s, of which the noise of loss l makes the slope s vary.
+    A change dθ solves M dθ = −s, where noise of loss l makes the gradient s vary.
     """
 
     @property
     def robust(self) -> Mapping[str, Sandwich]:
-        """The sums of losses whose curvature is not that of their squares."""
+        """The sandwich of each robust loss, whose curvature is not JᵀJ of its residuals."""
         ...
 
     @property
     def used_up(self) -> Mapping[str, float]:
-        """Residuals of each loss that starts have paid for."""
+        """Degrees of freedom of each loss used for initial states."""
         ...
 
     def of(self, free: IntArray) -> Information:
-        """The same of some of the numbers, the others held."""
+        """The information about a subset of the elements, with the others fixed."""
         ...
 
     def curvature(self) -> FloatArray:
-        """The curvature of the total, starts following: flat where numbers change nothing."""
+        """The curvature of the total with adapting initial states; singular if not identifiable."""
         ...
 
     def equations(self) -> FloatArray | None:
-        """M where it is not the curvature: starts minimise something else than the total."""
+        """M if it differs from the curvature, because initial states minimise another function."""
         ...
 
     def spreads(self) -> Mapping[str, FloatArray]:
-        """The covariance of s of every loss, for residuals of variance 1."""
+        """The covariance of s from every loss, for residuals of variance 1."""
         ...
 
     def variances(self, inverse: FloatArray, measured: frozenset[str]) -> dict[str, float]:
-        """σ² of the residuals of measured losses, with the inverse of M."""
+        """σ² of the residuals of measured losses; `inverse` is M⁻¹."""
         ...
 
 
 def numbers(products: Mapping[str, Products], name: str) -> float:
-    """Residuals of a loss that have a share in its products."""
+    """Number of residuals of a loss that contribute to its products."""
     one = products[name]
     counted = products.get(f"{NUMBER_OF}{name}")
     number = one.count if counted is None else counted.cost
@@ -61,18 +61,18 @@ def numbers(products: Mapping[str, Products], name: str) -> float:
 
 
 def shares_of(plan: StagePlan, products: Mapping[str, Products]) -> dict[str, float]:
-    """cₗ of the losses that score something: what a squared residual adds to the total."""
+    """cₗ of the losses with scored rows: the contribution of one squared residual to the total."""
     names = [name for name in plan.loss_weights if name in products and products[name].count]
     return {name: _share(plan, name, products[name]) for name in names}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sandwich:
-    """The two sums of a robust loss: its curvature, and the covariance of its gradient.
+    """Curvature and gradient covariance of a robust loss.
 
-    With ψ the derivative of the cost and c the share of an element in the total, both of half of
-    the total, as those of sums of squares are: c/2 Σ w ψ' jjᵀ, and (c/2)² Σ w² ψ² jjᵀ for clipped
-    residuals whose variance is 1. Noise may differ from row to row (White 1980).
+    They are c/2 Σ w ψ' jjᵀ and (c/2)² Σ w² ψ² jjᵀ. Here ψ is the derivative of the cost, and c the
+    share of an element in the total. Both refer to half of the total, as for sums of squares, and
+    the second to clipped residuals of variance 1. The noise may be heteroscedastic (White 1980).
     """
 
     bread: FloatArray
@@ -80,11 +80,11 @@ class Sandwich:
     squares: float
     """Σ w ψ²."""
     within: float
-    """Elements that are not clipped: the others have no curvature."""
+    """Number of unclipped elements; clipped ones have no curvature."""
 
     @classmethod
     def of_loss(cls, name: str, share: float, products: Mapping[str, Products]) -> Sandwich:
-        """From the products of the losses that stand for it."""
+        """Builds both sums from the products of the auxiliary losses."""
         bread, meat = products[f"{BREAD_OF}{name}"], products[f"{MEAT_OF}{name}"]
         # Σ w ψ² / n is the variance that the gradient is divided by
         variance = bread.squares / numbers(products, name)
@@ -96,27 +96,27 @@ class Sandwich:
         )
 
     def of(self, free: IntArray) -> Sandwich:
-        """The same of some of the numbers."""
+        """The sums for a subset of the elements."""
         some = np.ix_(free, free)
         return replace(self, bread=self.bread[some], meat=self.meat[some])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SymmetricInformation:
-    """The information of residuals whose starts are known, or were estimated with the numbers."""
+    """The information if initial states are known or estimated together with the parameters."""
 
     products: Mapping[str, Products]
     curvatures: Mapping[str, FloatArray]
-    """cₗ JₗᵀJₗ of every loss that scores something."""
+    """cₗ JₗᵀJₗ of every loss with scored rows."""
     shares: Mapping[str, float]
     """cₗ."""
     used_up: Mapping[str, float]
-    """Residuals that starts have paid for."""
+    """Degrees of freedom used for initial states."""
     robust: Mapping[str, Sandwich]
-    """Of the losses whose curvature is not that of their squares."""
+    """The sandwich of each robust loss."""
 
     def of(self, free: IntArray) -> Information:
-        """The same of some of the numbers."""
+        """The information about a subset of the elements."""
         some = {name: one[np.ix_(free, free)] for name, one in self.curvatures.items()}
         robust = {name: one.of(free) for name, one in self.robust.items()}
         return replace(self, curvatures=some, robust=robust)
@@ -126,20 +126,20 @@ class SymmetricInformation:
         return np.asarray(sum(self.curvatures.values()))
 
     def equations(self) -> FloatArray | None:
-        """Half the second derivative of the total, where clipped residuals have no part in it."""
+        """Half the Hessian of the total, without clipped residuals; None without robust losses."""
         if not self.robust:
             return None
         return np.asarray(sum(map(self._curving, self.curvatures)))
 
     def spreads(self) -> Mapping[str, FloatArray]:
-        """cₗ² JₗᵀJₗ, of robust losses the meat."""
+        """cₗ² JₗᵀJₗ; for robust losses the meat."""
         return {
             name: self.robust[name].meat if name in self.robust else self.shares[name] * one
             for name, one in self.curvatures.items()
         }
 
     def variances(self, inverse: FloatArray, measured: frozenset[str]) -> dict[str, float]:
-        """rₗᵀrₗ / (nₗ − pₗ), of robust losses that of clipped residuals."""
+        """rₗᵀrₗ / (nₗ − pₗ); for robust losses, of clipped residuals."""
         found: dict[str, float] = {}
         for name in (name for name in self.curvatures if name in measured):
             freedom = numbers(self.products, name) - self.used_up.get(name, 0.0)
@@ -155,7 +155,7 @@ class SymmetricInformation:
 
 
 def _share(plan: StagePlan, name: str, found: Products) -> float:
-    """The share of a squared residual in the total; near the minimum for a root."""
+    """The contribution of a squared residual to the total; for RMSE linearised at the minimum."""
     # of the stage's own program: in that of its squares a root is one of them
     loss = next(loss for loss in plan.program.losses if loss.name == name)
     share = plan.loss_weights[loss.name] / found.count

@@ -1,4 +1,4 @@
-"""Computes what the residuals of a stage say of its learned numbers, starts of runs included."""
+"""Computes the information of a stage's residuals about its parameters, with initial states."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ def information_of(
     weights: Mapping[str, FloatArray],
     trained: TakenStarts | None = None,
 ) -> tuple[Information, Mapping[str, Products], tuple[Diagnostic, ...]]:
-    """The information of residuals about the numbers, and their products.
+    """The information of residuals about the parameters, and the products JᵀJ and Jᵀr.
 
-    Starts that were estimated with the numbers are `trained`, or found again at the end, from all
-    that is scored, where a total of squares is lowest in them too; those found apart, from the
-    first evaluations alone.
+    `trained` are initial states estimated with the parameters. If None, they are estimated again:
+    from all scored rows if they minimise the same sum of squares, otherwise from the first rows of
+    each run.
     """
     starts = plan.rollout.starts
     if starts is None:
@@ -89,9 +89,9 @@ def information_of(
 
 
 def trained_runs(runs: Runs, estimated: EstimatedStarts | None) -> tuple[Runs, TakenStarts] | None:
-    """Those of the runs whose starts training has estimated, and these starts; None without any.
+    """The runs whose initial states training has estimated, with these states; None without any.
 
-    The rest of a record that is shorter than the horizon was no run of the training.
+    The remainder of a recording that is shorter than the horizon is not a training run.
     """
     if estimated is None:
         return None
@@ -112,7 +112,7 @@ def starts_at_the_end(
     runs: Runs,
     weights: Mapping[str, FloatArray],
 ) -> FoundStarts:
-    """Where runs of a stage start at these weights, by what decides it in training."""
+    """The initial states of a stage's runs at these weights, estimated as in training."""
     starts = plan.rollout.starts
     assert starts is not None, "the stage fits starts"
     every = plan.fits_starts_to_all
@@ -127,10 +127,11 @@ def kept_starts(
     result: StageResult,
     warned: Callable[[Diagnostic], None],
 ) -> KeptStarts | None:
-    """Where the recordings of a stage start; None where others find that by the same rule.
+    """The initial states of the recordings of a stage; None if they can be recomputed by rule.
 
-    Of rollouts that overlap those a horizon apart. Starts that were unknowns of training are those
-    that it ended with; only where all losses are squares others are as good, found at the end.
+    Of overlapping rollouts, those one horizon apart are used. Initial states that were estimated in
+    training keep their final values. If all losses are sums of squares, the others are estimated at
+    the end.
     """
     starts = plan.rollout.starts
     if starts is None or not plan.fits_starts_to_all:
@@ -168,7 +169,7 @@ def kept_starts(
 def _as_estimated(
     found: FoundStarts, runs: Runs, estimated: EstimatedStarts | None
 ) -> tuple[FoundStarts, BoolArray]:
-    """The starts of runs as training has estimated them, and of which it has."""
+    """The initial states as estimated in training, and the mask of runs that have them."""
     known = np.zeros(len(runs), np.bool_)
     if estimated is None:
         return found, known
@@ -184,7 +185,7 @@ def _as_estimated(
 
 
 def _overlapping_runs(plan: StagePlan, data: Dataset) -> Runs | None:
-    """The runs that are trained on; None where no row is in two of them."""
+    """The training runs; None if no row is in two of them."""
     horizon, stride = plan.rollout.horizon, plan.rollout.stride
     if not isinstance(horizon, int) or stride >= horizon:
         return None
@@ -215,7 +216,7 @@ def _squares(
     runs: Runs,
     weights: Mapping[str, FloatArray],
 ) -> tuple[SlopedSquares, tuple[Diagnostic, ...]]:
-    """By kernels where there can be any, else by torch with what the user should know."""
+    """Residuals and Jacobians by kernels if possible, else by torch with notes for the user."""
 
     def native(_: StagePlan) -> NativeSlopes:
         squares = NativeSlopes(plan, data.series, rows)

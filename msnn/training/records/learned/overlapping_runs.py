@@ -1,9 +1,10 @@
-"""Sums how noise reaches the slope of the total where a measured value is read by several runs.
+"""Sums how noise affects the gradient if several runs read the same measured value.
 
-Runs that overlap score a value more than once, and what one scores may decide the start of another.
-The slope is s = Σₜ aₜ eₜ over measured values, aₜ = Σ cₗ J over the runs that score it less
-Σ G c̃ₗ K̃ over those whose start it decides (see `held_starts`): its covariance is Σ aₜᵀaₜ for noise
-of variance 1. What is summed are rows of the log, so that the interpreter computes it.
+Overlapping runs score a value more than once, and a value scored in one run may determine the start
+of another. The gradient is s = Σₜ aₜ eₜ over measured values. Here aₜ = Σ cₗ J over the runs that
+score it, minus Σ G c̃ₗ K̃ over those whose start it determines (see `held_starts`). Its covariance
+is Σ aₜᵀaₜ for noise of variance 1. The sums are over rows of the data, so the reference interpreter
+computes them.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ Rows = Mapping[str, BoolArray]
 def of_overlapping_runs(
     plan: StagePlan, data: Dataset, rows: Rows | None, runs: Runs, weights: Mapping[str, FloatArray]
 ) -> HeldStarts:
-    """The information of residuals about the numbers, in runs as they are trained on."""
+    """The information of residuals about the parameters, for the runs used in training."""
     each = _Runs.found(plan, data, rows, runs, weights)
     scored = {name: _Sums.of_zeros(len(runs), each.learned, each.starts) for name in each.losses}
     first = {name: _Sums.of_zeros(len(runs), each.learned, each.starts) for name in each.losses}
@@ -69,7 +70,7 @@ def of_overlapping_runs(
 
 @dataclass(slots=True)
 class _Sums:
-    """The sums of one loss over the evaluations of every run."""
+    """The sums of one loss over the steps of every run."""
 
     curvature: FloatArray
     cross: FloatArray
@@ -79,7 +80,7 @@ class _Sums:
 
     @classmethod
     def of_zeros(cls, runs: int, learned: int, starts: int) -> _Sums:
-        """Before the first evaluation."""
+        """The sums before the first step."""
         return cls(
             np.zeros((learned, learned)),
             np.zeros((runs, learned, starts)),
@@ -88,7 +89,7 @@ class _Sums:
         )
 
     def add(self, one: _Slopes) -> None:
-        """One evaluation of some of these runs."""
+        """Adds one step of some of these runs."""
         learned = len(self.curvature)
         j, k = one.slopes[:, :learned], one.slopes[:, learned:]
         self.curvature += np.einsum("rpm,rqm->pq", j, j)
@@ -99,11 +100,11 @@ class _Sums:
         self.squares += float(np.sum(one.error**2))
 
     def blocks(self) -> StartBlocks:
-        """The blocks of the starts, whose own slope nobody asks for."""
+        """The blocks of initial states; their gradient is not needed and is 0."""
         return StartBlocks(self.cross, self.own, np.zeros(self.own.shape[:2]))
 
     def products(self) -> Products:
-        """The products of the learned numbers, with the starts apart."""
+        """The products of the parameters, with separate blocks for initial states."""
         nothing = np.zeros(len(self.curvature))
         count = float(self.count.sum())
         found = Products(
@@ -118,22 +119,22 @@ class _Sums:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Slopes:
-    """The slopes of one loss's residuals at one evaluation of some runs."""
+    """The Jacobian of one loss's residuals at one step of some runs."""
 
     loss: str
     members: IntArray
     t: IntArray
     decides: bool
-    """Whether these rows decide the starts of their runs; else they are scored."""
+    """True if these rows determine the initial states of their runs; else they are scored."""
     error: FloatArray
     slopes: FloatArray
-    """(runs, learned and numbers of a start, elements)."""
+    """(runs, learned elements and elements of x, residuals)."""
     count: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Runs:
-    """Runs that start where their first rows say."""
+    """Runs whose first rows determine their initial states."""
 
     judge: Interpreter
     log: Mapping[str, FloatArray]
@@ -177,7 +178,9 @@ class _Runs:
         )
 
     def slopes(self) -> Iterator[_Slopes]:
-        """The slopes of every loss, one evaluation that decides or is scored after the other."""
+        """Yields the Jacobians of every loss, step by step, for determining and for scored
+        steps.
+        """
         with np.errstate(all="ignore"):  # as in training, a run that leaves the numbers is told of
             for moment in moments(self.judge, self.log, self.runs, losses=False):
                 decides = moment.number < self.over

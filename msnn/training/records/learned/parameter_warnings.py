@@ -1,4 +1,4 @@
-"""Warns of learned parameters that are at a bound or that the data do not determine."""
+"""Warns of learned parameters at a bound, or not determined by the data."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from msnn.training.records.learned.standard_errors import StandardErrors
 from spec_schema.diagnostics.diagnostic import Diagnostic
 
 _SHARE = 1e-3
-"""Part of a change below which a number takes no part in it, as in the standard errors."""
+"""Minimum relative component of an element in a direction, as in the standard errors."""
 
 
 def parameter_warnings(
@@ -26,10 +26,10 @@ def parameter_warnings(
     found: StandardErrors | None,
     black_boxes: frozenset[str] = frozenset(),
 ) -> list[Diagnostic]:
-    """A warning for every learned parameter at a bound, and for what the data do not determine.
+    """Warnings for learned parameters at a bound and for those that the data do not determine.
 
-    What the standard errors themselves say comes first. That numbers of `black_boxes` can change
-    among themselves is no news: nobody reads them.
+    Notes of the standard errors come first. Unidentifiable weights within `black_boxes` are not
+    reported, because they have no physical meaning.
     """
     warnings = [] if found is None else list(found.notes)
     beside = None if found is None else found.beside
@@ -60,11 +60,10 @@ def parameter_warnings(
 def _of_readable(
     changes: Sequence[Mapping[str, float]], black_boxes: frozenset[str]
 ) -> tuple[Sequence[Mapping[str, float]], list[str]]:
-    """The changes without the numbers of black boxes, as few as say the same, and those boxes.
+    """A minimal set of changes without weights of black boxes, and these black boxes.
 
-    Sums of changes are changes too, so that one basis is as good as another: in the one that the
-    singular values give, those that move black boxes alone stand apart, and are taken from the
-    others as far as they are in them.
+    Sums of changes are changes too, so every basis is equivalent. The SVD separates the changes
+    that only affect black boxes, and these are removed from the others.
     """
     names = list(dict.fromkeys(name for change in changes for name in change))
     layers = [_owner(name).rpartition(".")[0] for name in names]
@@ -90,12 +89,12 @@ def _of_readable(
 
 
 def _owner(number: str) -> str:
-    """The parameter that a number belongs to."""
+    """The parameter that an element belongs to."""
     return number.partition("[")[0]
 
 
 def _together(changes: Sequence[Mapping[str, float]]) -> list[list[Mapping[str, float]]]:
-    """The changes in groups that have no parameter in common."""
+    """Groups of changes that have no parameter in common."""
     groups: list[tuple[set[str], list[Mapping[str, float]]]] = []
     for change in changes:
         owners, members = {_owner(name) for name in change}, [change]

@@ -16,10 +16,10 @@ from msnn.training.records.metrics_log import finite
 def parameters_record(
     program: Program, weights: Mapping[str, FloatArray], found: StandardErrors | None
 ) -> dict[str, Any]:
-    """Every parameter with unit, values and errors, and what the errors were made of.
+    """Every parameter with unit, values and standard errors, and the basis of these errors.
 
-    A number that has no standard error has null: it was not trained in the last stage, is at a
-    bound, is 0 by a penalty, or is not identifiable.
+    The standard error of an element is null if it was not trained in the last stage or is at a
+    bound. It is also null for zeros set by a penalty and for unidentifiable elements.
     """
     errors: Mapping[str, FloatArray] = {} if found is None else found.errors
     record: dict[str, Any] = {
@@ -55,7 +55,7 @@ def parameters_record(
 def at_bound(
     parameter: Parameter, weights: Mapping[str, FloatArray], found: StandardErrors | None
 ) -> BoolArray:
-    """The elements at a bound: by the derivative, else by the distance."""
+    """The elements at a bound, by the derivative if known, else by the distance."""
     known = None if found is None or found.beside is None else found.beside.held
     if known is not None and parameter.name in known:
         return known[parameter.name]
@@ -63,7 +63,7 @@ def at_bound(
 
 
 def has_unidentified(record: Mapping[str, Any], found: Mapping[str, Any]) -> bool:
-    """Whether a number of a learned parameter has no error and is no 0 that a penalty made.
+    """True if an element of a learned parameter has no standard error, apart from penalised zeros.
 
     `found` is the entry of the parameter in the record.
     """

@@ -1,21 +1,24 @@
-"""Estimates how well the data determine the learned parameters, when a training ends.
+"""Estimates standard errors of the learned parameters at the end of a training.
 
-Near the minimum of the total F = Σ cₗ rₗᵀrₗ the estimate is linear in the noise of the residuals:
-cov θ = H⁻¹ (Σ cₗ² σₗ² JₗᵀJₗ) H⁻¹ with H = Σ cₗ JₗᵀJₗ and σₗ² = rₗᵀrₗ / (nₗ − pₗ), where
-pₗ = tr(H⁻¹ cₗ JₗᵀJₗ) are the parameters that loss l determines. With one loss this is
-σ²(JᵀJ)⁻¹, σ² = rᵀr / (n − p) (Ljung, System Identification, 1999, ch. 9). A prior is one more
-residual, (p − mean)/std of variance 1 with c = ŝ²/n, which makes it the posterior covariance.
-Penalties `l2` and weight decay λ, which is λ/2 Σ raw², have a part in H and no noise: errors are
-those of the estimate that they pull towards 0, and say nothing of how far (Hoerl, Kennard 1970).
-Decay that is decoupled, as that of adamw, has none: see `StagePlan.decay_of_total`.
-Numbers that a penalty holds at 0 have no errors, nor have those at bounds. The residuals are taken
-as white: rows that are correlated say less than they seem to, and the errors come out too small.
-Where a row has a factor w, r and J are √w times what they are, as if its noise were σ/√w; n counts
-every row with w > 0 once. Starts that were estimated with the parameters are eliminated from H and
-JₗᵀJₗ first, and count among the pₗ; what starts add that were found apart, `held_starts` says.
-Of `huber` H is c/2 Σ ψ' jjᵀ and the middle (c/2)² Σ ψ² jjᵀ · n/(n − p), with ψ the clipped residual
-and j its slope (`squared_losses`): noise may differ from row to row there (Huber 1967, White 1980).
-Starts that were estimated with the parameters of a `huber` follow these by its H.
+Near the minimum of the total F = Σ cₗ rₗᵀrₗ the estimate is linear in the noise of the residuals.
+Then cov θ = H⁻¹ (Σ cₗ² σₗ² JₗᵀJₗ) H⁻¹ with H = Σ cₗ JₗᵀJₗ and σₗ² = rₗᵀrₗ / (nₗ − pₗ). Loss l
+determines pₗ = tr(H⁻¹ cₗ JₗᵀJₗ) of the parameters. With one loss this is σ²(JᵀJ)⁻¹, σ² = rᵀr / (n −
+p) (Ljung, System Identification, 1999, ch. 9).
+
+A prior is an additional residual, (p − mean)/std of variance 1 with c = ŝ²/n, so the result is the
+posterior covariance. Penalties `l2` and weight decay λ/2 Σ raw² contribute to H, but no noise. The
+errors are then those of the regularised estimate and exclude its bias (Hoerl, Kennard 1970).
+Decoupled decay, as in adamw, contributes nothing: see `StagePlan.decay_of_total`. Elements at
+bounds, and zeros due to a penalty, have no standard errors.
+
+Residuals are assumed to be white. Autocorrelated rows contain less information, and the errors are
+then too small. If a row has a factor w, r and J are multiplied by √w, as if its noise were σ/√w; n
+counts every row with w > 0 once. Initial states estimated with the parameters are first eliminated
+from H and JₗᵀJₗ, and count in pₗ. For those estimated separately see `held_starts`.
+
+For `huber`, H is c/2 Σ ψ' jjᵀ and the middle (c/2)² Σ ψ² jjᵀ · n/(n − p). Here ψ is the clipped
+residual and j its derivative (`squared_losses`); the noise may be heteroscedastic (Huber 1967,
+White 1980). Initial states estimated with the parameters of a `huber` follow them by its H.
 """
 
 from __future__ import annotations
@@ -57,51 +60,51 @@ from msnn.training.records.learned.information_of_stage import information_of, t
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings
 
 MOST_NUMBERS = 300
-"""Learned numbers up to which standard errors are computed: the effort grows with their square."""
+"""Maximum number of learned elements for standard errors; the effort grows quadratically."""
 
 MOST_SLOPES = 300_000
-"""Learned numbers times operations of a step up to which they are computed.
+"""Maximum of learned elements times operations of a step for standard errors.
 
-Every operation has a slope in every number. 240,000, an arm of six joints with 73 numbers, take gcc
-5 to 6 s and the kernel as long.
+Every operation has a derivative with respect to every element. With 240,000 (an arm of six joints
+with 73 elements), gcc takes 5 to 6 s and the kernel as long.
 """
 
 _WITHIN = 10
-"""Residuals within δ beside two a learned number, of which the curvature of `huber` is made.
+"""Minimum number of residuals within δ, beyond two per learned element, for `huber`.
 
-With so many 89 to 93 % of the 95 % intervals of a line through rows with heavy tails (Student's t,
-2.5 degrees of freedom) have the true value, with a half of them 77 %.
+With this minimum, 89 to 93 % of the 95 % intervals contain the true value, with half of it 77 %.
+Measured for a line through rows with heavy tails (Student's t, 2.5 degrees of freedom).
 """
 
 
 _GAIN = 0.1
-"""Part of the total that the numbers of a stage must take from it to have a way to go.
+"""Relative decrease of the total that a stage must still reach to count as unfinished.
 
-Steps of a fixed rate end beside the minimum, by about their length.
+Steps with a fixed rate end near the minimum, at a distance of about their length.
 """
 _FLAT = 1e-9
-"""Eigenvalue of the scaled curvature, relative to the largest, up to which a direction is flat."""
+"""Eigenvalue of the scaled curvature, relative to the largest, below which a direction is flat."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StandardErrors:
-    """Standard errors in the units of the parameters; NaN for a number that has none."""
+    """Standard errors in the units of the parameters; NaN for an element without one."""
 
     errors: Mapping[str, FloatArray]
-    """Of the parameters that the last stage trained."""
+    """Errors of the parameters that the last stage trained."""
     unidentified: tuple[Mapping[str, float], ...]
-    """Changes of numbers, by name, that leave every residual as it is; the largest is 1."""
+    """Changes of elements, by name, that leave all residuals unchanged; the largest change is 1."""
     noise: Mapping[str, float]
     """σ of each loss's residuals."""
     residuals: int
     reason: str | None = None
-    """Why there are none at all."""
+    """The reason if there are no standard errors at all."""
     notes: tuple[Diagnostic, ...] = ()
-    """Why they were not computed by kernels."""
+    """Notes on why kernels were not used."""
     covariance: Covariance | None = None
-    """What the errors are the roots of the diagonal of; None where there is none at all."""
+    """The covariance matrix of all elements; None if there are no standard errors."""
     beside: BesideBounds | None = None
-    """The values at bounds; None where the derivative of the total is not known."""
+    """The values at bounds; None if the derivative of the total is unknown."""
 
 
 def standard_errors(
@@ -110,14 +113,14 @@ def standard_errors(
     weights: Mapping[str, FloatArray],
     estimated: EstimatedStarts | None = None,
 ) -> StandardErrors:
-    """The standard errors of the parameters that a stage trained, from its train rows.
+    """The standard errors of the parameters that a stage trained, from its training rows.
 
-    `estimated` are the starts that training ended with, where they were its unknowns. Beside
-    `huber` they are needed: starts found again would minimise squares, not the total.
+    `estimated` are the final initial states, if training estimated them. `huber` needs them:
+    estimated again, they would minimise squares instead of the total.
 
-    Rollouts are those of the stage, a horizon apart, so that each row counts once. `rmse` counts as
-    mse with the weight that it has near its minimum. There are none beside a loss whose curvature
-    nobody knows (`mae`, a cost that is no square), as the parameters minimise that one too.
+    Rollouts are those of the stage, one horizon apart, so that each row counts once. `rmse` counts
+    as mse with its weight near the minimum. A loss with unknown curvature (`mae`, a cost that is
+    not a square) rules out standard errors, because the parameters minimise that loss too.
     """
     found = _at_the_end(plan, data, weights, estimated)
     if isinstance(found, str):
@@ -132,10 +135,10 @@ def ways_left(
     weights: Mapping[str, FloatArray],
     estimated: EstimatedStarts | None = None,
 ) -> Mapping[str, FloatArray] | None:
-    """How far each number that a stage trains is from the minimum of its total.
+    """The distance of each element that a stage trains from the minimum of its total.
 
-    All together by Gauss and Newton, −A⁻¹g, without directions that change nothing; 0 if that takes
-    less than a tenth from the total. None where the curvature is not known.
+    It is the Gauss-Newton step −A⁻¹g for all elements, without unidentifiable directions; 0 if this
+    step lowers the total by less than a tenth. None if the curvature is unknown.
     """
     found = _at_the_end(plan, data, weights, estimated)
     if isinstance(found, str):
@@ -156,7 +159,7 @@ def ways_left(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _End:
-    """What the residuals of a stage say at its last weights."""
+    """The information of a stage's residuals at its final weights."""
 
     plan: StagePlan
     parameters: list[Parameter]
@@ -164,7 +167,7 @@ class _End:
     products: Mapping[str, Products]
     notes: tuple[Diagnostic, ...]
     is_whole: bool
-    """True if all that counts are sums of squares."""
+    """True if all weighted losses are sums of squares."""
 
 
 def _at_the_end(
@@ -173,7 +176,7 @@ def _at_the_end(
     weights: Mapping[str, FloatArray],
     estimated: EstimatedStarts | None,
 ) -> _End | str:
-    """The sums over all rollouts; a text says why there are none."""
+    """The sums over all rollouts, or a text with the reason why there are none."""
     unknown = _unknown_curvature(plan)
     if unknown is not None:
         return unknown
@@ -222,7 +225,7 @@ def _at_the_end(
 
 
 def _unknown_curvature(plan: StagePlan) -> str | None:
-    """Why the curvature of the total is not known, None where it is."""
+    """The reason why the curvature of the total is unknown; None if it is known."""
     for loss in plan.program.losses:
         # a penalty is straight beside its corner
         known = loss.measure is Measure.RMSE or is_sum_of_squares(plan.program.step, loss)
@@ -241,7 +244,7 @@ def _unknown_curvature(plan: StagePlan) -> str | None:
 
 
 def without_errors(reason: str) -> StandardErrors:
-    """None, and why."""
+    """An empty result with its reason."""
     return StandardErrors(errors={}, unidentified=(), noise={}, residuals=0, reason=reason)
 
 
@@ -310,7 +313,7 @@ def _kept(
     free: IntArray,
     covariance: FloatArray,
 ) -> Covariance | None:
-    """The covariance of all numbers, held ones included; None where residuals are too few."""
+    """The covariance of all elements, with 0 for fixed ones; None with too few residuals."""
     if not np.all(np.isfinite(covariance)):
         return None
     names = [parameter.name for parameter in parameters]
@@ -320,7 +323,7 @@ def _kept(
 
 
 def _beside(end: _End, weights: Mapping[str, FloatArray]) -> BesideBounds:
-    """The values at bounds, by the derivative of everything that the stage minimises."""
+    """The values at bounds, by the derivative of the complete minimised total."""
     slope, curvature, total = _derivatives(end, weights)
     return beside_bounds(end.parameters, weights, slope, np.diagonal(curvature), total)
 
@@ -328,7 +331,7 @@ def _beside(end: _End, weights: Mapping[str, FloatArray]) -> BesideBounds:
 def _derivatives(
     end: _End, weights: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Half the derivative of the total (n), half its curvature (n, n), and the total."""
+    """Half the gradient of the total (n), half its Hessian (n, n), and the total."""
     products, shares = end.products, shares_of(end.plan, end.products)
     slope, bent, total = _beside_data(end, weights)
     slope = slope + sum(share * products[name].slope for name, share in shares.items())
@@ -339,7 +342,7 @@ def _derivatives(
 def _beside_data(
     end: _End, weights: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Of priors and weight decay: half the derivative (n), half the curvature (n), the value."""
+    """For priors and weight decay: half the gradient (n), half the curvature (n), the value."""
     plan = end.plan
     inside = in_physical_units(end.parameters)
     values = np.concatenate([weights[p.name].ravel() / p.scale for p in inside])
@@ -351,7 +354,7 @@ def _beside_data(
 
 
 def _prior_weight(plan: StagePlan, products: Mapping[str, Products]) -> float:
-    """ŝ²/n, by which priors count."""
+    """ŝ²/n, the weight of priors."""
     sums = {name: LossSum(one.cost, one.count) for name, one in products.items() if one.count}
     return square_by_count(plan, sums) if sums else 0.0
 
@@ -359,6 +362,6 @@ def _prior_weight(plan: StagePlan, products: Mapping[str, Products]) -> float:
 def _prior_spread(
     plan: StagePlan, known: KnownTerms, products: Mapping[str, Products]
 ) -> FloatArray:
-    """The prior's part of each number in the variance of the gradient."""
+    """The contribution of priors to the variance of the gradient, per element."""
     slope = np.where(known.std > 0, 1.0 / np.where(known.std > 0, known.std, 1.0), 0.0)
     return (_prior_weight(plan, products) * slope) ** 2

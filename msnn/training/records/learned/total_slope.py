@@ -1,4 +1,4 @@
-"""Differentiates the total of a stage at its last weights, whatever its losses are."""
+"""Differentiates the total of a stage at its final weights, for any losses."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from msnn.training.records.learned.standard_errors import StandardErrors
 from spec_schema.sections.training.optimizers import Lbfgs
 
 _LOOKED_AT = 100
-"""Rollouts, and steps of each, that the interpreter differentiates where no kernel can be had."""
+"""Maximum number of rollouts, and of steps of each, if the reference interpreter is used."""
 
 
 @dataclass(frozen=True, slots=True)
 class TotalSlope:
-    """The total over the rollouts of a stage, and its derivative in physical values."""
+    """The total over the rollouts of a stage, and its gradient in physical values."""
 
     total: float
     slope: Mapping[str, FloatArray]
@@ -43,7 +43,7 @@ def with_bounds(
     stage: StageData,
     weights: Mapping[str, FloatArray],
 ) -> StandardErrors:
-    """With the values at bounds, where squares of residuals did not say which are."""
+    """Adds the values at bounds if the standard errors did not determine them."""
     parameters = [plan.program.parameter(name) for name in plan.trained]
     near = any(is_near_bound(p, weights[p.name]).any() for p in parameters)
     if found.beside is not None or not near:
@@ -58,7 +58,10 @@ def with_bounds(
 def total_slope(
     plan: StagePlan, data: Dataset, stage: StageData, weights: Mapping[str, FloatArray]
 ) -> TotalSlope | None:
-    """Without dropout, priors and weight decay; None where starts of runs are unknowns too."""
+    """The total without dropout, priors and weight decay, and its gradient.
+
+    None if initial states of runs are estimated, or with several processes.
+    """
     if plan.rollout.starts is not None or plan.ranks is not None:
         return None
 
@@ -108,7 +111,9 @@ def _by_kernel(
 def _by_interpreter(
     plan: StagePlan, data: Dataset, stage: StageData, weights: Mapping[str, FloatArray]
 ) -> TotalSlope | None:
-    """Of the first rollouts; None where rows are left out, which it cannot."""
+    """The total and gradient of the first rollouts; None with masked rows, which it does not
+    support.
+    """
     if stage.train_rows is not None:
         return None
     steps = min(int(stage.train.steps[0]), _LOOKED_AT)

@@ -1,4 +1,4 @@
-"""Names the slices of learned arrays that penalties took to exactly 0."""
+"""Names the slices of learned arrays that penalties set to exactly 0."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from msnn.data.dataset import FloatArray
 
 
 def zero_slices(program: Program, weights: Mapping[str, FloatArray]) -> list[dict[str, Any]]:
-    """The zero slices of every array with `group`, and the count of zeros of those with `l1`.
+    """The zero slices of every array with `group`, and the number of zeros of arrays with `l1`.
 
-    Slices are named by the labels of their dim, else by their index from 0.
+    Slices are named by the labels of their dimension, else by their index from 0.
     """
     labels = {dimension.name: dimension.labels for dimension in program.dimensions}
     found: list[dict[str, Any]] = []
