@@ -15,11 +15,9 @@ from backends.fixed_point.file_texts import file_texts
 from backends.fixed_point.measured_errors import measured_errors
 from compiler.fixed_point.compile_integers import integer_program
 from compiler.fixed_point.deviation import OutputError
-from compiler.fixed_point.integers.program import Q15, Q31
+from compiler.fixed_point.integers.program import WIDTHS
 from compiler.interpreter.interpreter import physical_weights
 from compiler.ir.program import Program
-
-WIDTHS = {"q15": Q15, "q31": Q31}
 
 
 @dataclass(frozen=True, slots=True)

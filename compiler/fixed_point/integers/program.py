@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from compiler.ir.ops import Relation
 from compiler.ir.types import Axis
+from spec_schema import registry
 from spec_schema.diagnostics.source import Span
 from spec_schema.units.unit import Unit
 
@@ -27,8 +28,10 @@ class Width:
         return 2 ** (self.sum - 1) - 1
 
 
-Q15 = Width("q15", 16, 32)
-Q31 = Width("q31", 32, 64)
+WIDTHS: dict[str, Width] = {
+    name: Width(name, each.word_bits, each.sum_bits) for name, each in registry.ARITHMETICS.items()
+}
+Q15, Q31 = WIDTHS["q15"], WIDTHS["q31"]
 
 
 @dataclass(frozen=True, slots=True)

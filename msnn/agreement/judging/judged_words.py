@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backends.fixed_point.write_fixed_c import WIDTHS
 from compiler.fixed_point.compile_integers import integer_program
 from compiler.fixed_point.equalities import golden_equalities
 from compiler.fixed_point.exact_steps import LOST, ExactStepper
 from compiler.fixed_point.integers.interpret import Words, reset, step
 from compiler.fixed_point.integers.program import (
+    WIDTHS,
     IntegerMemory,
     IntegerProgram,
     StepError,

@@ -138,8 +138,8 @@ def _judge(
 
 def _faults(plan: ExportPlan[None]) -> tuple[Diagnostic, ...]:
     """Reports why the model cannot be exported in fixed point with its initial weights."""
-    from backends.fixed_point.write_fixed_c import WIDTHS
     from compiler.fixed_point.compile_integers import integer_program
+    from compiler.fixed_point.integers.program import WIDTHS
     from compiler.interpreter.interpreter import physical_weights
 
     try:
