@@ -110,21 +110,21 @@ FixedPoint: TypeAlias = Literal["q15", "q31"]
 
 
 @dataclass(frozen=True)
-class Arithmetic:
+class ArithmeticLine:
     """An arithmetic of integers in which the target `c` can compute."""
 
     target: LateObject
-    """The `msnn.exports.target.Target` that plans, writes, loads and judges C in it."""
+    """The `msnn.exports.target.Target` that plans, writes, loads and checks C in it."""
     word_bits: int
     """Of inputs, outputs, coefficients and most states."""
     sum_bits: int
     """Of sums and products, and of states that are summed up."""
 
 
-_FIXED_POINT = LateObject("msnn.exports.targets.fixed_point", "TARGET")
-ARITHMETICS: dict[FixedPoint, Arithmetic] = {
-    "q15": Arithmetic(_FIXED_POINT, word_bits=16, sum_bits=32),
-    "q31": Arithmetic(_FIXED_POINT, word_bits=32, sum_bits=64),
+_FIXED_POINT = LateObject("msnn.features.fixed_point.target", "TARGET")
+ARITHMETICS: dict[FixedPoint, ArithmeticLine] = {
+    "q15": ArithmeticLine(_FIXED_POINT, word_bits=16, sum_bits=32),
+    "q31": ArithmeticLine(_FIXED_POINT, word_bits=32, sum_bits=64),
 }
 """By the `dtype` of `export: {c: …}` that asks for it."""
 
