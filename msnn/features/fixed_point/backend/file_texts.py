@@ -20,13 +20,12 @@ from backends.files.export_identity import OPEN, with_identity, with_manifest
 from msnn.features.fixed_point.backend.calibrated_model import calibrated_model
 from msnn.features.fixed_point.backend.functions import FixedFunctions
 from msnn.features.fixed_point.backend.names import FixedNames, fixed_names, fixed_printer
-from msnn.features.fixed_point.backend.port_facts import port_facts, real_type
 from msnn.features.fixed_point.backend.selftest.golden_files import (
     SELFTEST_STEPS,
     selftest_functions,
     test_texts,
 )
-from msnn.features.fixed_point.backend.structs import structs
+from msnn.features.fixed_point.backend.structs import port_facts, real_type, structs
 from msnn.features.fixed_point.deviation.deviation import OutputError
 from msnn.features.fixed_point.integers.interpret import FixedStatus
 from msnn.features.fixed_point.integers.program import IntegerProgram, StepError, WordPort

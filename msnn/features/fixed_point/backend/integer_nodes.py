@@ -12,8 +12,7 @@ from backends.c_language.scope import BlockScope
 from backends.c_lowering.spec_notes import span_text
 from backends.c_lowering.sums import in_blocks
 from msnn.features.fixed_point.backend.helpers import FixedHelpers
-from msnn.features.fixed_point.backend.matrix_products import matrix_products
-from msnn.features.fixed_point.backend.neighbours import neighbours
+from msnn.features.fixed_point.backend.loops import matrix_products, neighbours
 from msnn.features.fixed_point.integers import program as integer
 
 _SHORT = 3

@@ -11,8 +11,8 @@ from backends.c_lowering.sums import in_blocks
 from compiler.ir.types import Axis
 from msnn.features.fixed_point.backend.helpers import FixedHelpers
 from msnn.features.fixed_point.backend.integer_nodes import IntegerNodes
+from msnn.features.fixed_point.backend.loops import neighbours
 from msnn.features.fixed_point.backend.names import FixedNames
-from msnn.features.fixed_point.backend.neighbours import neighbours
 from msnn.features.fixed_point.integers.program import (
     IntegerMemory,
     IntegerNode,

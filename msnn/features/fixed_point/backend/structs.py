@@ -1,4 +1,4 @@
-"""Lays out the structs of the header in fixed point, and comments each field for its reader."""
+"""Lays out the structs of the header in fixed point, and describes ports: scale, limits, macros."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def structs(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
     ]
 
 
-def port_comment(port: WordPort | IntegerMemory) -> str:
+def _port_comment(port: WordPort | IntegerMemory) -> str:
     """Unit, limits, scale, meaning and place in the spec."""
     unit = f"[{port.unit.text}] " if port.unit is not None else ""
     # exact: a word of 32 bits times a power of two is a double
@@ -53,7 +53,7 @@ def _field(port: WordPort | IntegerMemory, field: str, type: str) -> dict[str, A
     low, high = (math.ldexp(limit, -port.fraction) for limit in (port.low, port.high))
     return {
         "declaration": f"{type} {field}{size};",
-        "comment": comment(f"{port_comment(port)}{_order(port.axes)}", "    "),
+        "comment": comment(f"{_port_comment(port)}{_order(port.axes)}", "    "),
         "about": {
             "name": port.name,
             "field": field,
@@ -89,3 +89,43 @@ def _unsigned(field: str, text: str) -> dict[str, Any]:
 def _struct(name: str, text: str, fields: list[dict[str, Any]]) -> dict[str, Any]:
     listed = fields or [_unsigned("reserved", "C allows no empty struct")]
     return {"name": name, "comment": comment(text), "fields": listed}
+
+
+def port_facts(program: IntegerProgram, names: FixedNames) -> list[dict[str, Any]]:
+    """The facts that templates show of every input, output and sample around the start."""
+    listed = [
+        *(("input", e.port, names.inputs[e.port.name]) for e in program.inputs),
+        *(("output", port, names.outputs[port.name]) for port, _ in program.outputs),
+        *(("start", port, names.windows[port.name]) for port in program.windows),
+    ]
+    return [_facts(kind, port, field, names, program) for kind, port, field in listed]
+
+
+def _facts(
+    kind: str, port: WordPort, field: str, names: FixedNames, program: IntegerProgram
+) -> dict[str, Any]:
+    infix = "x0_" if kind == "start" else ""
+    macro = f"{names.macro}_{infix.upper()}{field.upper()}"
+    ending = "F" if program.width.word == 16 else ""
+    step = math.ldexp(1.0, -port.fraction)
+    return {
+        "kind": kind,
+        "name": port.name,
+        "macro": macro,
+        "function": f"{names.prefix}_{infix}{field}",
+        "goes_in": kind != "output",
+        "comment": comment(f"{kind} {port.name}: {_port_comment(port)}"),
+        "fraction": port.fraction,
+        "low": port.low,
+        "high": port.high,
+        "step": f"{step:.3g}",
+        "scale": f"{math.ldexp(1.0, port.fraction)!r}{ending}",
+        "unscale": f"{step!r}{ending}",
+    }
+
+
+def real_type(program: IntegerProgram) -> dict[str, str]:
+    """The floating-point type that holds every word of a width, and numbers of it."""
+    if program.width.word == 16:
+        return {"real": "float", "zero": "0.0F", "half": "0.5F"}
+    return {"real": "double", "zero": "0.0", "half": "0.5"}

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from compiler.ir.liveness import extents, reads_log
 from compiler.ir.ops import ReadLog, ReadSignal, Window
 from compiler.ir.program import (
+    Expected,
     History,
     Node,
     Output,
@@ -19,9 +20,8 @@ from compiler.ir.program import (
     State,
 )
 from compiler.ir.types import WINDOW, Axis
-from msnn.features.fixed_point import errors as errors
+from msnn.features.fixed_point import errors
 from msnn.features.fixed_point.compile.constants import finite, with_numbers, word_format
-from msnn.features.fixed_point.compile.expected_words import expected_words
 from msnn.features.fixed_point.compile.invariants import proved_bounds
 from msnn.features.fixed_point.compile.lowering.lower_graph import (
     Elements,
@@ -34,6 +34,7 @@ from msnn.features.fixed_point.integers.builder import CannotFitError
 from msnn.features.fixed_point.integers.drop_unused import without_unused
 from msnn.features.fixed_point.integers.program import (
     CheckedInput,
+    ExpectedWords,
     IntegerMemory,
     IntegerProgram,
     ReadWord,
@@ -111,7 +112,7 @@ class _Compilation:
             memories=memories,
             step=tuple(step.builder.nodes),
             start=tuple(first.builder.nodes),
-            expected=tuple(expected_words(entry, step) for entry in program.expected),
+            expected=tuple(_expected_words(entry, step) for entry in program.expected),
             step_errors=tuple(step_errors(program, step.builder, outputs, memories)),
             start_errors=tuple(start_errors(first.builder, memories)),
             doc=program.doc,
@@ -303,3 +304,22 @@ class _Compilation:
             span=output.span,
         )
         return port, tuple(nodes)
+
+
+def _expected_words(entry: Expected, step: Lowering) -> ExpectedWords:
+    """The elements that can leave the range; rounding alone is no reason to say so."""
+    low, high = entry.range
+    found = [(node, step.builder[node]) for node in step.nodes(entry.node)]
+    # limits are rounded outwards, so that a value on the limit is within it at any scale
+    limits = {
+        node: (math.floor(math.ldexp(low, n.fraction)), math.ceil(math.ldexp(high, n.fraction)))
+        for node, n in found
+    }
+    # proved bounds within the limits need no check in the step
+    outside = [i for i, n in found if n.low < limits[i][0] or n.high > limits[i][1]]
+    return ExpectedWords(
+        name=entry.name,
+        nodes=tuple(outside),
+        low=tuple(limits[node][0] for node in outside),
+        high=tuple(limits[node][1] for node in outside),
+    )

@@ -1,10 +1,19 @@
-"""Finds sums over the same operands, the rows of a matrix product, that are shorter as a loop."""
+"""Finds reads of neighbours in memory, and rows of matrix products, that are shorter as a loop."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
-from msnn.features.fixed_point.integers.program import IntegerNode, WeightedSum
+from msnn.features.fixed_point.integers.program import (
+    IntegerNode,
+    ReadMemory,
+    ReadWord,
+    WeightedSum,
+)
+
+_FEWEST_READS = 8
+"""Elements from which a loop is shorter than its turns written out."""
 
 _TERM, _COEFFICIENT, _LOOP = 8, 2, 64
 """Bytes on Cortex-M0 (gcc 12 -Os): of a term that is written out, of a coefficient in a table and,
@@ -12,6 +21,25 @@ about, of two loops."""
 
 _FEWEST_TERMS = 4
 """Of a row; shorter sums are one expression."""
+
+
+def neighbours(nodes: Sequence[IntegerNode]) -> Iterator[tuple[int, int]]:
+    """First place and number of nodes that read ascending elements; 1 where they are too few."""
+    begin = 0
+    while begin < len(nodes):
+        end = begin + 1
+        while end < len(nodes) and _follows(nodes[end - 1], nodes[end]):
+            end += 1
+        if end - begin >= _FEWEST_READS:
+            yield begin, end - begin
+        else:
+            yield from ((place, 1) for place in range(begin, end))
+        begin = end
+
+
+def _follows(before: IntegerNode, after: IntegerNode) -> bool:
+    op = before.op
+    return isinstance(op, ReadWord | ReadMemory) and after.op == replace(op, index=op.index + 1)
 
 
 def matrix_products(nodes: Sequence[IntegerNode], largest_word: int) -> dict[int, tuple[int, ...]]:
