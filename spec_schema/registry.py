@@ -7,7 +7,7 @@ looks here. The objects that the strings name are imported when a command needs 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Annotated, Any, Optional, Protocol, TypeVar
+from typing import Annotated, Any, Literal, Optional, Protocol, TypeAlias, TypeVar
 
 from pydantic import Field
 from pydantic.fields import FieldInfo
@@ -105,6 +105,28 @@ VERIFIED_EXPORTS = (
 )
 """The kinds of exports that `msnn verify` checks besides the C of a model, each a
 `msnn.verification.verified_export.VerifiedExport`."""
+
+FixedPoint: TypeAlias = Literal["q15", "q31"]
+
+
+@dataclass(frozen=True)
+class ArithmeticLine:
+    """An arithmetic of integers in which the target `c` can compute."""
+
+    target: LateObject
+    """The `msnn.exports.target.Target` that plans, writes, loads and checks C in it."""
+    word_bits: int
+    """Of inputs, outputs, coefficients and most states."""
+    sum_bits: int
+    """Of sums and products, and of states that are summed up."""
+
+
+_FIXED_POINT = LateObject("msnn.features.fixed_point.target", "TARGET")
+ARITHMETICS: dict[FixedPoint, ArithmeticLine] = {
+    "q15": ArithmeticLine(_FIXED_POINT, word_bits=16, sum_bits=32),
+    "q31": ArithmeticLine(_FIXED_POINT, word_bits=32, sum_bits=64),
+}
+"""By the `dtype` of `export: {c: …}` that asks for it."""
 
 
 def with_keys(lines: Iterable[KeyLine]) -> Callable[[type[E]], type[E]]:

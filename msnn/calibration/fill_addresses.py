@@ -9,7 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from backends.asap2.addresses import Symbol, epk, filled, linked
+from backends.c.host.struct_memory import NUMBERS
 from msnn.calibration.elf_variables import Instance, elf_variables
 from msnn.errors.targets import calibration as faults
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
@@ -22,12 +25,6 @@ OPTIONS = {
     "calibration": "--calibration",
 }
 """Structs, and the options that name their variables."""
-_SIZES = {
-    "float32": {"real": 4},
-    "float64": {"real": 8},
-    "q15": {"word": 2, "sum": 4},
-    "q31": {"word": 4, "sum": 8},
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +90,7 @@ def _export(folder: Path) -> tuple[str, dict[str, Any]]:
     if len(files) == 1 and descriptions[0].is_file():
         try:
             description = json.loads(descriptions[0].read_text(encoding="utf-8"))["c"]
-            if description["dtype"] in _SIZES and {"prefix", "structs"} <= set(description):
+            if description["dtype"] in NUMBERS and {"prefix", "structs"} <= set(description):
                 return files[0].read_text(encoding="utf-8"), description
         except (ValueError, KeyError, TypeError):
             pass
@@ -124,11 +121,11 @@ def _choose(
 
 def _sizes(description: Mapping[str, Any], struct: str) -> dict[str, int]:
     """Bytes of each member."""
-    sizes = _SIZES[description["dtype"]]
+    types = NUMBERS[description["dtype"]]
     return {
-        member["field"]: sizes[member["type"]] * math.prod(member["shape"])
+        member["field"]: np.dtype(types[member["type"]]).itemsize * math.prod(member["shape"])
         for member in description["structs"].get(struct, ())
-        if member["type"] in sizes
+        if member["type"] in types
     }
 
 

@@ -21,6 +21,7 @@ from msnn.simulation.engines.kernel_trials import NO_FALLBACK
 from msnn.stepping.engine import StepEngine
 from msnn.stepping.stepper import Stepper
 from spec_schema.diagnostics.diagnostic import Findings, SpecError, describe
+from spec_schema.registry import ARITHMETICS
 
 
 def open_stepper(model: Model, weights: Mapping[str, FloatArray]) -> Stepper:
@@ -35,8 +36,8 @@ def open_stepper(model: Model, weights: Mapping[str, FloatArray]) -> Stepper:
     if findings.failed:
         raise SpecError(findings.in_order, model.sources)
     (plan,) = plans
-    if plan.target.name != "c" or not isinstance(plan.options, COptions):
-        raise SpecError([kernels.stepper_of_words(str(plan.dtype))], model.sources)
+    if plan.dtype in ARITHMETICS:
+        raise SpecError([kernels.stepper_of_words(plan.dtype)], model.sources)
     plan = cast("ExportPlan[COptions]", plan)
     weights = plan.of(weights)
     interface = c_interface(plan.program, c_options(plan))

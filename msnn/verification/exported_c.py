@@ -15,6 +15,7 @@ from msnn.errors.commands import not_exported_c
 from msnn.verification.sources import CFolder, plain_hash, plain_name
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.reading.endless_files import refuse_endless
+from spec_schema.registry import ARITHMETICS
 
 Range = tuple[float, float]
 
@@ -72,7 +73,7 @@ class ExportedC(CFolder):
     @property
     def fixed_point(self) -> bool:
         """True if it uses integer arithmetic."""
-        return self.dtype in ("q15", "q31")
+        return self.dtype in ARITHMETICS
 
     @property
     def constant_time(self) -> bool:

@@ -288,9 +288,6 @@ NonNegativeNumber: TypeAlias = Annotated[float, number(least=0.0)]
 PositiveCount: TypeAlias = Annotated[int, count(1)]
 NonNegativeCount: TypeAlias = Annotated[int, count(0)]
 Dtype: TypeAlias = Annotated[Literal["float32", "float64"], choice("float32", "float64")]
-CDtype: TypeAlias = Annotated[
-    Literal["float32", "float64", "q15", "q31"], choice("float32", "float64", "q15", "q31")
-]
 ManyOf: TypeAlias = Annotated[tuple[Item, ...], Gathering(read_items, schema=one_or_many)]
 EntriesOf: TypeAlias = Annotated[tuple[Item, ...], Gathering(read_entries, schema=list_of)]
 DifferentOf: TypeAlias = Annotated[

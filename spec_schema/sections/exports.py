@@ -6,7 +6,6 @@ from pydantic import Field
 
 from spec_schema.fields.entry import Entry
 from spec_schema.fields.plain import (
-    CDtype,
     DifferentOf,
     Dtype,
     NewName,
@@ -15,11 +14,14 @@ from spec_schema.fields.plain import (
     Switch,
     choice,
 )
-from spec_schema.registry import TARGETS, with_keys
+from spec_schema.registry import ARITHMETICS, TARGETS, FixedPoint, with_keys
 
 OwnEntry = TypeVar("OwnEntry", bound="TargetEntry")
 Slopes: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian"]
 Extra: TypeAlias = Literal["jacobian", "state_jacobian", "parameter_jacobian", "ros2"]
+CDtype: TypeAlias = Annotated[
+    Literal["float32", "float64"] | FixedPoint, choice("float32", "float64", *ARITHMETICS)
+]
 UnitPlatform: TypeAlias = Literal[
     "x86_64-linux", "aarch64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin"
 ]
@@ -114,11 +116,6 @@ class CExport(TargetEntry):
         Annotated[Extra, choice("jacobian", "state_jacobian", "parameter_jacobian", "ros2")]
     ] = Field(default=(), alias="with")
     """What is generated beside the step: its slopes in states, inputs and parameters, a node."""
-
-    @property
-    def is_fixed_point(self) -> bool:
-        """Whether it asks for integers."""
-        return self.dtype in ("q15", "q31")
 
 
 class FmuExport(FloatTargetEntry):

@@ -9,7 +9,7 @@ import pytest
 
 import msnn
 from tests.examples.gallery import GALLERY, spec_of
-from tests.fixed_point.exported import fixed_model, gallery_text
+from tests.features.fixed_point.exported import fixed_model, gallery_text
 from tests.golden import assert_golden, without_identity
 
 GOLDEN = Path(__file__).parents[1] / "golden"

@@ -324,6 +324,26 @@ def test_the_defaults_are_taken_where_no_other_parameters_are(host: CommandLine)
     assert int(named(module, "plant.gain").values[3], 16) > 0
 
 
+@pytest.mark.parametrize(("dtype", "types"), [("q15", {"word", "sum"}), ("q31", {"word"})])
+def test_words_and_sums_of_a_program_get_addresses(
+    dtype: str, types: set[str], msnn: CommandLine
+) -> None:
+    require_tool("gcc", install="apt install gcc")
+    require_package("elftools", install="pip install 'msnn[a2l]'")
+    plan = plan_of(spec_of(GALLERY, "heater"), f"export.c.dtype={dtype}")
+    folder = write_export(plan, initial_weights(plan.program), msnn.folder / "c").folder
+    description = json.loads((folder / "heater.json").read_text(encoding="utf-8"))["c"]
+    assert types <= {member["type"] for member in description["structs"]["state"]}
+    main = '#include "heater.h"\nheater_state_t s; heater_in_t u; heater_out_t y;\n'
+    main += "int main(void) { heater_init(&s); return (int)heater_step(&s, &u, &y); }\n"
+    said = msnn("a2l", compiled("gcc", "-g", folder, msnn.folder / "p.elf", main), "--export", "c")
+    assert (said.code, said.err) == (0, "")
+    module = read_a2l((msnn.folder / "p.a2l").read_text(encoding="utf-8"))
+    measured = [block.keywords["ECU_ADDRESS"] for block in module.of("MEASUREMENT")]
+    assert len(measured) >= 5
+    assert all(int(at, 16) > 0 for (at,) in measured)
+
+
 _TWO = '#include "plant.h"\nplant_params_t one, two;\nint main(void) { return 0; }\n'
 
 

@@ -12,9 +12,6 @@ import pytest
 
 from backends.c import COptions
 from backends.c.interface.status import StatusBit
-from compiler.fixed_point.compile_integers import integer_program
-from compiler.fixed_point.integers.interpret import FixedStatus, initial, step
-from compiler.fixed_point.integers.program import Q15, IntegerProgram
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir.program import Program
 from compiler.passes.limit_expected import limit_expected
@@ -22,10 +19,13 @@ from compiler.passes.pruning.prune_outputs import prune_outputs
 from compiler.passes.retime import retime
 from compiler.passes.to_step_form import to_step_form
 from compiler.program_file.file import program_from_json, program_to_json
+from msnn.features.fixed_point.compile.compile_integers import integer_program
+from msnn.features.fixed_point.integers.interpret import FixedStatus, initial, step
+from msnn.features.fixed_point.integers.program import Q15, IntegerProgram
 from msnn.reports.show import interface_record, interface_text
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.backends.c.c_programs import assert_same_bits, built, golden, replay
-from tests.fixed_point.exported import fixed_model, initial_weights, planned
+from tests.features.fixed_point.exported import fixed_model, initial_weights, planned
 from tests.language.compiled import codes, compiled
 from tests.language.submodels.submodels import model_of
 from tests.language.targets.every_backend import assert_backends_agree

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spec_schema.registry import ARITHMETICS
+
 Array = NDArray[Any]
 
 
@@ -50,11 +52,13 @@ class StructMemory:
         return {name: structs[field["field"]].copy() for name, field in self._fields.items()}
 
 
-NUMBERS = {
+NUMBERS: dict[str, dict[str, str]] = {
     "float32": {"real": "float32"},
     "float64": {"real": "float64"},
-    "q15": {"word": "int16", "sum": "int32"},
-    "q31": {"word": "int32", "sum": "int64"},
+    **{
+        name: {"word": f"int{each.word_bits}", "sum": f"int{each.sum_bits}"}
+        for name, each in ARITHMETICS.items()
+    },
 }
 """Types of fields by the type of a program's numbers."""
 

@@ -10,11 +10,11 @@ from typing import Any, Literal, TypeAlias, TypeVar
 from numpy.typing import NDArray
 
 from spec_schema.late_dataclass import dataclass
+from spec_schema.registry import FixedPoint
 
 Arrays: TypeAlias = Mapping[str, NDArray[Any]]
 
 FloatType: TypeAlias = Literal["float32", "float64"]
-FixedPoint: TypeAlias = Literal["q15", "q31"]
 NumberType: TypeAlias = FloatType | FixedPoint
 """The number format of an export's computations."""
 

@@ -35,6 +35,7 @@ from msnn.simulation.engines.open_rollouts import known_engine
 from msnn.simulation.engines.stepwise import interpreted_rollouts
 from msnn.simulation.rollout import LossSum
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.registry import ARITHMETICS
 
 Arrays = Mapping[str, FloatArray]
 
@@ -58,7 +59,7 @@ def _export_engine(model: Model, name: str) -> EngineToOpen:
         raise SpecError(findings.in_order, model.sources)
     (plan,) = plans
     # words have limits of their own: what they do along data is judged by `--check`
-    if plan.dtype in ("q15", "q31"):
+    if plan.dtype in ARITHMETICS:
         raise SpecError([engines.engine_of_words(plan.dtype)])
 
     def opened(program: Program, weights: Arrays, series: Arrays) -> OpenedRollouts:

@@ -17,6 +17,7 @@ from msnn.errors import workflow
 from msnn.exports.prepare import MOST_ENTRIES, c_options, name_prefix, step_program
 from msnn.exports.target import (
     AnyPlan,
+    AnyTarget,
     ExportPlan,
     Request,
     Target,
@@ -24,17 +25,17 @@ from msnn.exports.target import (
     Written,
     bits_in_single,
 )
+from spec_schema.registry import ARITHMETICS
 from spec_schema.sections.exports import CExport, Slopes
 
 
 def _prepare(request: Request, entry: CExport | None) -> AnyPlan | None:
     if entry is not None and entry.constant_time and entry.math == "libm":
         request.findings.report(workflow.untimed_library(entry.place.key))
-    if entry is not None and entry.is_fixed_point:
-        from msnn.exports.targets.fixed_point import TARGET as FIXED_POINT  # few ask for integers
-
+    if entry is not None and entry.dtype in ARITHMETICS:
+        integers: AnyTarget = ARITHMETICS[entry.dtype].target.value
         # its plan names its own target, so that all that follows is that of integers
-        return FIXED_POINT.prepare(request, entry)
+        return integers.prepare(request, entry)
     options = _options(request, entry)
     delay = () if entry is None else entry.delay
     step = step_program(request, entry, delay, keeps_arrays=options.moves_parameters)

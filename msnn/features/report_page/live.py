@@ -27,6 +27,7 @@ from msnn.reports.drawn import MOST_ELEMENTS, element_name
 from msnn.simulation.simulate import Simulation
 from msnn.verification.exported_c import read_exported_c
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
+from spec_schema.registry import ARITHMETICS
 from spec_schema.units.unit import ONE
 
 _MOST_INPUTS = 40
@@ -67,8 +68,7 @@ def live_model(
     plans = plan_exports(model, ("c",), findings, weights=weights)
     if findings.failed or not plans:
         return NotLive("the model has no export to C")
-    # `export: {c: {fixed_point: …}}` is a target of its own
-    if plans[0].target.name != "c":
+    if plans[0].dtype in ARITHMETICS:
         return NotLive("its C computes in fixed point, whose numbers the page cannot show yet")
     with tempfile.TemporaryDirectory() as place:
         folder, build = Path(place) / "c", Path(place) / "build"

@@ -128,6 +128,28 @@ def test_a_run_of_frames_has_the_records_that_are_handed_over(tmp_path: Path):
     assert any("those that were given are others" in each.message for each in others.warnings)
 
 
+def test_the_page_of_a_model_in_fixed_point_says_why_the_model_does_not_run(tmp_path: Path):
+    spec = {
+        "msnn": 1,
+        "name": "gain",
+        "sample_time": "0.1 s",
+        "inputs": {"u": {"unit": "N", "range": [-1, 1]}},
+        "targets": {"y": "N"},
+        "parameters": {"k": 1.0},
+        "outputs": {"out": {"expr": "k * u", "predicts": "y[t]", "unit": "N"}},
+        "train": [{"epochs": 1, "optimizer": {"adam": {}}}],
+        "export": {"c": {"dtype": "q15"}},
+    }
+    frames = {"u": np.linspace(-1.0, 1.0, 50), "y": np.linspace(-2.0, 2.0, 50)}
+    result = trainings.train(models.load(spec), frames, runs=tmp_path / "runs")
+    assert result.folder is not None
+    written = report(result.folder, data=frames)
+    (warning,) = written.warnings
+    assert (warning.code, "fixed point" in warning.message) == ("W0809", True)
+    page = data_of(written.path.read_text(encoding="utf-8"))
+    assert len(page["records"]) == 1
+
+
 def test_a_warning_of_training_and_data_is_shown_once(tmp_path: Path):
     spec = {
         "msnn": 1,

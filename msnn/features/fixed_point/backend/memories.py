@@ -1,0 +1,164 @@
+"""Writes how memories begin, are filled by a first sample, and take their next values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from backends.c_language import tree as c
+from backends.c_language.places import Index
+from backends.c_language.scope import BlockScope
+from backends.c_lowering.sums import in_blocks
+from compiler.ir.types import Axis
+from msnn.features.fixed_point.backend.helpers import FixedHelpers
+from msnn.features.fixed_point.backend.integer_nodes import IntegerNodes
+from msnn.features.fixed_point.backend.loops import neighbours
+from msnn.features.fixed_point.backend.names import FixedNames
+from msnn.features.fixed_point.integers.program import (
+    IntegerMemory,
+    IntegerNode,
+    IntegerProgram,
+    ReadMemory,
+    ReadWord,
+)
+
+_BLOCK = 4
+"""Samples that one turn of a loop moves."""
+
+
+def element(base: c.Expression, axes: Sequence[Axis], at: Index) -> c.Expression:
+    """An element in C order; a scalar has one, itself."""
+    return c.Element(base, at.expression()) if axes else base
+
+
+class MemoryWriter:
+    """Statements about memories in one block of a function."""
+
+    def __init__(
+        self, program: IntegerProgram, names: FixedNames, helpers: FixedHelpers, scope: BlockScope
+    ) -> None:
+        self._program, self._names = program, names
+        self._helpers, self._scope = helpers, scope
+
+    def element(self, memory: IntegerMemory, at: Index) -> c.Expression:
+        """An element of the state struct."""
+        return element(c.Member("s", self._names.memories[memory.name]), memory.axes, at)
+
+    def set(self, memory: IntegerMemory, values: Sequence[int]) -> None:
+        """Sets a memory to numbers."""
+        if memory.axes and len(set(values)) == 1:
+            # an array of one value, mostly zeros, takes a loop: its turns written out would cost
+            # flash
+            with self._scope.loop(len(values)) as (along, inner):
+                inner.assign(self.element(memory, along), _known(memory, values[0]))
+            return
+        for index, value in enumerate(values):
+            self._scope.assign(self.element(memory, Index(index)), _known(memory, value))
+
+    def fill(self, memory: IntegerMemory, words: Sequence[c.Expression]) -> None:
+        """Makes all samples of each row equal to a word."""
+        # C order with time last, (rows, samples): each row has one newest word
+        samples = memory.size // len(words)
+        for row, word in enumerate(words):
+            with self._scope.loop(samples) as (along, inner):
+                inner.assign(self.element(memory, along.plus(Index(row * samples))), word)
+
+    def start(self, memory: IntegerMemory, nodes: IntegerNodes, saturated: c.Statement) -> None:
+        """Sets a memory to what the start made; `saturated` reports what was too large."""
+        for begin, count in neighbours([self._program.start[node] for node in memory.start]):
+            if not self._copied(memory, self._program.start, memory.start, begin, count, nodes):
+                for index in range(begin, begin + count):
+                    self._keep(memory, index, memory.start[index], nodes, (saturated,))
+
+    def commit(
+        self,
+        memory: IntegerMemory,
+        nodes: IntegerNodes,
+        saturated: c.Statement,
+        restart: Sequence[int] | None = None,
+    ) -> None:
+        """Replaces a memory by its next value; `saturated` reports one that was too large.
+
+        It becomes `restart` then, where that is given, all elements together.
+        """
+        graph = self._program.step
+        if restart is None or all(_fits(memory, graph[node]) for node in memory.next):
+            self._commit(memory, nodes, (saturated,))
+            return
+        # elements are judged one after the other; whether the array starts anew is known after the
+        # last
+        left = c.Name(self._scope.fresh(f"{self._names.memories[memory.name]}_left"))
+        self._scope.add(c.Declare(c.CType.BOOL, left.text, c.Truth(False)))
+        self._commit(memory, nodes, (c.Assign(left, c.Truth(True)),))
+        inner = self._scope.inner()
+        # the bit once for all elements, then the whole array: half of a state from before would be
+        # a state that no step ever reached
+        inner.add(saturated)
+        MemoryWriter(self._program, self._names, self._helpers, inner).set(memory, restart)
+        self._scope.add(c.If(left, tuple(inner.statements)))
+
+    def _commit(
+        self, memory: IntegerMemory, nodes: IntegerNodes, too_large: tuple[c.Statement, ...]
+    ) -> None:
+        for begin, count in neighbours([self._program.step[node] for node in memory.next]):
+            if self._copied(memory, self._program.step, memory.next, begin, count, nodes):
+                continue
+            for index in range(begin, begin + count):
+                self._keep(memory, index, memory.next[index], nodes, too_large)
+
+    def _keep(
+        self,
+        memory: IntegerMemory,
+        index: int,
+        node: int,
+        nodes: IntegerNodes,
+        too_large: tuple[c.Statement, ...],
+    ) -> None:
+        """Sets one element to a node; what is done where the node is beyond its limits."""
+        found, target = nodes.node(node), self.element(memory, Index(index))
+        self._scope.assign(target, self._stored(nodes, node, memory, found))
+        if not _fits(memory, found):
+            # it was limited where what is stored is not what was computed
+            changed = c.Binary("!=", target, nodes.value(node))
+            self._scope.add(c.If(changed, too_large))
+
+    def _copied(
+        self,
+        memory: IntegerMemory,
+        graph: Sequence[IntegerNode],
+        elements: Sequence[int],
+        begin: int,
+        count: int,
+        nodes: IntegerNodes,
+    ) -> bool:
+        """Writes neighbours that only move as a loop, if it can be one; the first is read first."""
+        moved = elements[begin : begin + count]
+        op = graph[moved[0]].op
+        whole = all(nodes.is_inline(node) and _fits(memory, graph[node]) for node in moved)
+        # a wide memory holds sums, ports hold words: a loop over both would need a conversion in
+        # it, which `_keep` writes for each element
+        if count == 1 or memory.wide or not whole or not isinstance(op, ReadWord | ReadMemory):
+            return False
+
+        def move(along: Index, inner: BlockScope) -> None:
+            source = nodes.element(op, along.plus(Index(op.index)))
+            inner.assign(self.element(memory, along.plus(Index(begin))), source)
+
+        in_blocks(count, _BLOCK, self._scope, move)
+        return True
+
+    def _stored(
+        self, nodes: IntegerNodes, node: int, memory: IntegerMemory, found: IntegerNode
+    ) -> c.Expression:
+        """A node as a memory keeps it: within its limits, in its type."""
+        if _fits(memory, found):
+            return nodes.value(node) if memory.wide else nodes.as_word(node)
+        limited = self._helpers.limited(nodes.value(node), memory.low, memory.high)
+        return limited if memory.wide else c.Convert(c.CType.WORD, limited)
+
+
+def _fits(memory: IntegerMemory, found: IntegerNode) -> bool:
+    return found.low >= memory.low and found.high <= memory.high
+
+
+def _known(memory: IntegerMemory, value: int) -> c.Expression:
+    return c.Integer(value) if memory.wide else c.Convert(c.CType.WORD, c.Integer(value))

@@ -1,0 +1,146 @@
+"""Chooses a table for a function: the fewest cells whose interpolation is close enough."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msnn.features.fixed_point.compile.lowering.steepness import steepest
+from msnn.features.fixed_point.integers.builder import CannotFitError
+from msnn.features.fixed_point.integers.program import IntegerLookup, Width
+
+Reals = NDArray[np.float64]
+_MOST_CELLS = {"q15": 512, "q31": 4096}
+_TOLERANCE = {"q15": 2.0**-10, "q31": 2.0**-19}
+"""Largest error of the interpolation, relative to the span of the function's values."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FittedTable:
+    """A table, the scale of its values and the part of the domain that it covers."""
+
+    table: IntegerLookup
+    fraction: int
+    low: int
+    high: int
+    error: float
+    """How far what the table says of a word, moved to low … high, is from the function."""
+
+
+def fitted_table(
+    name: str,
+    function: Callable[[Any], Any],
+    width: Width,
+    argument: tuple[int, int, int],
+) -> FittedTable:
+    """The table for integer arguments low … high at a fraction.
+
+    Where the function is flat at an end to half a unit of its value, the table ends: the argument
+    is to be moved to low … high. Raises CannotFitError where no table is close enough.
+    """
+    low, high, fraction = argument
+    # every word where there are at most 65,537, else as many of them evenly spread
+    points = np.unique(np.round(np.linspace(low, high, 2**16 + 1)))
+    with np.errstate(all="ignore"):
+        values = np.asarray(function(np.ldexp(points, -fraction)), np.float64)
+    if not np.isfinite(values).all():
+        raise CannotFitError("is not finite for every argument that can occur")
+    reach = max(float(np.abs(values).max()), math.ldexp(1.0, -width.sum))
+    scale = width.word - 1 - math.frexp(reach)[1]
+    unit = math.ldexp(1.0, -scale)
+    # a table cannot be closer than its own words
+    tolerance = max(_TOLERANCE[width.name] * float(np.ptp(values)), 2 * unit)
+    low, high = _varying(points, values, min(unit / 2, tolerance / 4), low, high)
+    every, exact = points, values
+    points, values = (
+        points[(points >= low) & (points <= high)],
+        values[(points >= low) & (points <= high)],
+    )
+    # widest cells first: the first table that is close enough is the smallest; a cell narrower than
+    # the words keeps every product of interpolation within a sum
+    for bits in range(min((high - low).bit_length(), width.word - 1), -1, -1):
+        # cells begin at multiples of their width, so that a shift finds the cell of a word
+        first = (low >> bits) << bits
+        cells = ((high - first) >> bits) + 1
+        if cells > _MOST_CELLS[width.name]:
+            break
+        nodes = _nodes(function, first, bits, cells, fraction, (low, high))
+        if nodes is None:
+            continue
+        limit = width.largest_word
+        whole = np.clip(np.round(np.ldexp(nodes, scale)), -limit, limit)
+        places = first + 2.0**bits * np.arange(cells + 1)
+        error = np.interp(points, places, np.ldexp(whole, -scale)) - values
+        if float(np.abs(error).max()) <= tolerance:
+            entries = tuple(int(value) for value in whole)
+            table = np.interp(np.clip(every, low, high), places, np.ldexp(whole, -scale))
+            # the interpolation is rounded to half a unit
+            off = float(np.abs(table - exact).max()) + unit / 2
+            steep = math.ldexp(float(np.abs(np.diff(whole)).max()), fraction - bits - scale)
+            off += _between(name, every, fraction, steep)
+            return FittedTable(
+                table=IntegerLookup(first, bits, entries, name),
+                fraction=scale,
+                low=low,
+                high=high,
+                error=off,
+            )
+    raise CannotFitError(f"needs a table of more than {_MOST_CELLS[width.name]} cells")
+
+
+def _between(name: str, points: Reals, fraction: int, steep: float) -> float:
+    """The further error of words between the points: 0 where every word is a point.
+
+    From the nearest point neither the function nor the table moves further than its steepest slope.
+    """
+    farthest = float(np.diff(points).max(initial=1.0)) // 2
+    if farthest < 1:
+        return 0.0
+    ends = (math.ldexp(float(end), -fraction) for end in (points[0], points[-1]))
+    return math.ldexp(farthest, -fraction) * (steep + steepest(name, *ends))
+
+
+def _varying(
+    points: Reals, values: Reals, negligible: float, low: int, high: int
+) -> tuple[int, int]:
+    """The part of the domain outside which the function stays as it is at the ends."""
+    moved = np.flatnonzero(np.abs(values - values[0]) > negligible)
+    if moved.size == 0:
+        return low, low
+    begin = int(points[max(moved[0] - 1, 0)])
+    still = np.flatnonzero(np.abs(values - values[-1]) > negligible)
+    return begin, int(points[min(still[-1] + 1, len(points) - 1)])
+
+
+def _nodes(
+    function: Callable[[Any], Any],
+    first: int,
+    bits: int,
+    cells: int,
+    fraction: int,
+    domain: tuple[int, int],
+) -> Reals | None:
+    """Values at the ends of the cells, moved by half the error that chords have between them."""
+    places = first + 2.0**bits * np.arange(cells + 1)
+    middles = places[:-1] + 2.0 ** (bits - 1)
+    with np.errstate(all="ignore"):
+        nodes, between = (
+            np.asarray(function(np.ldexp(np.clip(x, *domain), -fraction)), np.float64)
+            for x in (places, middles)
+        )
+    if not (np.isfinite(nodes).all() and np.isfinite(between).all()):
+        return None
+    # beyond the domain the last chord goes on, so that the cell is right inside
+    for index, inner, edge in ((0, 1, domain[0]), (-1, -2, domain[1])):
+        if cells > 1 and places[index] != edge and places[inner] != edge:
+            part = (places[inner] - places[index]) / (places[inner] - edge)
+            nodes[index] = nodes[inner] + (nodes[index] - nodes[inner]) * part
+    inside = (middles >= domain[0]) & (middles <= domain[1])
+    error = np.where(inside, between - (nodes[:-1] + nodes[1:]) / 2, 0.0)
+    shifts = np.concatenate([error[:1] / 2, (error[:-1] + error[1:]) / 4, error[-1:] / 2])
+    return nodes + shifts

@@ -1,0 +1,1 @@
+"""Differences between steps in integers and the same steps in real numbers."""

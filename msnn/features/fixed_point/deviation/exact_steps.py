@@ -1,0 +1,150 @@
+"""Takes steps in real numbers from words, side by side: what a step in integers stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiler.interpreter.interpreter import Interpreter
+from compiler.ir.builder import GraphBuilder
+from compiler.ir.graph_copy import copy_node, with_step
+from compiler.ir.ops import ReadSignal
+from compiler.ir.program import Declared, NodeId, Program, Signal, State
+from compiler.ir.types import Type
+from compiler.passes.analyses.saturation import saturated
+from msnn.features.fixed_point.compile.constants import finite
+
+Reals = NDArray[np.float64]
+
+LOST = 2.0**-48
+"""What float64 may lose of the values of a step, relative to the largest of their format."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExactSteps:
+    """Outputs and next states of steps, (steps, *shape) each."""
+
+    outputs: Mapping[str, Reals]
+    next_states: Mapping[str, Reals]
+
+
+class ExactStepper:
+    """A program in step form whose steps begin with the numbers that words stand for."""
+
+    def __init__(self, program: Program, weights: Mapping[str, NDArray[Any]]) -> None:
+        self._program = program
+        self._interpreter = Interpreter(reference(program), weights)
+        self._reads = {
+            node.op.signal: node.op for _, node in program.step if isinstance(node.op, ReadSignal)
+        }
+        self._windows = {
+            node.op.signal
+            for _, node in program.step
+            if isinstance(node.op, ReadSignal) and node.type.window is not None
+        }
+
+    def steps(
+        self, inputs: Mapping[str, Reals], states: Mapping[str, Reals], count: int
+    ) -> ExactSteps:
+        """So many steps, each from its own inputs and states, (count, *shape) each.
+
+        The integers do without what is multiplied by 0: such an input stands somewhere in its
+        range, such a state at 0.
+        """
+        known = dict(states)
+        for state in self._program.states:
+            if state.name not in known:
+                shape = tuple(axis.size for axis in state.axes)
+                known[state.name] = np.zeros((count, *shape))
+        # rows before and after t that any signal reads: all series get as many for each step
+        back = max([0, *(-op.first for op in self._reads.values())])
+        length = back + max([0, *(op.last for op in self._reads.values())]) + 1
+        log = {
+            signal.name: self._series(signal, inputs.get(signal.name), count, back, length)
+            for signal in self._program.signals
+        }
+        # the steps lie one behind the other in one log, and none reads rows of its neighbour
+        rows = np.arange(count) * length + back
+        with np.errstate(all="ignore"):
+            found = self._interpreter.step(log, rows, known, losses=False)
+        return ExactSteps(
+            _repeated(found.outputs, count),
+            _repeated(found.next_states, count),
+        )
+
+    def start(self, windows: Mapping[str, Reals], firsts: Mapping[str, int]) -> Mapping[str, Reals]:
+        """The first states, (1, *shape), of samples from `firsts` on, counted from the first step.
+
+        They are kept within no range.
+        """
+        # as many rows before t0 as the longest look-back: every window then begins inside the log
+        t0 = max([0, *(-first for first in firsts.values())])
+        series: dict[str, Reals] = {}
+        for name, window in windows.items():
+            # samples first, as the rows of a log
+            samples = np.moveaxis(window, -1, 0)
+            # rows before the oldest sample of this window, so that all windows meet at t0
+            ahead = np.zeros((t0 + firsts[name], *samples.shape[1:]))
+            series[name] = np.concatenate([ahead, samples])
+        rows = max([t0 + 1, *map(len, series.values())])
+        log: dict[str, Reals] = {}
+        for signal in self._program.signals:
+            shape = tuple(axis.size for axis in signal.axes)
+            filled = np.full((rows, *shape), _low_end(signal))
+            if signal.name in series:
+                filled[: len(series[signal.name])] = series[signal.name]
+            log[signal.name] = filled
+        return self._interpreter.start(log, t0)
+
+    def _series(
+        self, signal: Signal, values: Reals | None, count: int, back: int, length: int
+    ) -> Reals:
+        """A series in which each step has a few rows of its own."""
+        shape = tuple(axis.size for axis in signal.axes)
+        series = np.full((count, length, *shape), _low_end(signal))
+        if values is not None:
+            read = self._reads[signal.name]
+            is_window = signal.name in self._windows
+            # (steps, …, samples) as rows of each step: (steps, samples, …)
+            samples = np.moveaxis(values, -1, 1) if is_window else values[:, np.newaxis]
+            series[:, back + read.first : back + read.last + 1] = samples
+        return series.reshape(-1, *shape)
+
+
+def reference(program: Program) -> Program:
+    """The program that fixed point is compared with: its states keep to their ranges too.
+
+    Its inputs are taken as they are, since words are within their range.
+    """
+    builder, copies = GraphBuilder(), dict[NodeId, NodeId]()
+    for index, node in program.step:
+        copies[index] = copy_node(builder, node, tuple(copies[arg] for arg in node.args))
+    moved = with_step(program, builder.graph(), copies)
+    states = tuple(_within_range(builder, state) for state in moved.states)
+    trusted = tuple(replace(s, range=None, on_invalid="trust") for s in program.signals)
+    return replace(
+        moved, step=builder.graph(), states=states, signals=trusted, losses=(), expected=()
+    )
+
+
+def _within_range(builder: GraphBuilder, state: State) -> State:
+    # words cannot leave their range: what is only flagged in float is kept within it here
+    flagged = isinstance(state.origin, Declared) and state.on_range == "flag"
+    if not flagged or state.range is None:
+        return state
+    before = builder.state(state.name, Type(state.axes, state.unit))
+    following = saturated(builder, state.next, before, state.range)
+    return replace(state, next=following, on_range="saturate")
+
+
+def _low_end(signal: Signal) -> float:
+    """Some value in the range of a signal."""
+    return (finite(signal.range) or (0.0, 0.0))[0]
+
+
+def _repeated(values: Mapping[str, NDArray[Any]], count: int) -> dict[str, Reals]:
+    return {name: np.broadcast_to(v, (count, *v.shape[1:])) for name, v in values.items()}

@@ -1,0 +1,142 @@
+"""Draws the words of golden steps, and answers them by the integer interpreter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msnn.features.fixed_point.integers.interpret import Words, initial, reset, step
+from msnn.features.fixed_point.integers.program import IntegerProgram, WordPort
+
+_OFTEN, _LONGEST = 0.15, 3
+"""How often words of an input become invalid, and for how many steps at most they stay so."""
+_SPECIAL = 0.2
+"""How often a word is 0 or a limit of its range, which drawn words hardly ever are."""
+
+
+@dataclass(frozen=True, slots=True)
+class IntegerGoldenStart:
+    """Words around the first step by name, and what `reset` returns."""
+
+    windows: dict[str, list[int]]
+    status: int
+
+
+@dataclass(frozen=True, slots=True)
+class GoldenWords:
+    """Words by name; the inputs and outputs of each step."""
+
+    start: IntegerGoldenStart
+    inputs: list[dict[str, list[int]]]
+    outputs: list[dict[str, list[int]]]
+    status: list[int]
+
+
+def golden_run(
+    program: IntegerProgram,
+    steps: int,
+    seed: int,
+    *,
+    from_init: bool = False,
+    opening: int = 0,
+    spoiled: int | None = None,
+) -> GoldenWords:
+    """`steps` steps from a drawn past, or from none; some inputs are outside their range.
+
+    So are the first `opening` words of all of them, and every second word of the past from
+    `spoiled` on. The generator is counter-based (Philox), so a seed gives the same numbers
+    everywhere.
+    """
+    random = np.random.Generator(np.random.Philox(seed))
+    windows = {port.name: drawn(port, random) for port in program.windows}
+    if spoiled is not None:
+        for port in program.windows:
+            for element in range(spoiled, port.size, 2):
+                windows[port.name][element] = _far(program, random)
+    inputs: list[dict[str, list[int]]] = []
+    # each input has steps of its own: one bit of the status tells of all of them
+    invalid = {entry.port.name: opening for entry in program.inputs}
+    for _ in range(steps):
+        words = {entry.port.name: drawn(entry.port, random) for entry in program.inputs}
+        for entry in program.inputs:
+            name = entry.port.name
+            if random.random() < _SPECIAL:
+                special = (entry.port.low, entry.port.high, _within(0, entry.port))
+                words[name][int(random.integers(entry.port.size))] = int(random.choice(special))
+            if not invalid[name] and random.random() < _OFTEN:
+                invalid[name] = int(random.integers(1, _LONGEST, endpoint=True))
+            if invalid[name]:
+                # the words beside it show that they are judged one by one
+                element = int(random.integers(entry.port.size))
+                words[name][element] = _invalid(entry.port, program, random)
+                invalid[name] -= 1
+        inputs.append(words)
+    return answered(program, windows, inputs, from_init=from_init)
+
+
+def answered(
+    program: IntegerProgram,
+    windows: dict[str, list[int]],
+    inputs: list[dict[str, list[int]]],
+    *,
+    from_init: bool = False,
+) -> GoldenWords:
+    """The run from samples around the first step, or from none, with these inputs."""
+    state = reset(program, windows)
+    start = IntegerGoldenStart(windows, int(state.said))
+    if from_init:
+        state = initial(program)
+    answers = [step(program, state, words) for words in inputs]
+    return GoldenWords(
+        start,
+        inputs,
+        [answer.outputs for answer in answers],
+        [int(answer.status) for answer in answers],
+    )
+
+
+def golden_starts(program: IntegerProgram, seed: int) -> list[IntegerGoldenStart]:
+    """Starts that try each check of `reset` alone: what it returns tells whether it is there.
+
+    All words are at the lower end of their range, then at the upper one; then one is beside it.
+    """
+    random = np.random.Generator(np.random.Philox(seed))
+    ports = program.windows
+    tried = [{port.name: [port.low] * port.size for port in ports}]
+    tried.append({port.name: [port.high] * port.size for port in ports})
+    for port in ports:
+        for value in (port.low - 1, port.high + 1):
+            if abs(value) <= program.width.largest_word:
+                for element in sorted({0, port.size // 2, port.size - 1}):
+                    words = {other.name: drawn(other, random) for other in ports}
+                    words[port.name][element] = value
+                    tried.append(words)
+    return [IntegerGoldenStart(words, int(reset(program, words).said)) for words in tried]
+
+
+def _invalid(port: WordPort, program: IntegerProgram, random: np.random.Generator) -> int:
+    """A word beside a limit of the range or far from it; a limit where no word is beyond."""
+    most = program.width.largest_word
+    beside = [word for word in (port.low - 1, port.high + 1) if abs(word) <= most]
+    return int(random.choice([*beside, _far(program, random)]))
+
+
+def _far(program: IntegerProgram, random: np.random.Generator) -> int:
+    most = program.width.largest_word
+    return int(random.choice([-most, most]))
+
+
+def _within(word: int, port: WordPort) -> int:
+    return min(max(word, port.low), port.high)
+
+
+def drawn(port: WordPort, random: np.random.Generator) -> list[int]:
+    """Words of the whole range of a port."""
+    words = random.integers(port.low, port.high, port.size, endpoint=True)
+    return [int(word) for word in words]
+
+
+def flat(run_part: Words) -> list[int]:
+    """All words one after the other, in the order of the names."""
+    return [word for values in run_part.values() for word in values]

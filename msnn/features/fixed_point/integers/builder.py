@@ -1,0 +1,240 @@
+"""Builds integer nodes with the bounds of their values; what could overflow is never built."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+from compiler.ir.ops import Relation
+from msnn.features.fixed_point.integers import program as integer
+from spec_schema.diagnostics.source import Span
+
+
+class CannotFitError(Exception):
+    """No scale keeps a value within its bits; the text says why."""
+
+
+class IntegerBuilder:
+    """A growing list of nodes; equal ones are shared.
+
+    `errors` has of each node how far it can be from the real value that it stands for, where what
+    it reads is exact (see decisions/0193). A node that stands for several has the largest.
+    """
+
+    def __init__(self, width: integer.Width) -> None:
+        self.width = width
+        self.nodes: list[integer.IntegerNode] = []
+        self.errors: list[float] = []
+        self.span: Span | None = None
+        self._known: dict[tuple[integer.IntegerOp, tuple[int, ...], int], int] = {}
+
+    def __getitem__(self, node: int) -> integer.IntegerNode:
+        return self.nodes[node]
+
+    def bounds(self, node: int) -> tuple[float, float]:
+        """The real numbers that a node can stand for."""
+        found = self.nodes[node]
+        return math.ldexp(found.low, -found.fraction), math.ldexp(found.high, -found.fraction)
+
+    def reach(self, node: int) -> float:
+        """The largest magnitude that a node can stand for."""
+        return max(map(abs, self.bounds(node)))
+
+    def allow(self, node: int, error: float) -> int:
+        """The node, which can be so far from one of the values that it stands for."""
+        self.errors[node] = max(self.errors[node], error)
+        return node
+
+    def literal(self, value: int, fraction: int, error: float = 0.0) -> int:
+        return self.allow(self._emit(integer.Literal(value), (), fraction, value, value), error)
+
+    def word(self, port: str, index: int, fraction: int, low: int, high: int) -> int:
+        return self._emit(integer.ReadWord(port, index), (), fraction, low, high)
+
+    def memory(self, name: str, index: int, fraction: int, low: int, high: int) -> int:
+        return self._emit(integer.ReadMemory(name, index), (), fraction, low, high)
+
+    def weighted_sum(
+        self,
+        constant: int,
+        terms: Sequence[tuple[int, int]],
+        fraction: int,
+        bounds: tuple[int, int],
+    ) -> int:
+        """constant + Σ coefficient · node, with bounds that the caller has proved."""
+        coefficients = tuple(coefficient for coefficient, _ in terms)
+        args = tuple(node for _, node in terms)
+        # a copy: no operation, and what is known of the node stays known
+        if constant == 0 and coefficients == (1,) and self[args[0]].fraction == fraction:
+            return args[0]
+        return self._emit(integer.WeightedSum(constant, coefficients), args, fraction, *bounds)
+
+    def product(self, left: int, right: int, most: float = math.inf) -> int:
+        """a · b; both must be words. `most` bounds its error where the caller knows more."""
+        a, b = self[left], self[right]
+        corners = [x * y for x in (a.low, a.high) for y in (b.low, b.high)]
+        # a square is never negative, which the corners of two intervals do not show
+        low = max(min(corners), 0) if left == right else min(corners)
+        fraction = a.fraction + b.fraction
+        node = self._emit(integer.Product(), (left, right), fraction, low, max(corners))
+        error, other = self.errors[left], self.errors[right]
+        # ab − AB = a (b − B) + b (a − A) − (a − A)(b − B)
+        sides = share(self.reach(left), other) + share(self.reach(right) + other, error)
+        return self.allow(node, min(sides, most))
+
+    def to_fraction(self, node: int, fraction: int) -> int:
+        """The value at another scale: rounded where that is coarser, exact where it is finer."""
+        found, error = self[node], self.errors[node]
+        bits = found.fraction - fraction
+        if bits == 0:
+            return node
+        # a literal is rounded here, so that no step shifts it
+        if isinstance(found.op, integer.Literal):
+            moved = _shifted(found.op.value, bits)
+            lost = abs(math.ldexp(moved, -fraction) - math.ldexp(found.op.value, -found.fraction))
+            return self.literal(moved, fraction, error + lost)
+        # to a finer scale is a product with a power of 2, exact if it fits
+        if bits < 0:
+            factor = 2**-bits
+            scaled = (found.low * factor, found.high * factor)
+            return self.allow(self.weighted_sum(0, [(factor, node)], fraction, scaled), error)
+        # such a shift would leave at most one unit; 0 is off by all that the value can be
+        if bits > self.width.sum - 2:
+            return self.literal(0, fraction, error + self.reach(node))
+        # half a unit is added before the shift, and that sum must fit too
+        self._check(found.low + 2 ** (bits - 1), found.high + 2 ** (bits - 1))
+        low, high = _shifted(found.low, bits), _shifted(found.high, bits)
+        rounded = self._emit(integer.RoundShift(bits), (node,), fraction, low, high)
+        # to nearest: half a unit of the new scale
+        return self.allow(rounded, error + math.ldexp(0.5, -fraction))
+
+    def as_word(self, node: int) -> int:
+        """The value with as many bits as a word has."""
+        found = self[node]
+        fraction = found.fraction
+        limit = self.width.largest_word
+        # words are symmetric: −2^(n−1) is none, so that every word can be negated
+        while max(_shifted(found.high, found.fraction - fraction), 0) > limit or (
+            _shifted(found.low, found.fraction - fraction) < -limit
+        ):
+            fraction -= 1
+        return self.to_fraction(node, fraction)
+
+    def smaller(self, left: int, right: int) -> int:
+        a, b = self[left], self[right]
+        # decided by the bounds: no node, and the result keeps the narrower bounds
+        if a.high <= b.low:
+            return self._decided(left, right, b.low - a.high)
+        if b.high <= a.low:
+            return self._decided(right, left, a.low - b.high)
+        # min and max move no farther than the operand that moves most
+        error = max(self.errors[left], self.errors[right])
+        bounds = min(a.low, b.low), min(a.high, b.high)
+        return self.allow(self._emit(integer.Smaller(), (left, right), a.fraction, *bounds), error)
+
+    def larger(self, left: int, right: int) -> int:
+        a, b = self[left], self[right]
+        if a.low >= b.high:
+            return self._decided(left, right, a.low - b.high)
+        if b.low >= a.high:
+            return self._decided(right, left, b.low - a.high)
+        error = max(self.errors[left], self.errors[right])
+        bounds = max(a.low, b.low), max(a.high, b.high)
+        return self.allow(self._emit(integer.Larger(), (left, right), a.fraction, *bounds), error)
+
+    def _decided(self, taken: int, other: int, apart: int) -> int:
+        """The extreme of two nodes that are so many units apart, or more.
+
+        What the other node stands for may still pass it, by its own error less that distance.
+        """
+        passed = self.errors[other] - math.ldexp(apart, -self[taken].fraction)
+        return self.allow(taken, passed)
+
+    def saturated(self, node: int, low: int, high: int) -> int:
+        """The value moved to the nearest limit; nothing where it cannot be outside."""
+        fraction = self[node].fraction
+        node = self.larger(node, self.literal(low, fraction))
+        return self.smaller(node, self.literal(high, fraction))
+
+    def magnitude(self, node: int) -> int:
+        """max(a, −a)."""
+        found = self[node]
+        negative = self.weighted_sum(0, [(-1, node)], found.fraction, (-found.high, -found.low))
+        low = max(found.low, -found.high, 0)
+        high = max(-found.low, found.high)
+        size = self._emit(integer.Larger(), (node, negative), found.fraction, low, high)
+        return self.allow(size, self.errors[node])
+
+    def choose(
+        self,
+        relation: Relation,
+        left: int,
+        right: int,
+        then: int,
+        otherwise: int,
+        apart: float = math.inf,
+    ) -> int:
+        """then where left relation right, else otherwise.
+
+        `apart` bounds how far both are from each other where the exact values of left and right
+        compare otherwise than the nodes do.
+        """
+        a, b = self[then], self[otherwise]
+        if then == otherwise:
+            return then
+        bounds = min(a.low, b.low), max(a.high, b.high)
+        args = left, right, then, otherwise
+        error = max(self.errors[then], self.errors[otherwise])
+        if self.is_doubtful(left, right):  # the exact values may choose the other one
+            widest = math.ldexp(max(a.high - b.low, b.high - a.low), -a.fraction)
+            error += min(widest, apart)
+        return self.allow(self._emit(integer.Choose(relation), args, a.fraction, *bounds), error)
+
+    def is_doubtful(self, left: int, right: int) -> bool:
+        """Whether the exact values of two nodes may compare otherwise than the nodes do."""
+        error = self.errors[left] + self.errors[right]
+        (a, b), (c, d) = self.bounds(left), self.bounds(right)
+        # the sides can come as close as both errors together
+        return error > 0.0 and max(a - d, c - b) <= error
+
+    def lookup(self, node: int, table: integer.IntegerLookup, fraction: int) -> int:
+        widest = max(abs(b - a) for a, b in pairwise(table.values))
+        # interpolation multiplies a step of the table by a distance below 2^bits, and adds half a
+        # unit to round
+        self._check(0, widest * (2**table.bits - 1) + 2**table.bits // 2)
+        found = self[node]
+        assert found.low >= table.first, "the table begins below"
+        assert (found.high - table.first) >> table.bits < len(table.values) - 1, "and ends above"
+        return self._emit(table, (node,), fraction, min(table.values), max(table.values))
+
+    def _emit(
+        self, op: integer.IntegerOp, args: tuple[int, ...], fraction: int, low: int, high: int
+    ) -> int:
+        self._check(low, high)
+        # Bounds are no part of the key: equal operations on equal nodes have one value, and any
+        # bounds proved for it hold.
+        key = (op, args, fraction)
+        if key not in self._known:
+            self._known[key] = len(self.nodes)
+            self.nodes.append(
+                integer.IntegerNode(
+                    op=op, args=args, fraction=fraction, low=low, high=high, span=self.span
+                )
+            )
+            self.errors.append(0.0)
+        return self._known[key]
+
+    def _check(self, low: int, high: int) -> None:
+        if max(-low, high) > self.width.largest_sum:
+            raise CannotFitError(f"needs more than {self.width.sum} bits")
+
+
+def share(factor: float, error: float) -> float:
+    """|factor| · error, where nothing of what is not bounded is nothing."""
+    return abs(factor) * error if factor and error else 0.0
+
+
+def _shifted(value: int, bits: int) -> int:
+    """⌊value / 2^bits + 1/2⌋, exact for negative bits."""
+    return value << -bits if bits <= 0 else (value + (1 << (bits - 1))) >> bits
