@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from enum import Enum
 from typing import Literal
@@ -16,6 +16,7 @@ from compiler.ir.types import Axis, Prediction, Type
 from spec_schema.diagnostics.source import Span
 from spec_schema.late_dataclass import dataclass
 from spec_schema.units.unit import Unit
+from spec_schema.version import __version__
 
 InvalidPolicy = Literal["clamp", "hold", "flag", "trust"]
 RangePolicy = Literal["flag", "saturate", "reset"]
@@ -247,6 +248,20 @@ class Dimension:
 
 
 @dataclass(frozen=True, slots=True)
+class UsedPlugin:
+    """A plug-in that brings something that the spec uses."""
+
+    package: str
+    version: str
+
+
+def with_plugins(plugins: Sequence[UsedPlugin]) -> str:
+    """` with msnn-example 0.1.0`; empty without plug-ins."""
+    named = ", ".join(f"{plugin.package} {plugin.version}" for plugin in plugins)
+    return f" with {named}" if named else ""
+
+
+@dataclass(frozen=True, slots=True)
 class Program:
     """A model as a pure function of logs, states and parameters: `step` at every t, `start` at t0.
 
@@ -274,8 +289,15 @@ class Program:
     doc: str = ""
     spec_hash: str = ""
     """sha256 of the spec's text, so that weights and generated files can name their source."""
+    plugins: tuple[UsedPlugin, ...] = ()
+    """The plug-ins without which the spec cannot be read."""
     late: int = 0
     """Samples by which a step form lags: its step at t is that of the model at t-late."""
+
+    @property
+    def made_by(self) -> str:
+        """The version of msnn, and of the plug-ins of the spec, for files made of the program."""
+        return f"msnn {__version__}{with_plugins(self.plugins)}"
 
     def signal(self, name: str) -> Signal:
         return next(signal for signal in self.signals if signal.name == name)

@@ -101,8 +101,9 @@ class Target(Generic[OwnEntry, Options]):
     """Closes loops, prunes, and takes the options; None where what is wrong is reported."""
     write: Callable[[ExportPlan[Options], Weights, Path], tuple[Path, ...]]
     """Writes its files into an empty folder. SpecError for what the target cannot hold."""
-    load: Callable[[ExportPlan[Options], Written], AbstractContextManager[Loaded]]
-    """Loads them. MissingExtraError where they need a tool that is not installed."""
+    load: Callable[[ExportPlan[Options], Written], AbstractContextManager[Loaded]] | None = None
+    """Loads them. MissingExtraError where they need a tool that is not installed; None: nothing
+    here runs them, and `--check` says so."""
     judge: Callable[[ExportPlan[Options], Weights, AgreementRecord, NumberType], Judgement] = (
         interpreted
     )

@@ -16,13 +16,13 @@ from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
 from spec_schema.reading.endless_files import refuse_endless
 from spec_schema.reading.one_file import ReadResult, read_one_spec
-from spec_schema.reading.settings import WORKFLOW, model_settings
+from spec_schema.reading.settings import model_settings, workflow
 
 
 def refuse_other_model(model: Model, weights: Path) -> None:
     """Raises SpecError where the run of a weights file had another model, with what differs.
 
-    The model is all of a spec but its workflow (`WORKFLOW`), and what the URDFs of its robots
+    The model is all of a spec but its workflow (`workflow`), and what the URDFs of its robots
     describe; what is said in `doc` counts for nothing. A file without a run beside it can be of
     any model that its arrays fit.
     """
@@ -113,7 +113,8 @@ def _read(file: Path, settings: Sequence[str]) -> ReadResult | None:
 def _values(read: ReadResult) -> Iterator[tuple[str, str]]:
     """Every value of the model by its path, `layers.h.fir.window`."""
     data = spec_data(read.spec)
-    yield from _flat("", {key: value for key, value in data.items() if key not in WORKFLOW})
+    sections = workflow()
+    yield from _flat("", {key: value for key, value in data.items() if key not in sections})
 
 
 def _flat(prefix: str, value: Any) -> Iterator[tuple[str, str]]:
