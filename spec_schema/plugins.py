@@ -35,7 +35,7 @@ class Plugin:
     version: str
     feature: Feature
     keys: frozenset[tuple[str, str]]
-    """What it brings: a kind such as `section`, and a name."""
+    """The names that it brings: a kind such as `section`, and a name."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _lines(feature: Feature) -> Iterator[tuple[str, FeatureLines[Any], KeyLine]]
 
 
 def _import_all(feature: Feature) -> None:
-    """Imports the objects of all lines: one that fails is told now, not while a spec is read."""
+    """Imports the objects of all lines, so that a failure is reported before a spec is read."""
     named = [each for line in feature.sections for each in (line.entry, line.section)]
     named += [each for line in feature.targets for each in (line.entry, line.target)]
     for each in named:
