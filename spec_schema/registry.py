@@ -6,8 +6,8 @@ looks here. The objects that the strings name are imported when a command needs 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Annotated, Any, Literal, Optional, Protocol, TypeAlias, TypeVar
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any, Generic, Literal, Optional, Protocol, TypeAlias, TypeVar
 
 from pydantic import Field
 from pydantic.fields import FieldInfo
@@ -36,6 +36,48 @@ class KeyLine(Protocol):
         ...
 
 
+FeatureLine = TypeVar("FeatureLine", bound=KeyLine)
+
+
+class FeatureLines(Generic[FeatureLine]):
+    """The keys that features add to a mapping of the spec: ours, then those of plug-ins."""
+
+    def __init__(self, *ours: FeatureLine) -> None:
+        self.ours = ours
+        self.of_plugins: tuple[FeatureLine, ...] = ()
+        self._mappings: list[type[Entry]] = []
+
+    def __iter__(self) -> Iterator[FeatureLine]:
+        return iter((*self.ours, *self.of_plugins))
+
+    def add_to(self, mapping: type[Entry]) -> None:
+        """Adds an optional field for each line, and for each line that is added later."""
+        self._mappings.append(mapping)
+        for line in self:
+            _add_field(mapping, line)
+
+    def add(self, line: FeatureLine) -> None:
+        """Adds the line of a plug-in, also to mappings whose schema is built already."""
+        self.of_plugins += (line,)
+        for mapping in self._mappings:
+            _add_field(mapping, line)
+            mapping.model_rebuild(force=True)
+
+    def remove(self, line: FeatureLine) -> None:
+        """Removes the line of a plug-in."""
+        self.of_plugins = tuple(each for each in self.of_plugins if each is not line)
+        for mapping in self._mappings:
+            del mapping.__pydantic_fields__[line.key]
+            mapping.model_rebuild(force=True)
+
+    def is_free(self, key: str) -> bool:
+        """False if the key, or an attribute of that name, is there already."""
+        return not any(
+            key in (*each.known_keys(), *each.model_fields) or hasattr(each, key)
+            for each in self._mappings
+        )
+
+
 @dataclass(frozen=True)
 class SectionLine:
     """A section of the spec that a feature brings."""
@@ -49,7 +91,7 @@ class SectionLine:
     """True if the section is part of the model and its hash, False if it only uses the model."""
 
 
-SECTIONS = (
+SECTIONS = FeatureLines(
     SectionLine(
         "mpc",
         LateEntry("msnn.features.control.keys.mpc", "OptimalControl"),
@@ -86,7 +128,7 @@ class TargetLine:
     """Names that `--with` and the `with:` of the entry may have."""
 
 
-TARGETS = (
+TARGETS = FeatureLines(
     TargetLine(
         "mpc",
         LateEntry("msnn.features.control.keys.export", "MpcExport"),
@@ -129,18 +171,36 @@ ARITHMETICS: dict[FixedPoint, ArithmeticLine] = {
 """By the `dtype` of `export: {c: …}` that asks for it."""
 
 
-def with_keys(lines: Iterable[KeyLine]) -> Callable[[type[E]], type[E]]:
+def with_keys(lines: FeatureLines[Any]) -> Callable[[type[E]], type[E]]:
     """Adds an optional field for each line to the class of a mapping.
 
     `Entry` defers building its schema to the first use, so the fields arrive in time.
     """
 
     def add(mapping: type[E]) -> type[E]:
-        for line in lines:
-            # pyright knows no `Annotated[…] | None`
-            kind: Any = Optional[Annotated[Any, line.entry]]  # noqa: UP045
-            field = Field(default=None, description=line.about)
-            mapping.__pydantic_fields__[line.key] = FieldInfo.from_annotated_attribute(kind, field)
+        lines.add_to(mapping)
         return mapping
 
     return add
+
+
+def _add_field(mapping: type[Entry], line: KeyLine) -> None:
+    # pyright knows no `Annotated[…] | None`
+    kind: Any = Optional[Annotated[Any, line.entry]]  # noqa: UP045
+    field = Field(default=None, description=line.about)
+    mapping.__pydantic_fields__[line.key] = FieldInfo.from_annotated_attribute(kind, field)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Feature:
+    """The record of a plug-in, which its entry point of the group `msnn.features` names.
+
+    Its lines name objects by their modules, as those of our own features do.
+    """
+
+    name: str
+    """Its name in messages."""
+    sections: tuple[SectionLine, ...] = ()
+    """Sections of the spec."""
+    targets: tuple[TargetLine, ...] = ()
+    """Targets of `msnn export` that write text."""

@@ -60,6 +60,7 @@ def _facts(
 ) -> UnitFacts:
     return UnitFacts(
         model=program.name,
+        made_by=program.made_by,
         identity=identity,
         prefix=interface.prefix,
         doc=" ".join(program.doc.split()),

@@ -24,7 +24,6 @@ from compiler.ir.program import (
 )
 from compiler.ir.types import Axis
 from spec_schema.units.unit import Unit
-from spec_schema.version import __version__
 
 FORMAT = 1
 """Version of the data's layout, raised when a reader of the former one would misread it."""
@@ -48,7 +47,7 @@ def interface_metadata(
     parameters = {p.name: p for p in (*interface.parameters, *interface.start_parameters)}
     return {
         "format": FORMAT,
-        "made_by": f"msnn {__version__}",
+        "made_by": program.made_by,
         "model": program.name,
         "doc": program.doc,
         "spec_sha256": program.spec_hash,

@@ -23,7 +23,6 @@ from compiler.ir.ops import ReadLog, ReadParameter, ReadSignal, ReadState
 from compiler.ir.program import Graph, NodeId, Parameter, Program
 from compiler.ir.types import Axis
 from spec_schema.units.unit import Unit
-from spec_schema.version import __version__
 
 # What the generated file uses itself.
 _OWN_NAMES = {"inputs", "state", "windows", "batch", "torch", "self", "load_weights"}
@@ -54,7 +53,7 @@ def torch_source(program: Program, prefix: str, dtype: str) -> str:
         .render(
             model=_quoted(program.name),
             doc=_quoted(program.doc),
-            version=__version__,
+            made_by=program.made_by,
             prefix=prefix,
             dtype=dtype,
             sample_time=program.sample_time,

@@ -15,7 +15,7 @@ from compiler.elaboration.section import OtherProgram, SectionProblem, problem_o
 from compiler.elaboration.signals import logged_signals, measured_targets
 from compiler.elaboration.unchecked_scales import report_unchecked_scales
 from compiler.interpreter.never_finite import never_finite
-from compiler.ir.program import Dimension, Program
+from compiler.ir.program import Dimension, Program, UsedPlugin
 from compiler.ir.types import Type
 from compiler.linking.link import Linked, WeightsByPart, link
 from compiler.lowering.environment import START, STEP
@@ -24,7 +24,8 @@ from compiler.passes.analyses.infinite_slopes import infinite_slopes
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.errors import units
 from spec_schema.late_dataclass import dataclass
-from spec_schema.reading.reader import ReadResult
+from spec_schema.plugins import known_plugins, plugins_with
+from spec_schema.reading.one_file import ReadResult, all_specs
 from spec_schema.sections.spec import Spec
 
 P = TypeVar("P", bound=SectionProblem)
@@ -78,6 +79,9 @@ def compile_spec(
         problems.raise_errors()
         compile_it = partial(compile_linked, strict_units=strict_units, draw=draw)
         compiled = compile_it(linked, spec_hash=spec_hash)
+        if known_plugins():
+            plugins = tuple(_used_plugins(spec, used or {}))
+            compiled = replace(compiled, program=replace(compiled.program, plugins=plugins))
         return _with_problems(linked, compiled, compile_it)
     except SpecError as error:
         raise SpecError(in_own_files(error.diagnostics, spec, used or {}, numbers)) from None
@@ -144,7 +148,9 @@ def _with_problems(
         whole = compile_it(other)
         more = tuple(found for found in whole.warnings if found not in compiled.warnings)
         # all programs of a file have the hash of the file
-        return OtherProgram(replace(whole.program, spec_hash=compiled.program.spec_hash), more)
+        same = compiled.program
+        program = replace(whole.program, spec_hash=same.spec_hash, plugins=same.plugins)
+        return OtherProgram(program, more)
 
     problems: dict[str, SectionProblem] = {}
     warnings = list(compiled.warnings)
@@ -153,6 +159,16 @@ def _with_problems(
         problems[line.key] = found.problem
         warnings += found.warnings
     return replace(compiled, problems=problems, warnings=tuple(warnings))
+
+
+def _used_plugins(spec: Spec, used: Mapping[str, ReadResult]) -> Iterable[UsedPlugin]:
+    """The plug-ins without which the spec and its sub-models cannot be read."""
+    names: set[tuple[str, str]] = set()
+    for each in (spec, *all_specs(used)):
+        names |= {("section", line.key) for line, _ in each.sections()}
+        names |= {("target", name) for name in (() if each.export is None else each.export.asked)}
+    for plugin in plugins_with(names):
+        yield UsedPlugin(plugin.package, plugin.version)
 
 
 def in_own_files(

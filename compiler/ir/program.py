@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from enum import Enum
 from typing import Literal
@@ -16,6 +16,7 @@ from compiler.ir.types import Axis, Prediction, Type
 from spec_schema.diagnostics.source import Span
 from spec_schema.late_dataclass import dataclass
 from spec_schema.units.unit import Unit
+from spec_schema.version import __version__
 
 InvalidPolicy = Literal["clamp", "hold", "flag", "trust"]
 RangePolicy = Literal["flag", "saturate", "reset"]
@@ -250,6 +251,20 @@ class Dimension:
 
 
 @dataclass(frozen=True, slots=True)
+class UsedPlugin:
+    """A plug-in that brings something that the spec uses."""
+
+    package: str
+    version: str
+
+
+def with_plugins(plugins: Sequence[UsedPlugin]) -> str:
+    """` with msnn-example 0.1.0`; empty without plug-ins."""
+    named = ", ".join(f"{plugin.package} {plugin.version}" for plugin in plugins)
+    return f" with {named}" if named else ""
+
+
+@dataclass(frozen=True, slots=True)
 class Program:
     """A model as pure functions of logs, states and parameters: `step` at each t, `start` at t0.
 
@@ -277,8 +292,15 @@ class Program:
     doc: str = ""
     spec_hash: str = ""
     """SHA-256 of the spec's text, so that weights and generated files can name their source."""
+    plugins: tuple[UsedPlugin, ...] = ()
+    """Plug-ins that are required to read the spec."""
     late: int = 0
     """Delay of a step form in samples: its step at t is the step of the model at t-late."""
+
+    @property
+    def made_by(self) -> str:
+        """The version of msnn, and of the plug-ins of the spec, for files made of the program."""
+        return f"msnn {__version__}{with_plugins(self.plugins)}"
 
     def signal(self, name: str) -> Signal:
         return next(signal for signal in self.signals if signal.name == name)

@@ -18,6 +18,7 @@ from compiler.ir.program import (
     Program,
     Signal,
     State,
+    UsedPlugin,
 )
 from compiler.program_file.fields import Shared, read
 from compiler.program_file.plain_data import PlainRecord, as_text
@@ -48,6 +49,7 @@ def read_program(data: Any) -> Program:
         fits=record.items("fits", reading(Fit)) if record.has("fits") else (),
         dimensions=record.items("dimensions", reading(Dimension)),
         formulas=record.items("formulas", reading(Formula)) if record.has("formulas") else (),
+        plugins=record.items("plugins", reading(UsedPlugin)) if record.has("plugins") else (),
         doc=record.text("doc"),
         spec_hash=record.text("spec_hash"),
     )

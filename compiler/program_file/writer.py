@@ -42,6 +42,8 @@ def program_to_data(program: Program) -> Data:
         data["fits"] = [to_data(fit, shared) for fit in program.fits]
     if program.formulas:
         data["formulas"] = [to_data(formula, shared) for formula in program.formulas]
+    if program.plugins:
+        data["plugins"] = [to_data(plugin, shared) for plugin in program.plugins]
     return data
 
 

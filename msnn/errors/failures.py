@@ -29,6 +29,15 @@ class MissingExtraError(Exception):
         return shown_whole([self.diagnostic])
 
 
+class MissingPluginError(MissingExtraError):
+    """A file was made of a spec that uses a plug-in which is not installed."""
+
+    def __init__(self, package: str, version: str, file: str) -> None:
+        what = f"the plug-in {package} {version}".strip()
+        super().__init__(f"{what}, which {file} needs,", f"pip install {package}")
+        self._made_of = (package, version, file)
+
+
 class UnfitCompilerError(MissingExtraError):
     """The C compiler that a command needs is installed, and does not build what it is given."""
 

@@ -9,18 +9,21 @@ from pathlib import Path
 
 import numpy as np
 
+from compiler.ir.program import UsedPlugin, with_plugins
 from msnn.agreement.loaded import Loaded
 from msnn.errors import commands
-from msnn.exports.table import NAMES, ListedTarget, listed
+from msnn.errors.failures import NotRunHereError
+from msnn.exports.table import NAMES, ListedTarget, listed, names_for
 from msnn.exports.target import AnyPlan, AnyTarget, Request, Weights, Written
 from msnn.model.model import Model
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
+from spec_schema.plugins import plugins_with
 from spec_schema.sections.exports import Export, TargetEntry
+from spec_schema.version import __version__
 
 
 def target_named(name: str) -> AnyTarget:
     """The target with this name, imported from its module."""
-    assert name in NAMES, name
     target: AnyTarget = listed(name).load()
     return target
 
@@ -30,13 +33,14 @@ def target_names(
 ) -> tuple[str, ...]:
     """The targets named on a command line; by default those of the spec, else all suitable ones.
 
-    A target is suitable if the spec has the required sections: controllers need `mpc` or
+    A target of msnn is suitable if the spec has the required sections: controllers need `mpc` or
     `estimator` among `sections`. Raises SpecError for an unknown target and for an unsuitable one.
     """
-    faults = [commands.unknown_target(n, NAMES) for n in names if n not in (*NAMES, "all")]
+    known = names_for(names)
+    faults = [commands.unknown_target(n, known) for n in names if n not in (*known, "all")]
     every = tuple(name for name in NAMES if listed(name).suits(sections))
     for name in names:
-        if name in NAMES and name not in every:
+        if name in known and not listed(name).suits(sections):
             refuse = target_named(name).without_section
             assert refuse is not None, f"the target {name} does not say which section it needs"
             faults.append(refuse())
@@ -50,7 +54,7 @@ def _asked(names: Sequence[str], export: Export | None) -> tuple[str, ...]:
     if "all" in names:
         return ()
     asked = names or (() if export is None else export.asked)
-    return tuple(name for name in NAMES if name in asked)
+    return tuple(name for name in names_for(asked) if name in asked)
 
 
 def writable_targets(
@@ -112,9 +116,26 @@ def write_export(plan: AnyPlan, weights: Weights, folder: Path) -> Written:
         _refuse_infinite(plan, own)
     with replacing_files(folder) as temporary:
         files = plan.target.write(plan, own, temporary)
+        files = (*files, *_manifest_with_plugins(plan, files, temporary))
         spare_foreign_files(folder / path.relative_to(temporary) for path in files)
     # files were written elsewhere and have moved: told by where they are now
     return Written(folder, tuple(folder / path.relative_to(temporary) for path in files))
+
+
+def _manifest_with_plugins(plan: AnyPlan, files: Sequence[Path], folder: Path) -> tuple[Path, ...]:
+    """The manifest of a target of a plug-in, which names the plug-in; none for our own targets."""
+    plugins = plugins_with([("target", plan.target.name)])
+    if not plugins:
+        return ()
+    from backends.files.atomic_write import write_text
+    from backends.files.export_identity import MANIFEST, manifest_text
+
+    used = {UsedPlugin(plugin.package, plugin.version) for plugin in plugins}
+    used |= {*plan.program.plugins}
+    named = with_plugins(sorted(used, key=lambda plugin: plugin.package))
+    contents = {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+    text = f"# made by msnn {__version__}{named}\n{manifest_text(contents)}"
+    return (write_text(folder / MANIFEST, text),)
 
 
 def _refuse_infinite(plan: AnyPlan, weights: Weights) -> None:
@@ -138,4 +159,6 @@ def load_export(plan: AnyPlan, written: Written) -> AbstractContextManager[Loade
     """
     name = plan.target.name
     listed(name).require_runner()
+    if plan.target.load is None:
+        raise NotRunHereError(name, "nothing here runs what it writes")
     return plan.target.load(plan, written)

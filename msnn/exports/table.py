@@ -9,6 +9,7 @@ from msnn.packages import CASADI, FMPY, ONNX, ONNXRUNTIME, TORCH, OptionalPackag
 from spec_schema import registry
 from spec_schema.fields.late_entry import LateObject
 from spec_schema.late_dataclass import dataclass
+from spec_schema.plugins import look_up
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,17 @@ class ListedTarget:
             self.runner.require(f"runs {self.title} models")
 
 
+def _of_feature(line: registry.TargetLine) -> ListedTarget:
+    return ListedTarget(
+        line.key,
+        line.title,
+        line.help,
+        sections=line.sections,
+        extras=line.extras,
+        place=line.target,
+    )
+
+
 TARGETS = (
     ListedTarget("torch", "torch", "a module that needs only torch", writer=TORCH),
     ListedTarget(
@@ -85,24 +97,26 @@ TARGETS = (
         "units for co-simulation by FMI 2.0 and 3.0",
         runner=FMPY,
     ),
-    *(
-        ListedTarget(
-            line.key,
-            line.title,
-            line.help,
-            sections=line.sections,
-            extras=line.extras,
-            place=line.target,
-        )
-        for line in registry.TARGETS
-    ),
+    *(_of_feature(line) for line in registry.TARGETS.ours),
 )
+"""The targets of msnn; those of plug-ins are written when somebody names them."""
 NAMES = tuple(target.name for target in TARGETS)
-_TARGETS_BY_NAME = {target.name: target for target in TARGETS}
 EXTRAS = tuple(extra for target in TARGETS for extra in target.extras)
 """Extras in the order in which they are written."""
 
 
 def listed(name: str) -> ListedTarget:
     """The target with this name."""
-    return _TARGETS_BY_NAME[name]
+    return next(target for target in every_target() if target.name == name)
+
+
+def every_target() -> tuple[ListedTarget, ...]:
+    """The targets of msnn, then those of the plug-ins that were looked up."""
+    return (*TARGETS, *map(_of_feature, registry.TARGETS.of_plugins))
+
+
+def names_for(asked: Collection[str]) -> tuple[str, ...]:
+    """The names of all targets; looks plug-ins up if one of the names is not a target of msnn."""
+    if not {*NAMES, "all"}.issuperset(asked):
+        look_up()
+    return tuple(target.name for target in every_target())

@@ -101,8 +101,9 @@ class Target(Generic[OwnEntry, Options]):
     """Closes loops, removes unused outputs and reads options; None after reporting errors."""
     write: Callable[[ExportPlan[Options], Weights, Path], tuple[Path, ...]]
     """Writes its files into an empty folder. SpecError if the target cannot represent the model."""
-    load: Callable[[ExportPlan[Options], Written], AbstractContextManager[Loaded]]
-    """Loads the files. MissingExtraError if a required tool is not installed."""
+    load: Callable[[ExportPlan[Options], Written], AbstractContextManager[Loaded]] | None = None
+    """Loads the files. MissingExtraError if a required tool is not installed. None: nothing here
+    runs them, and `--check` says so."""
     judge: Callable[[ExportPlan[Options], Weights, AgreementRecord, NumberType], Judgement] = (
         interpreted
     )

@@ -19,6 +19,7 @@ from compiler.program_file.file import (
 )
 from msnn.errors.commands import foreign_spec, no_program_name
 from msnn.model.model import PROGRAM_SUFFIX, Model
+from msnn.model.needed_plugins import require_plugins
 from msnn.model.number_files import number_parts, number_texts
 from msnn.model.spec_hash import hash_of, parts_of
 from spec_schema.diagnostics.diagnostic import Findings, SpecError
@@ -87,6 +88,7 @@ def read_program_file(file: Path, settings: Sequence[str]) -> Model:
         raise SpecError([compiled_already(path, source.span(0, len(path)))], (source,))
     embedded = _embedded_spec(data, file.parent)
     program = program_from_data(data, shown)
+    require_plugins({each.package: each.version for each in program.plugins}, shown)
     if embedded is None:
         raise SpecError([foreign_spec(shown)])
     own = embedded.settings

@@ -16,13 +16,13 @@ from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
 from spec_schema.reading.endless_files import refuse_endless
 from spec_schema.reading.one_file import ReadResult, read_one_spec
-from spec_schema.reading.settings import WORKFLOW, model_settings
+from spec_schema.reading.settings import model_settings, workflow
 
 
 def refuse_other_model(model: Model, weights: Path) -> None:
     """Raises SpecError with the differences if a weights file was trained for another model.
 
-    The model comprises the spec without its workflow sections (`WORKFLOW`) and the contents of its
+    The model comprises the spec without its workflow sections (`workflow`) and the contents of its
     robots' URDF files; `doc` is ignored. A file outside a run's folder is accepted if its arrays
     fit.
     """
@@ -113,7 +113,8 @@ def _read(file: Path, settings: Sequence[str]) -> ReadResult | None:
 def _values(read: ReadResult) -> Iterator[tuple[str, str]]:
     """Yields every value of the model with its path, such as `layers.h.fir.window`."""
     data = spec_data(read.spec)
-    yield from _flat("", {key: value for key, value in data.items() if key not in WORKFLOW})
+    sections = workflow()
+    yield from _flat("", {key: value for key, value in data.items() if key not in sections})
 
 
 def _flat(prefix: str, value: Any) -> Iterator[tuple[str, str]]:

@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from backends.files.c_compiler import CompilerMissingError, find_compiler
 from msnn.packages import OPTIONAL, ZIGLANG
+from spec_schema.plugins import Plugins
 from spec_schema.version import __version__
 
 
@@ -32,6 +33,13 @@ def installation() -> Iterator[InstalledPart]:
     yield InstalledPart("numpy", "arithmetic", _version("numpy"))
     for package in OPTIONAL:
         yield InstalledPart(package.name, package.purpose, _version(package.name), package.install)
+
+
+def plugin_parts(plugins: Plugins) -> Iterator[InstalledPart]:
+    """The plug-ins, and what each brings."""
+    for plugin in plugins.found:
+        brings = ", ".join(f"{kind} {name}" for kind, name in sorted(plugin.keys))
+        yield InstalledPart(plugin.package, f"plug-in: {brings or 'nothing'}", plugin.version)
 
 
 def _compiler() -> InstalledPart:

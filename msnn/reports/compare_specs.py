@@ -11,7 +11,7 @@ from compiler.ir.program import Program
 from compiler.linking.link import MODEL_SECTIONS
 from msnn.model.model import Model
 from spec_schema.editors.spec_data import spec_data
-from spec_schema.reading.settings import WORKFLOW
+from spec_schema.reading.settings import workflow
 
 Kind = Literal["same", "text", "renamed", "workflow", "model"]
 
@@ -46,7 +46,7 @@ class SpecDifference:
     def workflow(self) -> tuple[str, ...]:
         """The sections of the workflow that say something else now."""
         touched = {change.path.partition(".")[0] for change in self.changes if not _is_doc(change)}
-        return tuple(section for section in WORKFLOW if section in touched)
+        return tuple(section for section in workflow() if section in touched)
 
     @property
     def is_same(self) -> bool:

@@ -25,7 +25,7 @@ from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
 from spec_schema.expressions.text import expression_text
 from spec_schema.expressions.tree import Call, Expression, Name
-from spec_schema.reading.settings import WORKFLOW
+from spec_schema.reading.settings import workflow
 from spec_schema.sections.references import calls_in, names_in
 from spec_schema.sections.spec import Spec
 from spec_schema.yaml_tree.writer import yaml_text
@@ -36,7 +36,6 @@ _STEPS = 300
 MOST_FUNCTIONS = 16
 """That a picture or a page has room for."""
 _MOST_CURVES = 8
-_UNDRAWN = (*WORKFLOW, "losses")
 _DYNAMICS = ("inputs", "targets", "states", "outputs", "integrator", "doc")
 _DRAWN_LAYERS = ("fuzzify", "interpolation", "mlp", "equation_learner")
 
@@ -210,7 +209,7 @@ def _ranges(
 ) -> dict[str, _Argument]:
     """The ranges in the data of arguments that are one number; runs begin at records."""
     outputs = {f"argument{number}": {"expr": text} for number, text in enumerate(texts)}
-    probe = _compiled(model, {"outputs": outputs}, _UNDRAWN)
+    probe = _compiled(model, {"outputs": outputs}, (*workflow(), "losses"))
     if probe is None or not texts:
         return {}
     found: dict[str, _Argument] = {}
@@ -242,7 +241,7 @@ def _evaluated(
         for name, argument in zip(candidate.renamed, arguments, strict=True)
     }
     changes = {"inputs": inputs, "outputs": {"drawn": {"expr": candidate.expression}}}
-    program = _compiled(model, changes, (*_UNDRAWN, *_DYNAMICS), candidate.needs)
+    program = _compiled(model, changes, (*workflow(), "losses", *_DYNAMICS), candidate.needs)
     if program is None or program.states:
         return None
     read = extents(program.step, log=False).values()

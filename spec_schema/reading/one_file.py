@@ -1,6 +1,6 @@
 """Reads one spec file: text, YAML, schema and expressions, with everything wrong at once."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
 
@@ -11,10 +11,13 @@ from spec_schema.diagnostics.source import SourceText
 from spec_schema.errors import yaml_text as errors
 from spec_schema.errors.files import unreadable_file
 from spec_schema.late_dataclass import dataclass
+from spec_schema.plugins import SCHEMA_LOCK, look_up
 from spec_schema.reading.endless_files import refuse_endless
 from spec_schema.reading.settings import apply_settings, settings_source
 from spec_schema.robots.robot import Robot
+from spec_schema.sections.exports import Export
 from spec_schema.sections.spec import Spec
+from spec_schema.yaml_tree.nodes import Node, Table
 from spec_schema.yaml_tree.reader import read_tree
 
 
@@ -41,6 +44,13 @@ class ReadResult:
         return tuple(found.values())
 
 
+def all_specs(used: Mapping[str, ReadResult]) -> Iterator[Spec]:
+    """The specs of sub-models, and of theirs."""
+    for read in used.values():
+        yield read.spec
+        yield from all_specs(read.used)
+
+
 def read_one_spec(
     path: str | Path, text: str | None = None, settings: Sequence[str] = ()
 ) -> ReadResult:
@@ -57,11 +67,15 @@ def read_one_spec(
         root = read_tree(source, findings)
         findings.raise_errors()
         if root is not None:
+            # the schema cannot change any more while it reads
+            if has_foreign_keys(root, settings):
+                findings.report(*look_up().warnings)
             # in the tree, before the schema: a value of a setting is checked like one of the file
             root = apply_settings(root, settings, findings)
         findings.raise_errors()
         try:
-            spec = Spec.model_validate(root, context=findings)
+            with SCHEMA_LOCK:
+                spec = Spec.model_validate(root, context=findings)
         except ValidationError:
             # Whatever pydantic refuses was reported where it was refused.
             findings.raise_errors()
@@ -70,6 +84,25 @@ def read_one_spec(
     except SpecError as error:
         raise SpecError(error.diagnostics, (source, settings_source(settings))) from None
     return ReadResult(spec, findings.in_order, source)
+
+
+def has_foreign_keys(root: Node, settings: Sequence[str] = ()) -> bool:
+    """True if the spec has, or a setting names, a key that plug-ins may bring and msnn lacks."""
+    paths = [setting.partition("=")[0].strip().split(".") for setting in settings]
+    if isinstance(root, Table):
+        paths += [[key] for key in root.entries]
+        export = root.entries.get("export")
+        paths += [["export", key] for key in export.entries] if isinstance(export, Table) else ()
+    sections, targets = Spec.known_keys(), Export.known_keys()
+    return any(
+        _is_foreign(path[0], sections)
+        or (path[0] == "export" and len(path) > 1 and _is_foreign(path[1], targets))
+        for path in paths
+    )
+
+
+def _is_foreign(key: str, known: Sequence[str]) -> bool:
+    return key not in known and not key.startswith("x-")
 
 
 def read_file(path: Path) -> SourceText:

@@ -13,11 +13,12 @@ from spec_schema.sections.spec import Spec
 from spec_schema.yaml_tree.nodes import Listing, Node, Scalar, Table, with_key
 from spec_schema.yaml_tree.reader import read_tree
 
-WORKFLOW = (
-    *("data", "train", "validate", "export"),
-    *(line.key for line in SECTIONS if not line.is_model),
-)
-"""The sections that say what to do with the model; all others are the model."""
+
+def workflow() -> tuple[str, ...]:
+    """The sections that say what to do with the model; all others are the model."""
+    of_features = (line.key for line in SECTIONS if not line.is_model)
+    return ("data", "train", "validate", "export", *of_features)
+
 
 FILE = "--set"
 """What diagnostics call the file that a setting stands in."""
@@ -30,7 +31,7 @@ def settings_source(settings: Sequence[str]) -> SourceText:
 
 def model_settings(settings: Sequence[str]) -> tuple[str, ...]:
     """The settings that replace values of the model, not of what is done with it."""
-    return tuple(s for s in settings if s.partition("=")[0].strip().split(".")[0] not in WORKFLOW)
+    return tuple(s for s in settings if s.partition("=")[0].strip().split(".")[0] not in workflow())
 
 
 def apply_settings(root: Node, settings: Sequence[str], findings: Findings) -> Node:

@@ -161,7 +161,7 @@ class Export(Entry):
     def asked(self) -> frozenset[str]:
         """The names of the targets that are asked for."""
         return frozenset(
-            name for name in type(self).model_fields if getattr(self, name) is not None
+            name for name in self.known_keys() if getattr(self, name, None) is not None
         )
 
     @property
@@ -173,5 +173,5 @@ class Export(Entry):
     @property
     def _entries(self) -> tuple[TargetEntry, ...]:
         # of the fields, so that a new target is known to all three above
-        values = (getattr(self, name) for name in type(self).model_fields)
+        values = (getattr(self, name, None) for name in type(self).model_fields)
         return tuple(value for value in values if isinstance(value, TargetEntry))

@@ -81,7 +81,8 @@ class Spec(Entry):
     def sections(self) -> Iterator[tuple[SectionLine, Entry]]:
         """The sections of features that the spec has, in the order of the registry."""
         for line in SECTIONS:
-            entry = getattr(self, line.key)
+            # a spec that was read before a plug-in was found lacks its field
+            entry = getattr(self, line.key, None)
             if entry is not None:
                 yield line, entry
 

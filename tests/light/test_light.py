@@ -110,8 +110,8 @@ def _answer(project: Path, commands: Sequence[Sequence[str]], *places: Path) -> 
     return json.loads(found.stdout)
 
 
-def _heavy() -> list[str]:
-    """What is installed here and not by `pip install` of the wheel, as Python imports it."""
+def light_packages() -> set[str]:
+    """The packages that `pip install` of the wheel installs besides."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     wanted, seen = [Requirement(text) for text in project["dependencies"]], set[str]()
     while wanted:
@@ -120,6 +120,12 @@ def _heavy() -> list[str]:
         if name not in seen and (one.marker is None or one.marker.evaluate()):
             seen.add(name)
             wanted += map(Requirement, requires(one.name) or ())
+    return seen
+
+
+def _heavy() -> list[str]:
+    """What is installed here and not by `pip install` of the wheel, as Python imports it."""
+    seen = light_packages()
     found = packages_distributions().items()
     heavy = {name for name, brought in found if not seen & set(map(canonicalize_name, brought))}
     return sorted(heavy - {"msnn", *OURS})

@@ -93,7 +93,7 @@ def _model_texts(
             selftest_steps=SELFTEST_STEPS,
             kernels=bool(table.kernels),
         ),
-        f"src/{prefix}_about.c": about_text(interface, program.spec_hash, sample_time),
+        f"src/{prefix}_about.c": about_text(interface, program, sample_time),
         f"src/{prefix}.c": _source(
             interface, table, title, [*restarts, *functions.values(), *vectors]
         ),

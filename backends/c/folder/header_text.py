@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 from backends.c.interface.interface import Interface
 from backends.c.interface.status import MEANING, SelfTestBit, StatusBit, status_macro
@@ -17,7 +17,6 @@ from backends.c_language.rendering import Generated, render
 from backends.c_language.tree import Function
 from backends.files.export_identity import OPEN
 from compiler.ir.program import Program
-from spec_schema.version import __version__
 
 
 def header_text(
@@ -42,7 +41,7 @@ def header_text(
         interface,
         "Interface",
         doc=comment(program.doc) if program.doc else "",
-        **origin(program.spec_hash),
+        **origin(program),
         # in double whatever the model computes in: callers derive timers from it, and 0.1f is
         # another time
         sample_time=program.sample_time and real_literal(program.sample_time, "float64"),
@@ -68,19 +67,29 @@ def header_text(
     )
 
 
-def about_text(interface: Generated, spec_hash: str, sample_time: str | None) -> str:
+class Made(Protocol):
+    """A program, in floating point or in integers."""
+
+    @property
+    def spec_hash(self) -> str: ...
+
+    @property
+    def made_by(self) -> str: ...
+
+
+def about_text(interface: Generated, program: Made, sample_time: str | None) -> str:
     """`src/<prefix>_about.c`: where the code comes from, readable in the finished image.
 
     `sample_time` is a literal of the program's real type.
     """
-    return render("about.c.j2", interface, "Origin", **origin(spec_hash), sample_time=sample_time)
+    return render("about.c.j2", interface, "Origin", **origin(program), sample_time=sample_time)
 
 
-def origin(spec_hash: str) -> dict[str, Any]:
+def origin(program: Made) -> dict[str, Any]:
     """The tool, the spec and the identity of the export, as headers and `about_text` show them."""
     return {
-        "made_by": _text(f"msnn {__version__}"),
-        "spec_sha256": _text(spec_hash),
+        "made_by": _text(program.made_by),
+        "spec_sha256": _text(program.spec_hash),
         "export_sha256": _text(OPEN),
     }
 

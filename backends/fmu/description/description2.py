@@ -10,7 +10,6 @@ from backends.fmu.description.names import element_names, is_structured
 from backends.fmu.description.units import add_units
 from backends.fmu.description.variable import Variable, VariableKind
 from backends.fmu.description.xml_text import child, element, number_text, xml_text
-from spec_schema.version import __version__
 
 CAUSALITY: dict[VariableKind, tuple[str, str, str | None]] = {
     VariableKind.INPUT: ("input", "discrete", None),
@@ -34,7 +33,7 @@ def description_text(facts: UnitFacts, sources: Sequence[str], guid: str) -> str
             "guid": guid,
             "description": facts.doc or None,
             "version": facts.identity,
-            "generationTool": f"msnn {__version__}",
+            "generationTool": facts.made_by,
             "variableNamingConvention": naming(facts),
         },
     )

@@ -16,7 +16,6 @@ from backends.fmu.description.facts import ITERATIONS_DOC, UnitFacts
 from backends.fmu.description.units import add_units
 from backends.fmu.description.variable import Variable, VariableKind
 from backends.fmu.description.xml_text import child, element, number_text, xml_text
-from spec_schema.version import __version__
 
 
 def description_text(facts: UnitFacts, token: str) -> str:
@@ -30,7 +29,7 @@ def description_text(facts: UnitFacts, token: str) -> str:
             "instantiationToken": token,
             "description": facts.doc or None,
             "version": facts.identity,
-            "generationTool": f"msnn {__version__}",
+            "generationTool": facts.made_by,
             "variableNamingConvention": naming(facts),
         },
     )

@@ -21,6 +21,8 @@ class UnitFacts:
     """One model as both versions of FMI describe it."""
 
     model: str
+    made_by: str
+    """The version of msnn, and of the plug-ins of the spec."""
     identity: str
     """The version of the model: a hash of its C, weights and options among it."""
     prefix: str

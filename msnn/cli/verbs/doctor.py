@@ -31,9 +31,10 @@ def doctor(
     """
     from backends.native.kernel_cache.contents import CacheLimits
     from msnn.cli.console import json_result, note, report, result
-    from msnn.project.installation import InstalledPart, installation
+    from msnn.project.installation import InstalledPart, installation, plugin_parts
     from msnn.project.kernels import cleaned_cache, kernel_cache
     from msnn.tables import table_text
+    from spec_schema.plugins import look_up
 
     if not clean_cache and not (unused_for is None and down_to is None):
         message = "what is removed is said beside --clean-cache"
@@ -44,11 +45,16 @@ def doctor(
         note(cleaned_cache(CacheLimits(0.0 if everything else unused_for, down_to)))
     cache = kernel_cache()
     remedy = "set MSNN_CACHE to a folder you may write"
-    parts = [*installation(), InstalledPart("cache", "compiled kernels", cache.text, remedy)]
+    plugins = look_up()
+    parts = [
+        *installation(),
+        *plugin_parts(plugins),
+        InstalledPart("cache", "compiled kernels", cache.text, remedy),
+    ]
     if format is ResultFormat.JSON:
         record = {"parts": [asdict(part) for part in parts], "kernels": cache.values()}
         json_result("doctor", record)
     else:
         rows = [(p.name, p.found or f"missing: {p.install}", p.purpose) for p in parts]
         result(table_text(("part", "found", "for"), rows))
-    report(cache.warnings, ())
+    report((*plugins.warnings, *cache.warnings), ())

@@ -21,7 +21,7 @@ from msnn.cli.arguments import (
     refuse_two_origins,
 )
 from msnn.cli.exit_codes import ExitCode
-from msnn.exports.table import EXTRAS, NAMES, TARGETS
+from msnn.exports.table import EXTRAS, TARGETS, every_target, names_for
 
 
 def export(
@@ -74,10 +74,19 @@ def export(
     from msnn.model.model_weights import choose_weights
     from msnn.tables import count
     from spec_schema.diagnostics.diagnostic import Findings, SpecError
+    from spec_schema.plugins import look_up
 
     refuse_two_origins(weights, initial)
-    names = _listed(to, (*NAMES, "all"), "--to")
-    extras = _listed(extra, EXTRAS, "--with")
+    names = [name.strip() for name in to.split(",") if name.strip()]
+    known = names_for(names)
+    if not {*known, "all"}.issuperset(names):
+        report(look_up().warnings, ())
+    _refuse_unknown(names, (*known, "all"), "--to")
+    extras = [name.strip() for name in extra.split(",") if name.strip()]
+    if not {*EXTRAS}.issuperset(extras):
+        look_up()
+    every = every_target()
+    _refuse_unknown(extras, [name for target in every for name in target.extras], "--with")
     model = load_model(spec, settings or ())
     report_model(model)
     findings = Findings()
@@ -85,7 +94,7 @@ def export(
     for target in missing:
         note(target.left_out)
     for name in extras:
-        having = [target.name for target in TARGETS if name in target.extras]
+        having = [target.name for target in every if name in target.extras]
         if not set(having) & set(targets):
             message = f"of all targets only {' and '.join(having)} has `{name}`, and it is not "
             raise typer.BadParameter(f"{message}among those to be written", param_hint="'--with'")
@@ -155,11 +164,9 @@ def export(
         raise typer.Exit(ExitCode.LIMIT_BROKEN)
 
 
-def _listed(text: str, known: Sequence[str], option: str) -> list[str]:
-    """The words of an option that takes several, each of them known."""
-    names = [name.strip() for name in text.split(",") if name.strip()]
+def _refuse_unknown(names: Sequence[str], known: Sequence[str], option: str) -> None:
+    """Raises BadParameter for the first word of an option that is not known."""
     for name in names:
         if name not in known:
             message = f"`{name}` is none of {', '.join(known)}"
             raise typer.BadParameter(message, param_hint=f"'{option}'")
-    return names

@@ -19,9 +19,12 @@ def schema(
     With it an editor completes keys, shows what they are for, and marks mistakes while one types.
     A spec names it in its first line: # yaml-language-server: $schema=./msnn.schema.json
     """
-    from msnn.cli.console import note, result
+    from msnn.cli.console import note, report, result
     from spec_schema.editors.json_schema import json_schema_text
+    from spec_schema.plugins import look_up
 
+    # the keys of plug-ins too, for editors of whoever has them installed
+    report(look_up().warnings, ())
     text = json_schema_text()
     if output is None:
         result(text.rstrip("\n"))

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import cast
 
 from msnn.exports.export import target_named
-from msnn.exports.table import NAMES
+from msnn.exports.table import every_target
 from msnn.features.changes.interface_changes import InterfaceChange
 from msnn.model.model import Model
 from spec_schema.fields.located import Located
@@ -28,7 +28,7 @@ def export_changes(old: Model, new: Model) -> tuple[InterfaceChange, ...]:
 
 
 def _changes(old: Model, new: Model) -> Iterator[InterfaceChange]:
-    for target in NAMES:
+    for target in (each.name for each in every_target()):
         before, after = _entry(old, target), _entry(new, target)
         if before is None or after is None:
             continue

@@ -28,6 +28,7 @@ from msnn.features.language_server.protocol import (
     range_to,
     symbols_of,
 )
+from spec_schema.plugins import look_up
 from spec_schema.version import __version__
 
 Answer = TypeVar("Answer")
@@ -73,6 +74,7 @@ def serve() -> None:
     # too
     stdout = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what prints must not break the protocol
+    look_up()  # completion knows the keys of plug-ins from the start
     server = spec_server()
     gc.freeze()  # the libraries never go: looking through them took 0.1 s of some answers
     try:

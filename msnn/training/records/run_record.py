@@ -37,6 +37,7 @@ def run_record(
         "spec_sha256": program.spec_hash,
         "parts": {part.name: part.record() for part in parts},
         "versions": _versions(),
+        **({"plugins": {p.package: p.version for p in program.plugins}} if program.plugins else {}),
         "bits": bits_record(program, plans),
         "stages": [stage_record(plan) for plan in plans],
         "data": {

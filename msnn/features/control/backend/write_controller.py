@@ -127,7 +127,7 @@ def solver_texts(
         "condensed": structure == "condensed",
         "projects": projects,
         "members": struct,
-        **origin(problem.program.spec_hash),
+        **origin(problem.program),
         "is_window": is_window,
         "about": numbers.comment(about),
         "real": numbers.real,

@@ -73,6 +73,7 @@ def write_online_unit(
     meanings = "; ".join(f"{code}: {meaning}" for code, meaning in unit.meanings.items())
     facts = UnitFacts(
         model=program.name,
+        made_by=program.made_by,
         identity=identity,
         prefix=unit.prefix,
         doc=" ".join(program.doc.split()),

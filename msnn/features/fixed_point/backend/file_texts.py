@@ -29,7 +29,6 @@ from msnn.features.fixed_point.backend.structs import port_facts, real_type, str
 from msnn.features.fixed_point.deviation.deviation import OutputError
 from msnn.features.fixed_point.integers.interpret import FixedStatus
 from msnn.features.fixed_point.integers.program import IntegerProgram, StepError, WordPort
-from spec_schema.version import __version__
 
 _MEANING = {
     FixedStatus.OUT_OF_RANGE: "an input was outside its range",
@@ -86,7 +85,7 @@ def step_texts(
             doc=comment(program.doc) if program.doc else "",
             word_type=f"int{program.width.word}_t",
             sum_type=f"int{program.width.sum}_t",
-            **origin(program.spec_hash),
+            **origin(program),
             # no float may stand in the header, not even a macro: code in fixed point builds where
             # there is none
             sample_time=None,
@@ -108,7 +107,7 @@ def step_texts(
             restarts=any(memory.restarts for memory in program.memories),
             functions=_printed(printer, [*writer.definitions(), *functions.values()]),
         ),
-        f"src/{prefix}_about.c": about_text(names, program.spec_hash, None),
+        f"src/{prefix}_about.c": about_text(names, program, None),
         f"{prefix}.json": _metadata(program, names, errors, writer.status_bits()),
     }
     bits = program.width
@@ -195,7 +194,7 @@ def _metadata(
 ) -> str:
     data = {
         "format": 1,
-        "made_by": f"msnn {__version__}",
+        "made_by": program.made_by,
         "model": program.name,
         "doc": program.doc,
         "spec_sha256": program.spec_hash,

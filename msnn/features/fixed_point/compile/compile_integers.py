@@ -117,6 +117,7 @@ class _Compilation:
             start_errors=tuple(start_errors(first.builder, memories)),
             doc=program.doc,
             spec_hash=program.spec_hash,
+            made_by=program.made_by,
             sample_time=program.sample_time,
             late=program.late,
         )

@@ -232,6 +232,7 @@ class IntegerProgram:
     """Of the first states, from the same words of the record."""
     doc: str = ""
     spec_hash: str = ""
+    made_by: str = ""
     sample_time: float | None = None
     late: int = 0
     """Samples by which outputs are older than the inputs of their step."""

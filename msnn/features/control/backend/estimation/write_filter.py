@@ -89,7 +89,7 @@ def filter_sources(
     facts: dict[str, Any] = {
         "model": problem.program.name,
         "around": around,
-        **origin(problem.program.spec_hash),
+        **origin(problem.program),
         "about": numbers.comment(_about(problem)),
         "real": numbers.real,
         "num": numbers.literal,

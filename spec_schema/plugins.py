@@ -1,0 +1,149 @@
+"""Finds the plug-ins that are installed, and adds what they bring to the tables of the registry.
+
+A plug-in is a package with an entry point of the group `msnn.features`. Entry points are looked up
+only when a name is not ours, once in a process: the look-up takes longer than to read a small spec.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from threading import RLock
+from typing import TYPE_CHECKING, Any
+
+from spec_schema import registry
+from spec_schema.diagnostics.diagnostic import Diagnostic
+from spec_schema.errors.plugins import left_out
+from spec_schema.late_dataclass import dataclass
+from spec_schema.names import is_name
+from spec_schema.registry import Feature, FeatureLines, KeyLine
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+GROUP = "msnn.features"
+
+SCHEMA_LOCK = RLock()
+"""Held while the schema of specs changes, and while a spec is validated by it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plugin:
+    """A plug-in that is installed and works."""
+
+    package: str
+    """As pip installs it."""
+    version: str
+    feature: Feature
+    keys: frozenset[tuple[str, str]]
+    """The names that it brings: a kind such as `section`, and a name."""
+
+
+@dataclass(frozen=True)
+class Plugins:
+    """The plug-ins of this environment, and warnings about those that are left out."""
+
+    found: tuple[Plugin, ...] = ()
+    warnings: tuple[Diagnostic, ...] = ()
+
+
+class _Search:
+    """The look-up, which is made once."""
+
+    def __init__(self) -> None:
+        self.plugins: Plugins | None = None
+        self.added: list[tuple[FeatureLines[Any], KeyLine]] = []
+
+
+_SEARCH = _Search()
+
+
+def look_up() -> Plugins:
+    """The plug-ins that are installed; the first call imports them."""
+    with SCHEMA_LOCK:
+        if _SEARCH.plugins is None:
+            # a plug-in that reads a spec while it is imported finds no plug-in
+            _SEARCH.plugins = Plugins()
+            try:
+                _SEARCH.plugins = _looked_up()
+            except BaseException:  # Ctrl-C
+                forget()
+                raise
+        return _SEARCH.plugins
+
+
+def known_plugins() -> tuple[Plugin, ...]:
+    """The plug-ins found by a look-up; none before one."""
+    return () if _SEARCH.plugins is None else _SEARCH.plugins.found
+
+
+def forget() -> None:
+    """Takes out what plug-ins brought, so that the next name that is not ours looks them up again.
+
+    For tests, which install a plug-in while they run.
+    """
+    with SCHEMA_LOCK:
+        for lines, line in reversed(_SEARCH.added):
+            lines.remove(line)
+        _SEARCH.added.clear()
+        _SEARCH.plugins = None
+
+
+def plugins_with(names: Collection[tuple[str, str]]) -> tuple[Plugin, ...]:
+    """The plug-ins that bring one of these: a kind such as `section`, and a name."""
+    return tuple(plugin for plugin in known_plugins() if not plugin.keys.isdisjoint(names))
+
+
+def _looked_up() -> Plugins:
+    from importlib.metadata import entry_points
+
+    # sorted: of two plug-ins that bring one name the same one wins everywhere
+    points = sorted(entry_points(group=GROUP), key=lambda point: (_package(point), point.name))
+    found: list[Plugin] = []
+    warnings: list[Diagnostic] = []
+    for point in points:
+        package = _package(point)
+        try:
+            feature = point.load()
+            if not isinstance(feature, Feature):
+                raise TypeError(f"`{point.value}` is no `msnn.extending.Feature`")
+            _import_all(feature)
+        # a plug-in may fail in any way, and must not keep others from work
+        except (Exception, SystemExit) as error:  # noqa: BLE001
+            repair = f"install a version of {package} that fits this msnn, or remove it"
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            warnings.append(left_out(package, f"the plug-in `{point.name}`", reason, repair))
+            continue
+        keys: set[tuple[str, str]] = set()
+        for kind, lines, line in _lines(feature):
+            if is_name(line.key) and lines.is_free(line.key):
+                lines.add(line)
+                _SEARCH.added.append((lines, line))
+                keys.add((kind, line.key))
+            else:
+                reason = "msnn or another plug-in has this name, or it is no name"
+                repair = f"rename the {kind} in {package}"
+                warnings.append(left_out(package, f"the {kind} `{line.key}`", reason, repair))
+        version = "" if point.dist is None else point.dist.version
+        found.append(
+            Plugin(package=package, version=version, feature=feature, keys=frozenset(keys))
+        )
+    return Plugins(tuple(found), tuple(warnings))
+
+
+def _package(point: EntryPoint) -> str:
+    return point.module.partition(".")[0] if point.dist is None else point.dist.name
+
+
+def _lines(feature: Feature) -> Iterator[tuple[str, FeatureLines[Any], KeyLine]]:
+    for section in feature.sections:
+        yield "section", registry.SECTIONS, section
+    for target in feature.targets:
+        yield "target", registry.TARGETS, target
+
+
+def _import_all(feature: Feature) -> None:
+    """Imports the objects of all lines, so that a failure is reported before a spec is read."""
+    named = [each for line in feature.sections for each in (line.entry, line.section)]
+    named += [each for line in feature.targets for each in (line.entry, line.target)]
+    for each in named:
+        assert each.value is not None

@@ -1,0 +1,1 @@
+"""Plug-ins: packages of strangers that bring sections, targets, layers and more."""
