@@ -67,6 +67,45 @@ SECTIONS = (
 
 
 @dataclass(frozen=True)
+class PartLine:
+    """A kind of parts in `use` that a feature brings, besides other specs."""
+
+    key: str
+    """Its key in an entry of `use`, and its word in the records of runs."""
+    entry: LateEntry
+    kind: LateObject
+    """The `spec_schema.sections.part.PartKind` that reads its file."""
+    members: LateObject
+    """The `compiler.elaboration.part_members.PartMembers` of what stands after its dot."""
+    about: str
+    title: str
+    """The word for it in messages."""
+    file: str
+    """The key of its entry that names its file."""
+    file_title: str
+    """The word for its file in messages."""
+    suffix: str
+    """The end of the name under which a run keeps its file."""
+
+
+PARTS = (
+    PartLine(
+        "robot",
+        LateEntry("spec_schema.sections.robots", "Robot"),
+        kind=LateObject("msnn.features.robots.part", "ROBOT"),
+        members=LateObject("msnn.features.robots.members", "MEMBERS"),
+        about="The rigid-body dynamics of what a URDF file describes; calls such as "
+        "`arm.mass_matrix(q)`.",
+        title="robot",
+        file="urdf",
+        file_title="URDF",
+        suffix=".urdf",
+    ),
+)
+"""In the order in which `fmt` and the JSON Schema list them, after `spec`."""
+
+
+@dataclass(frozen=True)
 class TargetLine:
     """A target of `msnn export` that a feature brings."""
 
@@ -107,18 +146,25 @@ VERIFIED_EXPORTS = (
 `msnn.verification.verified_export.VerifiedExport`."""
 
 
-def with_keys(lines: Iterable[KeyLine]) -> Callable[[type[E]], type[E]]:
-    """Adds an optional field for each line to the class of a mapping.
+def with_keys(
+    lines: Iterable[KeyLine], *, after: str | None = None
+) -> Callable[[type[E]], type[E]]:
+    """Adds an optional field for each line to the class of a mapping: last, or after a key.
 
     `Entry` defers building its schema to the first use, so the fields arrive in time.
     """
 
     def add(mapping: type[E]) -> type[E]:
+        fields = mapping.__pydantic_fields__
+        names = list(fields)
+        later = [] if after is None else names[names.index(after) + 1 :]
         for line in lines:
             # pyright knows no `Annotated[…] | None`
             kind: Any = Optional[Annotated[Any, line.entry]]  # noqa: UP045
             field = Field(default=None, description=line.about)
-            mapping.__pydantic_fields__[line.key] = FieldInfo.from_annotated_attribute(kind, field)
+            fields[line.key] = FieldInfo.from_annotated_attribute(kind, field)
+        for name in later:
+            fields[name] = fields.pop(name)
         return mapping
 
     return add
