@@ -50,11 +50,19 @@ class FeatureLines(Generic[FeatureLine]):
     def __iter__(self) -> Iterator[FeatureLine]:
         return iter((*self.ours, *self.of_plugins))
 
-    def add_to(self, mapping: type[Entry]) -> None:
-        """Adds an optional field for each line, and for each line that is added later."""
+    def add_to(self, mapping: type[Entry], after: str | None = None) -> None:
+        """Adds an optional field for each line, and for each line that is added later.
+
+        Fields of ours follow the key `after`, or are the last.
+        """
         self._mappings.append(mapping)
+        fields = mapping.__pydantic_fields__
+        names = list(fields)
+        following = [] if after is None else names[names.index(after) + 1 :]
         for line in self:
             _add_field(mapping, line)
+        for name in following:
+            fields[name] = fields.pop(name)
 
     def add(self, line: FeatureLine) -> None:
         """Adds the line of a plug-in, also to mappings whose schema is built already."""
@@ -106,6 +114,45 @@ SECTIONS = FeatureLines(
     ),
 )
 """In the order in which `fmt` and the JSON Schema list them, after the keys of the core."""
+
+
+@dataclass(frozen=True)
+class PartLine:
+    """A kind of parts in `use` that a feature brings, besides other specs."""
+
+    key: str
+    """Its key in an entry of `use`, and its word in the records of runs."""
+    entry: LateEntry
+    kind: LateObject
+    """The `spec_schema.sections.part.PartKind` that reads its file."""
+    members: LateObject
+    """The `compiler.elaboration.part_members.PartMembers` of what stands after its dot."""
+    about: str
+    title: str
+    """The word for it in messages."""
+    file: str
+    """The key of its entry that names its file."""
+    file_title: str
+    """The word for its file in messages."""
+    suffix: str
+    """The end of the name under which a run keeps its file."""
+
+
+PARTS = FeatureLines(
+    PartLine(
+        "robot",
+        LateEntry("spec_schema.sections.robots", "Robot"),
+        kind=LateObject("msnn.features.robots.part", "ROBOT"),
+        members=LateObject("msnn.features.robots.members", "MEMBERS"),
+        about="The rigid-body dynamics of what a URDF file describes; calls such as "
+        "`arm.mass_matrix(q)`.",
+        title="robot",
+        file="urdf",
+        file_title="URDF",
+        suffix=".urdf",
+    ),
+)
+"""In the order in which `fmt` and the JSON Schema list them, after `spec`."""
 
 
 @dataclass(frozen=True)
@@ -171,14 +218,16 @@ ARITHMETICS: dict[FixedPoint, ArithmeticLine] = {
 """By the `dtype` of `export: {c: …}` that asks for it."""
 
 
-def with_keys(lines: FeatureLines[Any]) -> Callable[[type[E]], type[E]]:
-    """Adds an optional field for each line to the class of a mapping.
+def with_keys(
+    lines: FeatureLines[Any], *, after: str | None = None
+) -> Callable[[type[E]], type[E]]:
+    """Adds an optional field for each line to the class of a mapping: last, or after a key.
 
     `Entry` defers building its schema to the first use, so the fields arrive in time.
     """
 
     def add(mapping: type[E]) -> type[E]:
-        lines.add_to(mapping)
+        lines.add_to(mapping, after)
         return mapping
 
     return add

@@ -26,7 +26,7 @@ OF_LANGUAGES = _words(
 OF_SPECS = _words(
     """
     Dimension Filter Input InteriorPoint KalmanFilter Lesson Loss Measurement Method
-    MovingHorizon Output Parameter Prediction Prior Robot RobotPart Rollout State
+    MovingHorizon Output Parameter Prediction Prior Robot Rollout State
     """
 )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from compiler.ir.scalars.table import Array
 from compiler.linking.connected import Connected
@@ -13,7 +13,7 @@ from spec_schema.errors import submodels as errors
 from spec_schema.fields.entry import Entry
 from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.reader import ReadResult
-from spec_schema.robots.robot import Robot
+from spec_schema.registry import PartLine
 from spec_schema.sections.data.data import Data
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.integrators import Integrator
@@ -28,12 +28,19 @@ WeightsByPart = Mapping[str, Mapping[str, Array]]
 """For each sub-model that has `weights:`, its arrays by the names of its own file."""
 
 
-@dataclass(frozen=True)
-class RobotPart:
-    """A robot, and the full names of its dims and parameters by those that it calls them."""
+M_co = TypeVar("M_co", covariant=True)
 
-    robot: Robot
+
+@dataclass(frozen=True)
+class LinkedPart(Generic[M_co]):
+    """A part of a kind that a feature brings, such as a robot."""
+
+    name: str
+    line: PartLine
+    model: M_co
+    """The part as its file and its entry describe it."""
     names: Mapping[str, str]
+    """The full names of its dims and parameters by those that it calls them."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +56,8 @@ class Linked:
     weights: WeightsByPart = field(default_factory=dict[str, Mapping[str, Array]])
     numbers: Mapping[str, str] = field(default_factory=dict[str, str])
     """Texts of files of initial values that were read before, by path."""
-    robots: Mapping[str, RobotPart] = field(default_factory=dict[str, RobotPart])
+    parts: Mapping[str, LinkedPart[object]] = field(default_factory=dict[str, LinkedPart[object]])
+    """Parts of other kinds than specs, by their full names."""
 
 
 def link(
@@ -71,7 +79,7 @@ def link(
     linking.connect(whole.sections)
     sections = {**whole.sections, "dims": linking.dims, "use": linking.use}
     linked = spec.model_copy(update=sections)
-    return Linked(linked, linking.integrators, linking.files, weights, robots=linking.robots)
+    return Linked(linked, linking.integrators, linking.files, weights, parts=linking.parts)
 
 
 MODEL_SECTIONS = (
@@ -108,7 +116,7 @@ class _Linking:
         self.integrators: dict[str, Integrator | None] = {}
         self.files: dict[str, ReadResult] = {}
         self.connections: list[tuple[str, Connection, str]] = []
-        self.robots: dict[str, RobotPart] = {}
+        self.parts: dict[str, LinkedPart[object]] = {}
 
     def part(
         self, spec: Spec, used: Mapping[str, ReadResult], prefix: str, around: tuple[_Dims, ...]
@@ -129,8 +137,8 @@ class _Linking:
             part = self.part(file.spec, file.used, f"{full}.", (dims, *around))
             # every name of a sub-model is known here too, with the sub-model's name in front
             names |= {f"{name}.{member}": known for member, known in part.names.items()}
-            if file.robot is not None:
-                self.robots[full] = RobotPart(file.robot, part.names)
+            if use.part is not None:
+                self.parts[full] = LinkedPart(full, use.part[0], file.part, part.names)
             inner.append(part)
         # few specs have sub-models, and it knows the settings of layers
         from compiler.linking.renaming import Renaming

@@ -10,7 +10,7 @@ from compiler.ir.ops import Concat, Constant, Reshape
 from compiler.ir.program import NodeId
 from compiler.ir.rules.unit_rules import UnitConflict, same_unit
 from compiler.ir.types import Axis, Type, describe_axes, in_order
-from compiler.linking.link import RobotPart
+from compiler.linking.link import LinkedPart
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower_all
@@ -32,17 +32,18 @@ from compiler.robots.numbers import Number, SignedNode
 from spec_schema.diagnostics.diagnostic import Diagnostic
 from spec_schema.errors import names, robots
 from spec_schema.expressions.tree import Call, Expression, Member, Name
+from spec_schema.robots.robot import Robot
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import Unit
 
 
 def lower_robot_call(
-    context: Context, name: str, part: RobotPart, call: Call, environment: Environment
+    context: Context, part: LinkedPart[Robot], call: Call, environment: Environment
 ) -> NodeId:
     """The node of `NAME.member(…)` or `NAME.frame.member(…)` of a robot."""
     assert isinstance(call.function, Member)
     return _RobotCall(
-        context=context, name=name, part=part, call=call, environment=environment
+        context=context, part=part, robot=part.model, call=call, environment=environment
     ).lowered(call.function)
 
 
@@ -51,19 +52,19 @@ class _RobotCall:
     """A call, with the robot and the place that it stands at."""
 
     context: Context
-    name: str
-    part: RobotPart
+    part: LinkedPart[Robot]
+    robot: Robot
     call: Call
     environment: Environment
 
     def lowered(self, function: Member) -> NodeId:
         member = self._member(function)
         arguments, nodes = self._arguments(member)
-        bodies = with_masses(self.part.robot, self._parameter)
+        bodies = with_masses(self.robot, self._parameter)
         if function.name == "forward_dynamics":
             self._refuse_singular()
         if isinstance(member, FrameMember):
-            place = self.part.robot.frames[function.base.removeprefix(f"{self.name}.")]
+            place = self.robot.frames[function.base.removeprefix(f"{self.part.name}.")]
             found = member.compute(bodies, place, arguments)
         else:
             found = self._by_position(member.compute(bodies, arguments))
@@ -73,13 +74,13 @@ class _RobotCall:
         return result
 
     def _member(self, function: Member) -> RobotMember | FrameMember:
-        frames = self.part.robot.frames
-        if function.base == self.name and function.name in MEMBERS:
+        frames = self.robot.frames
+        if function.base == self.part.name and function.name in MEMBERS:
             return MEMBERS[function.name]
-        frame = function.base.removeprefix(f"{self.name}.")
+        frame = function.base.removeprefix(f"{self.part.name}.")
         if frame in frames and function.name in FRAME_MEMBERS:
             return FRAME_MEMBERS[function.name]
-        self.context.findings.report(unknown_member(self.name, self.part, function))
+        self.context.findings.report(unknown_member(self.part, function))
         raise LoweringFailed
 
     def _arguments(
@@ -178,13 +179,12 @@ class _RobotCall:
 
     def _refuse_singular(self) -> None:
         """Refuses a robot whose joints' accelerations do not follow from the torques."""
-        robot = self.part.robot
         # with the masses that the file has: those that are learned are known only where the model
         # runs
-        known = with_masses(replace(robot, learned=frozenset()), self._parameter)
+        known = with_masses(replace(self.robot, learned=frozenset()), self._parameter)
         joint = undetermined_joint(known)
         if joint is not None:
-            body = robot.bodies[joint]
+            body = self.robot.bodies[joint]
             report = robots.moves_without_mass(body.joint, body.span)
             self.context.findings.report(report.seen_from(self.call.span, "called here"))
             raise LoweringFailed
@@ -210,11 +210,11 @@ class _RobotCall:
 
     def _in_bodies(self, numbers: Sequence[Number]) -> list[Number]:
         """Numbers in the order of q in that of the bodies."""
-        return [numbers[position] for position in self.part.robot.positions]
+        return [numbers[position] for position in self.robot.positions]
 
     def _by_position(self, numbers: Sequence[Number]) -> list[Number]:
         """Numbers of bodies, or of their pairs, in the order of q."""
-        positions = self.part.robot.positions
+        positions = self.robot.positions
         at = {position: index for index, position in enumerate(positions)}
         order = [at[position] for position in range(len(positions))]
         if len(numbers) == len(order):
@@ -240,7 +240,7 @@ class _RobotCall:
             more = (axis for axis in builder.type(node).axes if axis != self._joint)
             rest = in_order((*rest, *(axis for axis in more if axis not in rest)))
         # no dim of a spec has a blank: none of the arguments is meant
-        flat = Axis(f"{self.name}.{len(nodes)} numbers", 1)
+        flat = Axis(f"{self.part.name}.{len(nodes)} numbers", 1)
         parts = [builder.reshape(builder.broadcast(node, rest), (flat, *rest)) for node in nodes]
         whole = Axis(flat.name, len(parts))
         # emitted with the unit of the result: numbers of turning and sliding joints have none in
@@ -266,7 +266,7 @@ class _RobotCall:
     def _unit(self, quantity: Quantity) -> Unit | None:
         """The unit of a quantity of the joints; None where some turn and others slide."""
         turning, sliding = UNITS[quantity]
-        slides = self.part.robot.slides
+        slides = self.robot.slides
         if slides is None and turning != sliding:
             return None
         return parse_unit(sliding if slides else turning)
@@ -277,16 +277,16 @@ class _RobotCall:
 
     @property
     def _joint(self) -> Axis:
-        return self._axis(self.part.robot.joint)
+        return self._axis(self.robot.joint)
 
     def _axis(self, base: str) -> Axis:
         name = self.part.names[base]
         return Axis(name, self.context.spec.dims[name].size)
 
 
-def unknown_member(name: str, part: RobotPart, member: Member) -> Diagnostic:
+def unknown_member(part: LinkedPart[Robot], member: Member) -> Diagnostic:
     """The report of something after the dot that a robot, or a frame of it, does not have."""
-    known = FRAME_MEMBERS if member.base != name else (*MEMBERS, *part.robot.frames)
+    known = FRAME_MEMBERS if member.base != part.name else (*MEMBERS, *part.model.frames)
     return robots.unknown_robot_member(f"{member.base}.{member.name}", member.span, known)
 
 

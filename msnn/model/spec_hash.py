@@ -10,14 +10,16 @@ from pathlib import Path
 
 from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.reader import ReadResult
+from spec_schema.registry import PARTS, PartLine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubmodelFile:
     """A sub-model: its full name, the path and text of its spec, sha256 of its weights or "".
 
-    Of a robot the text is its URDF. `file` has these weights; None where there are none, or only a
-    program has them. A file of initial values is a part too, whose text is its numbers.
+    Of another kind of part, `line`, the text is that of its file. `file` has these weights; None
+    where there are none, or only a program has them. A file of initial values is a part too, whose
+    text is its numbers.
     """
 
     name: str
@@ -25,7 +27,7 @@ class SubmodelFile:
     text: str
     weights: str
     file: Path | None = None
-    is_robot: bool = False
+    line: PartLine | None = None
     is_numbers: bool = False
 
     def record(self) -> dict[str, str]:
@@ -37,7 +39,7 @@ class SubmodelFile:
             "path": self.path,
             "spec_sha256": _sha256(self.text),
             "weights_sha256": self.weights,
-            **({"kind": ROBOT} if self.is_robot else {}),
+            **({"kind": self.line.key} if self.line else {}),
         }
 
     @property
@@ -46,15 +48,14 @@ class SubmodelFile:
         return kept_name(self.name, self.record())
 
 
-ROBOT = "robot"
 NUMBERS = "numbers"
-"""What the record of a robot, and that of a file of initial values, says under `kind`."""
+"""The word in the record of a file of initial values under `kind`."""
+_SUFFIXES = {line.key: line.suffix for line in PARTS} | {NUMBERS: ""}
 
 
 def kept_name(name: str, record: Mapping[str, str]) -> str:
     """The name of the file in which a run keeps the text of a part, by what its record says."""
-    suffixes = {ROBOT: ".urdf", NUMBERS: ""}
-    return f"{Path(name).name}{suffixes.get(record.get('kind', ''), '.msnn.yaml')}"
+    return f"{Path(name).name}{_SUFFIXES.get(record.get('kind', ''), '.msnn.yaml')}"
 
 
 def parts_of(read: ReadResult, digests: Mapping[str, str]) -> tuple[SubmodelFile, ...]:
@@ -85,12 +86,13 @@ def hash_of(text: str, parts: Sequence[SubmodelFile], settings: Sequence[str] = 
 def _parts(read: ReadResult, digests: Mapping[str, str], prefix: str) -> Iterator[SubmodelFile]:
     for name, file in read.used.items():
         full = prefix + name
+        kind = read.spec.use[name].part
         yield SubmodelFile(
             name=full,
             path=file.source.path,
             text=file.source.text,
             weights=digests.get(full, ""),
-            is_robot=file.robot is not None,
+            line=kind[0] if kind else None,
         )
         # full names: two parts may both use a sub-model of one name
         yield from _parts(file, digests, f"{full}.")

@@ -11,7 +11,7 @@ from msnn.errors.learning.weights import weights_of_another_model
 from msnn.model.model import Model
 from msnn.model.saved_run import DESCRIPTION, PARTS, SPEC, read_json
 from msnn.model.spec_hash import SubmodelFile
-from msnn.model.trained_robot import differing_robot, refuse_other_robot
+from msnn.model.trained_parts import part_difference, refuse_other_parts
 from spec_schema.diagnostics.diagnostic import SpecError
 from spec_schema.editors.spec_data import spec_data
 from spec_schema.reading.endless_files import refuse_endless
@@ -22,9 +22,9 @@ from spec_schema.reading.settings import model_settings, workflow
 def refuse_other_model(model: Model, weights: Path) -> None:
     """Raises SpecError with the differences if a weights file was trained for another model.
 
-    The model comprises the spec without its workflow sections (`workflow`) and the contents of its
-    robots' URDF files; `doc` is ignored. A file outside a run's folder is accepted if its arrays
-    fit.
+    The model comprises the spec without its workflow sections (`workflow`) and the contents of the
+    files of other parts, such as URDF files of robots; `doc` is ignored. A file outside a run's
+    folder is accepted if its arrays fit.
     """
     trained = _trained(weights.parent)
     if trained is None:
@@ -40,7 +40,7 @@ def refuse_other_model(model: Model, weights: Path) -> None:
         setting = None if then is None else f"{path}={then}"
         raise SpecError([weights_of_another_model(str(weights), said, setting)])
     # last: names in the spec say more than joints in a URDF
-    refuse_other_robot(model.parts, weights)
+    refuse_other_parts(model.parts, weights)
 
 
 def _shown(value: str | None) -> str:
@@ -75,8 +75,8 @@ def _is_kept(part: SubmodelFile, kept: object, weights: Path) -> bool:
     if cast("dict[str, Any]", kept).get("weights_sha256") != part.weights:
         return False
     file = weights.parent / PARTS / part.kept_as
-    if part.is_robot:
-        return differing_robot(file, part.text) is None
+    if part.line is not None:
+        return part_difference(part.line, file, part.text) is None
     then = _read(file, ())
     return then is not None and not _differing(then, read_one_spec(part.path, part.text))
 

@@ -8,12 +8,11 @@ from spec_schema.expressions.moments import Date
 from spec_schema.expressions.text import expression_text, length_text, number_text
 from spec_schema.fields.entry import Entry, OneOf
 from spec_schema.fields.formulas import Prediction
-from spec_schema.fields.located import Located
+from spec_schema.fields.located import Located, Spelled
 from spec_schema.sections.data.columns import ColumnName
 from spec_schema.sections.data.splits import Blocks, DateRange, Fraction, TimeRange
 from spec_schema.sections.dimensions import Dimension
 from spec_schema.sections.layers.fuzzy_sets import CustomMembership, Fuzzify
-from spec_schema.sections.robots import Joints
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Freeze
 from spec_schema.sections.training.curriculum import Curriculum
@@ -57,6 +56,8 @@ def _plain(value: Any) -> Any:
         case Freeze(patterns=patterns):
             listed = [pattern.value for pattern in patterns]
             return "all" if listed == ["*"] else listed or "none"
+        case Spelled():
+            return _plain(value.spelling)
         case Located():
             return _plain(cast("Located[Any]", value).value)
         case tree.Number(value=number):
@@ -75,8 +76,6 @@ def _plain(value: Any) -> Any:
             return f"{signal.value}[t+{length_text(ahead)}]"
         case Dimension(size=size, labels=labels):
             return list(labels) or size
-        case Joints(dimension=dimension, labels=listed):
-            return dimension.value if dimension else [label.value for label in listed]
         case ColumnName(column=column):
             return column
         case Fraction(value=share):

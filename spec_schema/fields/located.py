@@ -1,5 +1,6 @@
 """Values of a spec that remember where they were written."""
 
+from abc import ABC, abstractmethod
 from dataclasses import field
 from typing import Generic, TypeVar
 
@@ -30,3 +31,12 @@ class KeyAndValueSpan:
 
     key: Span
     value: Span
+
+
+class Spelled(ABC):
+    """A value that says itself how it is written in a spec."""
+
+    @property
+    @abstractmethod
+    def spelling(self) -> object:
+        """A value of a spec, such as a tuple or `Located`, which reads as an equal one."""

@@ -14,7 +14,6 @@ from spec_schema.late_dataclass import dataclass
 from spec_schema.plugins import SCHEMA_LOCK, look_up
 from spec_schema.reading.endless_files import refuse_endless
 from spec_schema.reading.settings import apply_settings, settings_source
-from spec_schema.robots.robot import Robot
 from spec_schema.sections.exports import Export
 from spec_schema.sections.spec import Spec
 from spec_schema.yaml_tree.nodes import Node, Table
@@ -25,15 +24,16 @@ from spec_schema.yaml_tree.reader import read_tree
 class ReadResult:
     """A spec, what is to be said about it, and its text for printing later diagnostics.
 
-    `used` are the specs of its sub-models by their names. That of a robot has only its dims and
-    the parameters that it learns, and its text is that of the URDF.
+    `used` are the specs of its sub-models by their names. `part` is the model of a part of another
+    kind, such as a robot: its spec has only dims and the parameters that it learns, and its text is
+    that of its file.
     """
 
     spec: Spec
     warnings: tuple[Diagnostic, ...]
     source: SourceText
     used: Mapping[str, "ReadResult"] = field(default_factory=dict[str, "ReadResult"])
-    robot: Robot | None = None
+    part: object | None = None
 
     @property
     def sources(self) -> tuple[SourceText, ...]:

@@ -28,7 +28,7 @@ def read_spec(
     """
     result = read_one_spec(path, text, settings)
     used = read_used(result, texts, unsaved)
-    of_robots = (one.warnings for one in used.values() if one.robot is not None)
-    # what is said of a URDF belongs to the robot; of sub-models their own check says it
-    warnings = (*result.warnings, *(said for each in of_robots for said in each))
+    of_parts = (one.warnings for one in used.values() if one.part is not None)
+    # nobody checks a URDF by itself; warnings of sub-models come with their own check
+    warnings = (*result.warnings, *(warning for each in of_parts for warning in each))
     return replace(result, used=used, warnings=warnings)

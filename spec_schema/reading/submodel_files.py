@@ -7,12 +7,13 @@ from pathlib import Path
 
 from spec_schema.diagnostics.diagnostic import Diagnostic, Findings, SpecError
 from spec_schema.diagnostics.source import SourceText
-from spec_schema.errors import robots as robot_errors
 from spec_schema.errors import submodels as errors
+from spec_schema.fields.entry import Entry
 from spec_schema.late_dataclass import dataclass
 from spec_schema.reading.endless_files import is_near, refuse_endless
 from spec_schema.reading.one_file import ReadResult, read_file, read_one_spec
-from spec_schema.sections.robots import Robot
+from spec_schema.registry import PartLine
+from spec_schema.sections.part import part_kind
 from spec_schema.sections.spec import Spec
 from spec_schema.sections.submodels import Use
 
@@ -20,8 +21,6 @@ MOST_SUBMODELS = 1000
 DEEPEST = 16
 LARGEST_FILE = 4_000_000
 """Bytes; a text has fewer characters anyway."""
-LARGEST_ROBOT = 1_000_000
-"""Bytes of a URDF, whose meshes are files of their own."""
 
 
 def read_used(
@@ -63,8 +62,8 @@ class _Reading:
             # relative to the file that uses it
             path = os.path.normpath(Path(chain[-1]).parent / use.file.value)
             try:
-                if use.robot is not None:
-                    found[name] = self._robot(name, use.robot, path, result.spec)
+                if use.part is not None:
+                    found[name] = self._part(name, use, use.part, path, result.spec)
                     count += 1
                 else:
                     found[name] = self._one(use, path, chain)
@@ -114,24 +113,26 @@ class _Reading:
                 raise
         return self.read[real]
 
-    def _robot(self, name: str, entry: Robot, path: str, around: Spec) -> ReadResult:
-        """Reads a URDF, anew for each use, as settings belong to the use."""
-        place = entry.urdf.span
+    def _part(
+        self, name: str, use: Use, kind: tuple[PartLine, Entry], path: str, around: Spec
+    ) -> ReadResult:
+        """Reads a part that is no spec, once for each use, as settings belong to the use."""
+        line, entry = kind
+        part = part_kind(line)
         text = None if self.texts is None else self.texts.get(path)
         if text is None:
             reason = "no such file"
             if self.texts is None:
-                reason = _why_unreadable(path, LARGEST_ROBOT)
+                reason = _why_unreadable(path, part.largest_file)
             if reason is not None:
-                raise SpecError([robot_errors.unreadable_robot(path, reason, place)])
+                raise SpecError([part.unreadable(path, reason, use.file.span)])
         source = read_file(Path(path)) if text is None else SourceText(path, text)
         findings = Findings()
-        from spec_schema.robots.part import robot_part  # most specs have no robot
-
-        part = robot_part(entry, source, name, around, findings)
-        if part is None:
+        found = part.read(entry, source, name, around, findings)
+        if found is None:
             raise SpecError(findings.in_order, (source,))
-        return ReadResult(part.spec, findings.in_order, source, robot=part.robot)
+        spec = Spec.model_validate(found.spec, context=findings)
+        return ReadResult(spec, findings.in_order, source, part=found.model)
 
 
 def _why_unreadable(path: str, largest: int = LARGEST_FILE) -> str | None:
@@ -156,8 +157,8 @@ def _is_of(diagnostic: Diagnostic, path: str) -> bool:
 def _unquoted(use: Use, path: str) -> Diagnostic:
     """What is said of a file with mistakes of which no line may be shown."""
     reason = "it has mistakes, and messages quote no file outside of the spec's folder"
-    if use.robot is not None:
-        return robot_errors.unreadable_robot(path, reason, use.file.span)
+    if use.part is not None:
+        return part_kind(use.part[0]).unreadable(path, reason, use.file.span)
     repair = f"`msnn check {path}` shows them"
     return errors.unreadable_spec(path, reason, use.file.span, repair)
 

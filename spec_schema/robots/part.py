@@ -16,7 +16,7 @@ from spec_schema.robots.held_joints import held_positions
 from spec_schema.robots.robot import BASE_JOINTS, Body, BodyPoint, Robot
 from spec_schema.robots.urdf import Urdf, read_urdf
 from spec_schema.sections import robots as sections
-from spec_schema.sections.spec import Spec
+from spec_schema.sections.part import PartRead, SpecAround
 from spec_schema.units.conversion import converted
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.quantity import Quantity
@@ -31,21 +31,13 @@ _WEIGHTLESS = "has nothing to begin from: no link that moves has a mass"
 _SPACE = ("x", "y", "z")
 
 
-@dataclass(frozen=True, slots=True)
-class RobotPart:
-    """A robot, and the spec of its dims and of the parameters that it learns."""
-
-    robot: Robot
-    spec: Spec
-
-
 def robot_part(
     entry: sections.Robot,
     source: SourceText,
     name: str,
-    around: Spec,
+    around: SpecAround,
     findings: Findings,
-) -> RobotPart | None:
+) -> PartRead[Robot] | None:
     """The robot of a URDF in a spec around it; None once it is reported what is wrong."""
     mark = findings.mark()
     urdf = read_urdf(source, findings)
@@ -85,10 +77,12 @@ def robot_part(
     described = _described(robot, labels, name, around, urdf, entry, findings)
     if any(one.severity == "error" for one in findings.since(mark)):
         return None
-    return RobotPart(robot, Spec.model_validate(described, context=findings))
+    return PartRead(robot, described)
 
 
-def _labels(entry: sections.Robot, urdf: Urdf, around: Spec, findings: Findings) -> tuple[str, ...]:
+def _labels(
+    entry: sections.Robot, urdf: Urdf, around: SpecAround, findings: Findings
+) -> tuple[str, ...]:
     """The names of the joints that move, in the order of q."""
     base: tuple[str, ...] = ()
     if entry.base is not None and entry.base.value == "floating":
@@ -184,7 +178,7 @@ def _described(
     robot: Robot,
     labels: Sequence[str],
     name: str,
-    around: Spec,
+    around: SpecAround,
     urdf: Urdf,
     entry: sections.Robot,
     findings: Findings,

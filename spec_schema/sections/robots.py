@@ -9,7 +9,7 @@ from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
 from spec_schema.errors import schema as errors
 from spec_schema.fields.entry import Entry, RefusedError
-from spec_schema.fields.located import Choice, Located
+from spec_schema.fields.located import Choice, Located, Spelled
 from spec_schema.fields.named_tables import Named
 from spec_schema.fields.plain import DifferentOf, LocatedText, located_choice, reads, scalar
 from spec_schema.fields.quantities import QUANTITY, read_quantity
@@ -19,12 +19,17 @@ from spec_schema.yaml_tree.nodes import Listing, Node, kind
 
 
 @dataclass(frozen=True)
-class Joints:
+class Joints(Spelled):
     """`arm` or `[shoulder, elbow]`: the joints that move, by a dimension's labels or by a list."""
 
     dimension: Located[str] | None
     labels: tuple[Located[str], ...]
     span: Span = field(compare=False)
+
+    @property
+    def spelling(self) -> Located[str] | tuple[Located[str], ...]:
+        """The dimension, or the list."""
+        return self.dimension or self.labels
 
 
 def _read_joints(node: Node, findings: Findings) -> Joints:

@@ -8,7 +8,6 @@ from pydantic import ValidationInfo, model_validator
 
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import Span
-from spec_schema.errors import robots
 from spec_schema.errors import schema as errors
 from spec_schema.fields.entry import Entry, RefusedError, findings_of
 from spec_schema.fields.formulas import ExpressionField
@@ -18,7 +17,8 @@ from spec_schema.fields.named_tables import read_table
 from spec_schema.fields.plain import LocatedText, Text, reads, scalar
 from spec_schema.late_dataclass import dataclass
 from spec_schema.names import is_dotted_name
-from spec_schema.sections.robots import Robot
+from spec_schema.registry import PARTS, PartLine, with_keys
+from spec_schema.sections.part import part_kind
 from spec_schema.yaml_tree.nodes import Listing, Node, Table, kind
 
 
@@ -58,6 +58,7 @@ def _pattern(node: Node, findings: Findings) -> Located[str]:
     return Located(found.text, found.span, found.key)
 
 
+@with_keys(PARTS, after="spec")
 class Use(Entry):
     """Another spec as a part of this one; its members have the name of the part before theirs.
 
@@ -71,7 +72,7 @@ class Use(Entry):
 
     spec: LocatedText | None = None
     """File of the spec, relative to this one."""
-    robot: Robot | None = None
+    # fields of kinds of parts that features bring, such as `robot`, follow from the registry
     weights: LocatedText | None = None
     """File of weights that a training of it wrote; initial values without it."""
     freeze: Annotated[Freeze, reads(_read_freeze, _FREEZE)] = Freeze()
@@ -80,21 +81,36 @@ class Use(Entry):
 
     @property
     def file(self) -> Located[str]:
-        """The file that is used, of a spec or of a robot."""
-        found = self.spec if self.robot is None else self.robot.urdf
-        assert found is not None
-        return found
+        """The file that is used, of a spec or of another kind of part."""
+        if self.part is None:
+            assert self.spec is not None
+            return self.spec
+        line, entry = self.part
+        return getattr(entry, line.file)
+
+    @property
+    def part(self) -> tuple[PartLine, Entry] | None:
+        """The kind of part that is used instead of a spec, and its entry; None for a spec."""
+        return next(iter(self._parts()), None)
+
+    def _parts(self) -> list[tuple[PartLine, Entry]]:
+        given = ((line, getattr(self, line.key)) for line in PARTS)
+        return [(line, entry) for line, entry in given if entry is not None]
 
     @model_validator(mode="after")
     def _is_one_of_both(self, info: ValidationInfo) -> "Use":
         findings = findings_of(info)
-        if self.spec is None and self.robot is None:
-            findings.report(errors.missing_key("spec", self.place.key, self.noun))
-        elif self.robot is not None and self.spec is not None:
-            findings.report(robots.spec_or_robot(self.robot.place.key))
-        # learned inertias of a robot are parameters of this spec, and in its own weights
-        elif self.robot is not None and self.weights is not None:
-            findings.report(robots.weights_of_robot(self.weights.span))
+        parts = self._parts()
+        if not parts:
+            if self.spec is None:
+                findings.report(errors.missing_key("spec", self.place.key, self.noun))
+            return self
+        line, entry = parts[-1]
+        if self.spec is not None or len(parts) > 1:
+            findings.report(part_kind(line).beside_spec(entry.place.key))
+        # what such a part learns are parameters of this spec, and in its own weights
+        elif self.weights is not None:
+            findings.report(part_kind(line).with_weights(self.weights.span))
         return self
 
 

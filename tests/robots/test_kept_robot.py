@@ -1,5 +1,6 @@
 """A run keeps the URDF of its robot, and what it learned is read with it."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,8 @@ def test_masses_are_learned_and_the_run_stands_alone(tmp_path: Path) -> None:
     assert (result.folder / "parts" / "arm.urdf").read_bytes() == (
         tmp_path / "planar.urdf"
     ).read_bytes()
+    record = json.loads((result.folder / "run.json").read_text(encoding="utf-8"))["parts"]["arm"]
+    assert record["kind"] == "robot"
     (tmp_path / "planar.urdf").unlink()
     again = load_model(result.folder)
     assert [parameter.name for parameter in again.program.parameters] == ["arm.mass"]

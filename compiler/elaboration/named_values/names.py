@@ -17,13 +17,14 @@ from compiler.elaboration.named_values.unknown_names import (
     unknown_method,
     unknown_value,
 )
+from compiler.elaboration.part_members import members_of
 from compiler.ir.program import NodeId
 from compiler.ir.scalars.signatures import SIGNATURES
 from compiler.ir.types import WINDOW, Axis, Type
 from compiler.layers.rules.layer_context import LayerStores
 from compiler.linking.connected import Connected
 from compiler.linking.given_weights import GivenWeights
-from compiler.linking.link import Linked, RobotPart
+from compiler.linking.link import Linked, LinkedPart
 from compiler.lowering.arrays.arrays import Arrays
 from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment, EnvironmentPart, Time
@@ -142,11 +143,9 @@ class Elaboration:
         base, _, rest = member.base.rpartition(".")
         if member.base not in self.context.scope and base in self.context.scope:  # `x.meas.meas`
             member = Member(base, f"{rest}.{member.name}", member.span)
-        robot = self._robot_of(member)
-        if robot is not None:
-            from compiler.robots.calls import unknown_member  # most specs have no robot
-
-            self.context.findings.report(unknown_member(*robot, member))
+        part = self._part_of(member)
+        if part is not None:
+            self.context.findings.report(members_of(part.line).unknown(part, member))
             raise LoweringFailed
         entry = self.declared(member.base, member.span, member.name).entry
         if isinstance(entry, Use):
@@ -180,12 +179,10 @@ class Elaboration:
         """The value of a layer, function or builtin."""
         function = call.function
         if isinstance(function, Member):
-            robot = self._robot_of(function)
-            if robot is not None:
-                from compiler.robots.calls import lower_robot_call
-
-                self._forbid_in_constant(robot[0], function.span, environment)
-                return lower_robot_call(self.context, *robot, call, environment)
+            part = self._part_of(function)
+            if part is not None:
+                self._forbid_in_constant(part.name, function.span, environment)
+                return members_of(part.line).call(self.context, part, call, environment)
             owner = self.context.scope.get(function.base)
             if owner is not None and isinstance(owner.entry, Layer):
                 self.context.used.add(function.base)
@@ -243,13 +240,13 @@ class Elaboration:
 
     # ---- inside
 
-    def _robot_of(self, member: Member) -> tuple[str, RobotPart] | None:
-        """The robot that a member, or the frame before its dot, belongs to."""
-        # `arm.tip.position`: its base is the frame `arm.tip`, whose robot is `arm`
+    def _part_of(self, member: Member) -> LinkedPart[object] | None:
+        """The part, such as a robot, that a member or what stands before its dot belongs to."""
+        # `arm.tip.position`: its base is the frame `arm.tip` of the robot `arm`
         for name in (member.base, member.base.rpartition(".")[0]):
-            part = self._linked.robots.get(name)
+            part = self._linked.parts.get(name)
             if part is not None and member.base not in self.context.spec.dims:
-                return name, part
+                return part
         return None
 
     def _at_a_stage(self, name: str, entry: Signal, environment: Environment) -> NodeId | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from msnn.features.language_server.positions import START, Position, TextRange, range_of
 from msnn.features.language_server.view import View
+from spec_schema.registry import PARTS
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,9 @@ def definition(view: View, position: Position) -> Definition | None:
 
 
 def _used_file(view: View, path: tuple[str, ...], position: Position) -> str | None:
-    """The spec of a sub-model: `use: {plant: plant.msnn.yaml}`, or its key `spec` or `urdf`."""
+    """The file of a sub-model: `use: {plant: plant.msnn.yaml}`, or its key `spec` or `urdf`."""
     # `use: {plant: FILE}` and `use: {plant: {spec: FILE}}`
-    if path[:1] != ("use",) or (len(path) > 2 and path[-1] not in ("spec", "urdf", "robot")):
+    if path[:1] != ("use",) or (len(path) > 2 and path[-1] not in _KEYS_OF_FILES):
         return None
     line = view.source.line(position.line + 1) if position.line < view.source.line_count else ""
     folder = Path(view.source.path).parent
@@ -51,6 +52,9 @@ def _used_file(view: View, path: tuple[str, ...], position: Position) -> str | N
         if "." in word and _is_file(name):
             return name
     return None
+
+
+_KEYS_OF_FILES = ("spec", *(key for line in PARTS for key in (line.key, line.file)))
 
 
 def _is_file(name: str) -> bool:

@@ -118,6 +118,18 @@ def test_a_member_is_defined_in_the_file_of_its_sub_model(tmp_path: Path):
     assert elsewhere == of_member
 
 
+@pytest.mark.parametrize("value", ["arm.urdf", "{urdf: arm.urdf}"])
+def test_the_file_of_a_robot_is_found_as_that_of_a_spec(value: str, tmp_path: Path):
+    (tmp_path / "arm.urdf").write_text("<robot name='arm'/>\n")
+    use = f"use: {{arm: {{robot: {value}}}}}"
+    path = str(tmp_path / "whole.msnn.yaml")
+    view, _ = viewed("|" + PLANT)
+    view = View(SourceText(path, use), view.knowledge)
+    found = definition(view, Position(0, use.index("arm.urdf") + 2))
+    assert found is not None
+    assert found.path == str(tmp_path / "arm.urdf")
+
+
 @pytest.mark.parametrize(
     ("text", "some", "none"),
     [
