@@ -153,6 +153,11 @@ PLANTS = {
         "(h - 0.6)**2 + 0.01 * u**2", "5 * (h - 0.6)**2", {"h": (0.01, 1.5)},
         bounds="u: {min: 0, max: 2}, h: {max: 1}", kind="kinks",
     ),
+    "draining_tank": Plant(
+        {"h": "h + 0.1 * (0.5 * u - 0.6 * sqrt(h))"},
+        "(h - 0.6)**2 + 0.01 * u**2", "5 * (h - 0.6)**2", {"h": (0.01, 1.5)},
+        bounds="u: {min: 0, max: 2}, h: {max: 1}", kind="no values below 0",
+    ),
     "bilinear_reactor": Plant(
         {"c": "c + 0.1 * (1 - c - 2 * c * h * h)",
          "h": "h + 0.1 * (0.5 - h + 1.5 * c * h * h + u * (0.2 - h))"},
@@ -196,8 +201,10 @@ def solve_plant(name: str, plant: Plant, starts: int, folder: Path) -> tuple[str
         is_solved = found.status == 0 and controller.residuals(found).largest <= 2e-6
         counts["solved" if is_solved else "capped"] += 1
         resting = np.tile(functions.resting, (plant.horizon, 1)) / functions.scale_u
-        start = functions.plan(functions.rollout(found.given, resting), resting)
-        other = nlp.solve(found.given, start)
+        states = functions.rollout(found.given, resting)
+        if not np.isfinite(states).all():
+            states[:] = states[0]
+        other = nlp.solve(found.given, functions.plan(states, resting))
         if not other.succeeded:
             counts["ipopt fails"] += 1
             continue

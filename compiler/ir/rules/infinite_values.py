@@ -59,6 +59,11 @@ class InfiniteValues:
         self._made_of[node] = True
         self._unbounded[node] = True
 
+    def sign(self, node: NodeId) -> Sign:
+        """The known sign of every element."""
+        self._look(node)
+        return self._signs[node]
+
     def is_never_zero(self, node: NodeId) -> bool:
         """Whether no element of the value can be 0."""
         self._look(node)

@@ -151,3 +151,74 @@ def test_estimates_of_windows_are_those_of_a_problem_by_hand(tmp_path: Path) -> 
         inputs.append((pump, leak))
         estimator.predict({"pump": pump, "leak": leak})
         level = float(stepped(level, pump, leak)) + 0.1 * random.normal()
+
+
+JOINTS = """
+msnn: 1
+name: joints
+sample_time: 0.1 s
+dims: {joint: 2}
+inputs: {u: {dims: joint, between: hold}, wind: {dims: joint, between: linear}}
+states:
+  p: {dims: joint, der: v, init: p.meas}
+  v: {dims: joint, der: u - 0.3 * sin(p) + 0.1 * wind, init: v.meas}
+integrator: rk4
+outputs: {place: 1 * p}
+mpc:
+  horizon: 8
+  controls: [u]
+  preview: [wind]
+  cost: {stage: sum(p**2 + 0.1 * v**2 + 0.05 * u**2), terminal: 5 * sum(p**2)}
+  bounds: {u: {min: -2, max: 2, rate: 10}}
+  solver: {interior_point: {structure: STRUCTURE}}
+"""
+
+
+def planned_joints(state: Any, before: Any, wind: Any) -> tuple[float, Any]:
+    """J and the controls, (8, 2), of the wind at 9 samples."""
+    nlp = casadi.Opti()
+    x, u, cost = nlp.variable(4, 9), nlp.variable(2, 8), 0.0
+    nlp.subject_to(x[:, 0] == state)
+    for k in range(8):
+
+        def der(x: Any, part: float, k: int = k) -> Any:
+            blown = wind[k] + part * (wind[k + 1] - wind[k])
+            return casadi.vertcat(x[2:], u[:, k] - 0.3 * casadi.sin(x[:2]) + 0.1 * blown)
+
+        k1 = der(x[:, k], 0.0)
+        k2 = der(x[:, k] + 0.05 * k1, 0.5)
+        k3 = der(x[:, k] + 0.05 * k2, 0.5)
+        k4 = der(x[:, k] + 0.1 * k3, 1.0)
+        nlp.subject_to(x[:, k + 1] == x[:, k] + 0.1 / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+        nlp.subject_to(nlp.bounded(-2, u[:, k], 2))
+        nlp.subject_to(nlp.bounded(-1, u[:, k] - (u[:, k - 1] if k else before), 1))
+        cost += casadi.sumsqr(x[:2, k]) + 0.1 * casadi.sumsqr(x[2:, k])
+        cost += 0.05 * casadi.sumsqr(u[:, k])
+    nlp.minimize(cost + 5 * casadi.sumsqr(x[:2, 8]))
+    nlp.solver("ipopt", QUIET)
+    solved = nlp.solve()
+    return float(solved.value(nlp.f)), np.array(solved.value(u)).T
+
+
+@pytest.mark.parametrize("solver", ["c", "python"])
+@pytest.mark.parametrize("structure", ["staged", "condensed"])
+def test_vectors_of_controls_and_a_preview_on_straight_lines(
+    structure: str, solver: Solver, tmp_path: Path
+) -> None:
+    """What is read of the sample after the preview is its last value."""
+    if solver == "c":
+        require_tool("gcc", install="apt install gcc")
+    own = controller(tmp_path, JOINTS.replace("STRUCTURE", structure), solver)
+    before = np.zeros(2)
+    own.reset(control={"u": before})
+    p, v = np.array([1.0, -0.5]), np.array([0.2, 0.0])
+    for t in range(3):
+        time = np.minimum(t + np.arange(9), t + 7)
+        wind = np.stack([np.sin(0.3 * time), np.cos(0.5 * time)], axis=1)
+        found = own.solve({"p": p, "v": v}, disturbances={"wind": wind[:8]})
+        cost, controls = planned_joints(np.concatenate([p, v]), before, wind)
+        assert found.status is Status.SOLVED
+        assert found.cost == pytest.approx(cost, rel=1e-6)
+        np.testing.assert_allclose(found.controls["u"], controls, atol=1e-4)
+        before = np.array(found.control["u"])
+        p, v = np.array(found.states["p"][1]), np.array(found.states["v"][1])

@@ -8,6 +8,8 @@ from backends.c_language.literals import Dtype, real_literal
 from msnn.features.control.problem.optimal_control.problem import Mode
 from msnn.features.control.problem.optimal_control.structure import Chosen
 
+_FAR = 1e3
+
 
 def reachable(tolerance: float, dtype: Dtype) -> float:
     """The tolerance, or in single precision what rounding leaves of it."""
@@ -19,6 +21,14 @@ def reachable(tolerance: float, dtype: Dtype) -> float:
 def floor_of_curvature(dtype: Dtype) -> float:
     """The least curvature of the cost in a number divided by its scale."""
     return 1e-8 if dtype == "float64" else 1e-5
+
+
+def most_factors(largest_scale: float, dtype: Dtype) -> float:
+    """How many numbers of a plan have a finite product; `largest_scale` is that of any of them.
+
+    A plan is followed as far as FAR by its scales and where it was measured, which may be as far.
+    """
+    return float(np.log(np.finfo(dtype).max) / np.log(_FAR**2 * largest_scale))
 
 
 def solver_constants(
@@ -90,7 +100,7 @@ def solver_constants(
         ("HUGEST", float(np.finfo(dtype).max), "Where the least of products begins."),
         ("SMALL_RATIO", 1e-8, "Products of ratios beyond this are taken apart."),
         ("LARGE_RATIO", 1e8, "The same for large ones."),
-        ("FAR", 1e3, "How far a plant is followed, by the scales of its states or its start."),
+        ("FAR", _FAR, "How far a plant is followed, by the scales of its states or its start."),
         ("LEAST_ROOM", 1e-9 if exact else 1e-5, "Distance of limits that leaves a control room."),
     ]
     if not is_staged:

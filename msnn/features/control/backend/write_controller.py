@@ -18,7 +18,12 @@ from backends.c_language.tree import Function
 from backends.files.atomic_write import write_text
 from backends.files.export_identity import with_identity
 from msnn.features.control.backend.about import about_text
-from msnn.features.control.backend.constants import floor_of_curvature, reachable, solver_constants
+from msnn.features.control.backend.constants import (
+    floor_of_curvature,
+    most_factors,
+    reachable,
+    solver_constants,
+)
 from msnn.features.control.backend.inputs import input_fields, quantity_lines
 from msnn.features.control.backend.members import Sizes, members
 from msnn.features.control.backend.numbers import TypedLiterals
@@ -81,12 +86,14 @@ def solver_texts(
     table = FunctionTable(FunctionNames(name, dtype, "own"))
     structure = chosen_structure(problem)
     made = (condensed_form if structure == "condensed" else staged_form)(problem, rows)
-    stage, terminal, functions = _functions(problem, rows, table, numbers.real, made)
     fields = input_fields(problem)
-    given = made.stages.given.size
     nx, nu = problem.states.size, problem.controls.size
-    results = made.stages.size
     scales = [problem.state_scales[m.name] for m in problem.states.members for _ in range(m.size)]
+    of_rows = [row.scale for row in rows.rows]
+    factors = most_factors(max([1.0, *scales, *of_rows[:nu]]), dtype)
+    stage, terminal, functions = _functions(problem, rows, table, numbers.real, made, factors)
+    given = made.stages.given.size
+    results = made.stages.size
     # lowest and highest of each row in turn, which is what numbers sides 2 r and 2 r + 1
     sides = [limit for row in rows.rows for limit in (row.minimum, row.maximum)]
     hard = [int(row.hard) for row in rows.rows]
@@ -106,7 +113,6 @@ def solver_texts(
         past_moves=structure == "condensed",
     )
     struct = members(sizes, made.shapes, numbers.real)
-    of_rows = [row.scale for row in rows.rows]
     # the numbers that a stage reads, in its order, are those of x and then those of u
     read_numbers: list[int] = made.facts["read_numbers"]
     of_stage = [[*scales, *of_rows[:nu]][at] for at in read_numbers]
@@ -180,6 +186,7 @@ def solver_texts(
         "hard": hard if any(hard) else [],
         "resting": resting_controls(rows, nu),
         "can_be_infinite": stage.can_be_infinite or terminal.can_be_infinite,
+        "can_end": stage.can_end or terminal.can_end,
         "lacks_steady": stage.lacks_steady,
         "starts_again": problem.starts_again,
         "most_iterations": problem.most_iterations,
@@ -215,10 +222,15 @@ def solver_texts(
 
 
 def _functions(
-    problem: ControlProblem, rows: Rows, table: FunctionTable, real: str, made: Form
+    problem: ControlProblem,
+    rows: Rows,
+    table: FunctionTable,
+    real: str,
+    made: Form,
+    factors: float,
 ) -> tuple[StageFunctions, StageFunctions, list[Function]]:
     """The stage, the end of the horizon, and all functions in the order of the text."""
-    writer = StageWriter(table, problem.program.formulas, real)
+    writer = StageWriter(table, problem.program.formulas, real, factors)
     stage = writer.stage("", made.stages.stage, made.stage)
     terminal = writer.stage("terminal_", made.stages.terminal, made.terminal)
     functions = [stage.values, stage.slopes, terminal.values, terminal.slopes]

@@ -43,8 +43,10 @@ class ReferenceMethod:
             return self._found(given, allowed, solve(*self._cold(given, allowed, begun), None))
         before = _shifted(self._last)
         outcome = solve(before.states, allowed.blocked(before.controls), before)
-        # in the mode `fixed` a second solve would take twice the time that was promised
-        if self._problem.mode == "converged" and not outcome.residual <= tolerance:
+        # in the mode `fixed` a second solve would take twice the time that was promised, unless the
+        # first one ended where it began
+        may_begin_again = self._problem.mode == "converged" or outcome.iterations == 0
+        if may_begin_again and not outcome.residual <= tolerance:
             again = solve(*self._cold(given, allowed, self._functions.resting), None)
             spent = outcome.iterations + again.iterations
             # not less or equal: also where the first one is NaN
@@ -60,9 +62,11 @@ class ReferenceMethod:
         states = self._functions.rollout(given, controls)
         start = given.state / self._functions.scale_x
         limit = _FAR * max(1.0, float(np.max(np.abs(start), initial=0.0)))
-        # an unstable plant runs away under a control that does not fit: rest is a better start
-        # (decision 0290)
-        if not np.all(np.abs(states) <= limit):
+        with np.errstate(all="ignore"):
+            has_values = self._functions.values(given, states, controls).are_finite
+        # an unstable plant runs away under a control that does not fit, and a tank is emptied below
+        # where a root has values: rest is a better start (decisions 0290 and 0491)
+        if not (has_values and np.all(np.abs(states) <= limit)):
             states = np.tile(start, (n + 1, 1))
         return states, controls
 

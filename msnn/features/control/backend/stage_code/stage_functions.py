@@ -15,6 +15,7 @@ from msnn.features.control.backend.stage_code.cut import CutGraph, cut_at_values
 from msnn.features.control.backend.stage_code.function_body import FunctionBody, part, vector_places
 from msnn.features.control.backend.stage_code.placed_matrix import PlacedMatrix
 from msnn.features.control.backend.stage_code.series import Place
+from msnn.features.control.backend.stage_code.values_that_end import can_end
 from msnn.features.control.backend.value_at_zero import Zeros, values_at_zero
 
 
@@ -66,6 +67,8 @@ class StageFunctions:
     kept: int
     can_be_infinite: bool
     """Whether slopes can be infinite where variables are finite."""
+    can_end: bool
+    """Values can be NaN or infinite where variables are finite, however far."""
     lacks_steady: bool
     """Whether the values are those without what steady slopes say."""
 
@@ -73,10 +76,17 @@ class StageFunctions:
 class StageWriter:
     """Writes functions that share prefix, kernels and type."""
 
-    def __init__(self, functions: FunctionTable, formulas: tuple[Formula, ...], real: str) -> None:
+    def __init__(
+        self,
+        functions: FunctionTable,
+        formulas: tuple[Formula, ...],
+        real: str,
+        most_factors: float,
+    ) -> None:
         self._functions = functions
         self._formulas = formulas
         self._real = real
+        self._most_factors = most_factors
 
     def stage(self, name: str, found: StepDerivatives, arrays: StageArrays) -> StageFunctions:
         """`<prefix>_<name>value` and `<prefix>_<name>slopes` of these derivatives."""
@@ -103,6 +113,7 @@ class StageWriter:
             self._slopes(f"{name}slopes", found, cut, places, arrays),
             sum(type.size for type in types),
             any(matrix.perhaps_infinite for matrix in found.matrices),
+            can_end(found.graph, found.values.values(), self._most_factors),
             lean is not None,
         )
 

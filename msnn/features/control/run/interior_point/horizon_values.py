@@ -23,6 +23,11 @@ class Values:
     rows: Array
     """h, (N+1, m)."""
 
+    @property
+    def are_finite(self) -> bool:
+        """Every stage has values: a root, say, has none of what is below 0."""
+        return all(bool(np.isfinite(v).all()) for v in (self.cost, self.following, self.rows))
+
 
 @dataclass(frozen=True, slots=True)
 class Slopes:
