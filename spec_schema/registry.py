@@ -189,12 +189,6 @@ TARGETS = FeatureLines(
 )
 """In the order in which they are written, after those of the core."""
 
-VERIFIED_EXPORTS = (
-    LateObject("msnn.features.control.verification.verified_export", "CONTROLLERS"),
-)
-"""The kinds of exports that `msnn verify` checks besides the C of a model, each a
-`msnn.verification.verified_export.VerifiedExport`."""
-
 FixedPoint: TypeAlias = Literal["q15", "q31"]
 
 
@@ -216,6 +210,12 @@ ARITHMETICS: dict[FixedPoint, ArithmeticLine] = {
     "q31": ArithmeticLine(_FIXED_POINT, word_bits=32, sum_bits=64),
 }
 """By the `dtype` of `export: {c: …}` that asks for it."""
+
+VERIFIED_EXPORTS = (
+    LateObject("msnn.features.control.verification.verified_export", "CONTROLLERS"),
+)
+"""The kinds of exports that `msnn verify` checks besides the C of a model, each a
+`msnn.verification.verified_export.VerifiedExport`."""
 
 
 def with_keys(

@@ -1,4 +1,4 @@
-"""`export --check` runs the words of C in fixed point against the integer interpreter."""
+"""What `export --check` and `msnn verify` do with C in fixed point."""
 
 from pathlib import Path
 
@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 
 from compiler.interpreter.interpreter import physical_weights
+from msnn.exports.export import write_export
+from msnn.verification.exported_c import read_exported_c
+from msnn.verification.host.fuzz import fuzz_check
+from msnn.verification.proof.proof import proof_checks
 from tests.agreement.exported import checked
 from tests.conditions import require_tool
 from tests.features.fixed_point.exported import fixed_model, gallery_text, planned
@@ -46,3 +50,16 @@ outputs: {{y: "{formula}", z: "k * u"}}
 """
     plan = planned(fixed_model(tmp_path, text, "q15"))
     assert checked(plan, {}, tmp_path / "c").agrees
+
+
+@pytest.mark.parametrize("dtype", ["q15", "q31"])
+def test_integers_are_neither_fuzzed_nor_proved_as_floats(dtype: str, tmp_path: Path) -> None:
+    plan = planned(fixed_model(tmp_path, gallery_text("reference"), dtype))
+    write_export(plan, {}, tmp_path / "c")
+    exported = read_exported_c(tmp_path / "c")
+    assert exported.number == "reference_word_t"
+    results = [check.run(tmp_path) for check in (fuzz_check(exported, 1), *proof_checks(exported))]
+    assert {(found.check, found.verdict) for found in results} == {
+        ("fuzz", "left out"),
+        ("proof", "left out"),
+    }
