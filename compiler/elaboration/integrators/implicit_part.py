@@ -21,7 +21,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import UNNAMED, Axis
 from compiler.jacobian.sparsity_pattern import nonzero_elements
-from compiler.lowering.notes.dynamics_calls import DynamicsCall
+from compiler.lowering.notes.solved_calls import SolvedCall
 from spec_schema.units.parser import parse_unit
 
 _SECOND = parse_unit("s")
@@ -36,17 +36,17 @@ class ImplicitPart:
     slope: NodeId
     equation: NodeId
 
-    def increment(self, step: float, dynamics: Mapping[NodeId, DynamicsCall]) -> NodeId:
-        """Δ; where f is the forward dynamics of a robot and τ a torque, from (M + h ∂τ/∂x) Δ."""
+    def increment(self, step: float, solved_calls: Mapping[NodeId, SolvedCall]) -> NodeId:
+        """Δ; where f is M⁻¹ (u − b) as the dynamics of a robot are, from (M − h ∂u/∂τ ∂τ/∂x) Δ."""
         builder = self.builder
         h = builder.constant(step, unit=_SECOND)
         own = _diagonal(builder, self.equation, self.value)
-        call = dynamics.get(self.slope)
-        through = None if call is None else _only_diagonal(builder, call.torque, self.equation)
+        call = solved_calls.get(self.slope)
+        through = None if call is None else _only_diagonal(builder, call.argument, self.equation)
         # M is solved by its structure only where h ∂τ/∂x is a number beside each of its diagonal
         if call is None or through is None:
             return self._eliminated(own, h)
-        # M times (I − h M⁻¹ ∂u/∂τ ∂τ/∂x), u the torque, is M − h ∂u/∂τ ∂τ/∂x: nothing is inverted,
+        # M times (I − h M⁻¹ ∂u/∂τ ∂τ/∂x) is M − h ∂u/∂τ ∂τ/∂x: nothing is inverted,
         # and a friction, which u has with a minus, adds to the diagonal
         added = builder.multiply(h, builder.multiply(builder.negate(through), own))
         return builder.multiply(h, call.with_diagonal(added))
