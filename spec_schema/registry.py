@@ -141,9 +141,9 @@ class PartLine:
 PARTS = FeatureLines(
     PartLine(
         "robot",
-        LateEntry("spec_schema.sections.robots", "Robot"),
+        LateEntry("msnn.features.robots.keys", "Robot"),
         kind=LateObject("msnn.features.robots.part", "ROBOT"),
-        members=LateObject("msnn.features.robots.members", "MEMBERS"),
+        members=LateObject("msnn.features.robots.dynamics.calls", "ROBOT_MEMBERS"),
         about="The rigid-body dynamics of what a URDF file describes; calls such as "
         "`arm.mass_matrix(q)`.",
         title="robot",

@@ -18,10 +18,10 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.liveness import needed
 from compiler.ir.program import Program
 from compiler.ir.types import Type
-from compiler.robots.learned_masses import with_masses
-from compiler.robots.members import forward_dynamics
-from compiler.robots.numbers import SignedNode
 from msnn.cli.application import run
+from msnn.features.robots.dynamics.learned_masses import with_masses
+from msnn.features.robots.dynamics.members import forward_dynamics
+from msnn.features.robots.dynamics.numbers import SignedNode
 from msnn.model.load import load_model
 from spec_schema.reading.reader import read_spec
 

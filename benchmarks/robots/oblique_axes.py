@@ -2,7 +2,8 @@
 
 Programs for drawing write such axes. A number of a direction moves the mass matrix by about its own
 size, so axes put straight by mistake are seen from 1e-10 on. Of 200 states for each size two go to
-`tests/robots/oracles/oblique.npz` with the URDFs; `tests/robots/test_oracles.py` reads them.
+`tests/features/robots/oracles/oblique.npz` with the URDFs, for
+`tests/features/robots/test_oracles.py`.
 
     python benchmarks/robots/oblique_axes.py
 
@@ -82,7 +83,7 @@ def main() -> None:
         texts.append(text)
         for name, values in (log | expected).items():
             kept.setdefault(name, []).append(values[:RECORDED])
-    folder = ROOT / "tests" / "robots" / "oracles"
+    folder = ROOT / "tests" / "features" / "robots" / "oracles"
     recorded = {name: np.array(values) for name, values in kept.items() if name != "ddq"}
     np.savez_compressed(folder / "oblique.npz", urdf=np.array(texts), **recorded)
 

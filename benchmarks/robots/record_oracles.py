@@ -1,8 +1,8 @@
 """Compares robots with pinocchio, ADAM and MuJoCo, and records what pinocchio says for the tests.
 
 Needs `pip install pin adam-robotics mujoco`, which the suite does not. 500 random states of each
-robot are compared; the first 50 go to `tests/robots/oracles/NAME.npz`, three of them to the
-reference cases `tests/language/cases/robots/NAME.yaml`, which run in every backend.
+robot are compared; the first 50 go to `tests/features/robots/oracles/NAME.npz`, three of them to
+the reference cases `tests/language/cases/robots/NAME.yaml`, which run in every backend.
 
     python benchmarks/robots/record_oracles.py
 """
@@ -155,7 +155,7 @@ def by_mujoco(robot: Robot, labels: tuple[str, ...], log: dict[str, Array]) -> A
 def record(
     robot: Robot, labels: tuple[str, ...], log: dict[str, Array], found: dict[str, Array]
 ) -> None:
-    folder = ROOT / "tests" / "robots" / "oracles"
+    folder = ROOT / "tests" / "features" / "robots" / "oracles"
     folder.mkdir(exist_ok=True)
     kept = {name: values[:RECORDED] for name, values in (log | found).items()}
     np.savez_compressed(folder / f"{robot.name}.npz", **kept)

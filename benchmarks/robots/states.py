@@ -15,7 +15,7 @@ from msnn.model.load import load_model
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
-URDF = ROOT / "tests" / "robots" / "urdf"
+URDF = ROOT / "tests" / "features" / "robots" / "urdf"
 Z1 = ROOT / "examples" / "z1_friction" / "z1.urdf"
 
 SPEC = """

@@ -14,9 +14,9 @@ from compiler.ir.types import Axis, Type, describe_axes
 from compiler.linking.given_weights import GivenWeights
 from compiler.lowering.environment import Environment, EnvironmentPart, FunctionArgument, Time
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.notes.dynamics_calls import DynamicsCall
 from compiler.lowering.notes.gradient_sources import GradientSources
 from compiler.lowering.notes.memories import Memories
+from compiler.lowering.notes.solved_calls import SolvedCall
 from compiler.lowering.notes.stage_reads import StageReads
 from compiler.lowering.sampling import Sampling
 from compiler.lowering.scope import Declaration, Scope
@@ -98,8 +98,8 @@ class Context:
     memories: Memories = field(default_factory=Memories)
     gradients: GradientSources = field(default_factory=GradientSources)
     stage_reads: StageReads = field(default_factory=StageReads)
-    dynamics: dict[NodeId, DynamicsCall] = field(default_factory=dict[NodeId, DynamicsCall])
-    """Calls of forward dynamics of robots in the step, by the node of their result."""
+    solved_calls: dict[NodeId, SolvedCall] = field(default_factory=dict[NodeId, SolvedCall])
+    """Calls in the step that solve linear equations, by the node of their result."""
     used: set[str] = field(default_factory=set[str])
     """Names that the spec refers to."""
     unread: list[FunctionArgument] = field(default_factory=list[FunctionArgument])

@@ -1,4 +1,4 @@
-"""E0351, E07xx, E0849-E0852: states and loops, rows of losses, starts."""
+"""E0351, E07xx, E0849-E0852, E1222: states and loops, rows of losses, starts."""
 
 from collections.abc import Sequence
 
@@ -93,3 +93,9 @@ def reset_to_the_log(name: str, span: Span | None, *, fitted: bool) -> Diagnosti
     repair = "give `init` a value that is always known, or write `on_range: saturate`"
     label = "found from logged rows" if fitted else "measured before the first step only"
     return error("E0742", span, message, label, help=repair)
+
+
+def implicit_of_what(name: str, problem: str, span: Span, repair: str) -> Diagnostic:
+    """E1222: something that `linear_implicit: {of: …}` cannot take implicitly."""
+    message = f"`linear_implicit` of `{name}`: {problem}"
+    return error("E1222", span, message, "of this", help=repair)

@@ -250,14 +250,12 @@ def test_rooms_of_what_a_spec_does_not_have_stay_closed(project: Path):
         "compiler.layers.fir",
         "compiler.layers.local_model",
         "compiler.linking.renaming",  # `use`
-        "compiler.robots",
-        "spec_schema.robots",  # `robot`
-        "msnn.features.robots",
         "msnn.features.control.keys.estimator",
         "spec_schema.sections.layers.filters",
         "spec_schema.sections.layers.networks",
         "spec_schema.sections.layers.tables",
         "msnn.features.control.keys.mpc",
+        "msnn.features.robots",
     ):
         assert not {name for name in loaded if f"{name}.".startswith(f"{closed}.")}
 

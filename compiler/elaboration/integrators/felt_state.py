@@ -12,7 +12,7 @@ from compiler.lowering.context import Context
 from compiler.lowering.environment import STEP, Environment
 from compiler.lowering.expressions import lower
 from compiler.lowering.failure import LoweringFailed
-from spec_schema.errors import robots
+from spec_schema.errors import states
 from spec_schema.expressions.tree import Name
 from spec_schema.fields.located import Located
 from spec_schema.sections.signals import Equation
@@ -58,7 +58,7 @@ def felt_state(
 
 
 def _refuse(context: Context, of: Located[str], problem: str, repair: str) -> NoReturn:
-    context.findings.report(robots.implicit_of_what(of.value, problem, of.span, repair))
+    context.findings.report(states.implicit_of_what(of.value, problem, of.span, repair))
     raise LoweringFailed
 
 

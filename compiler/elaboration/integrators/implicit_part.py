@@ -21,7 +21,7 @@ from compiler.ir.builder import GraphBuilder
 from compiler.ir.program import NodeId
 from compiler.ir.types import UNNAMED, Axis
 from compiler.jacobian.sparsity_pattern import nonzero_elements
-from compiler.lowering.notes.dynamics_calls import DynamicsCall
+from compiler.lowering.notes.solved_calls import SolvedCall
 from spec_schema.units.parser import parse_unit
 
 _SECOND = parse_unit("s")
@@ -36,16 +36,17 @@ class ImplicitPart:
     slope: NodeId
     equation: NodeId
 
-    def increment(self, step: float, dynamics: Mapping[NodeId, DynamicsCall]) -> NodeId:
+    def increment(self, step: float, solved_calls: Mapping[NodeId, SolvedCall]) -> NodeId:
         """Returns Δ for a step of `step` seconds.
 
-        If f is the forward dynamics of a robot and τ a torque, it solves (M + h ∂τ/∂x) Δ instead.
+        If f is M⁻¹ (u − b), as the forward dynamics of a robot with torque τ, it solves
+        (M − h ∂u/∂τ ∂τ/∂x) Δ instead.
         """
         builder = self.builder
         h = builder.constant(step, unit=_SECOND)
         own = _diagonal(builder, self.equation, self.value)
-        call = dynamics.get(self.slope)
-        through = None if call is None else _only_diagonal(builder, call.torque, self.equation)
+        call = solved_calls.get(self.slope)
+        through = None if call is None else _only_diagonal(builder, call.argument, self.equation)
         # the structured solver of M can only add a term to each diagonal element
         if call is None or through is None:
             return self._eliminated(own, h)

@@ -199,7 +199,7 @@ class _Steps:
         part = ImplicitPart(builder, apart[name], slope, equation)
         expression = self.vector_field[name].expression
         with builder.at(expression.span):
-            increment = part.increment(self.step_length, self.context.dynamics)
+            increment = part.increment(self.step_length, self.context.solved_calls)
             moved = dict(values) | {name: self._sum(builder, name, values[name], increment)}
         builder.conflicts.clear()  # units of derivatives are not declared anywhere
         self._check_rate(builder, name, slope)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeVar
 
+from msnn.features.robots import errors
+from msnn.features.robots.urdf.robot_part import robot_part
+from msnn.features.robots.urdf.urdf_file import Urdf, read_urdf
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText
-from spec_schema.errors import robots as errors
-from spec_schema.robots.part import robot_part
-from spec_schema.robots.urdf import Urdf, read_urdf
 from spec_schema.sections.part import PartKind
 
 _Piece = TypeVar("_Piece")

@@ -7,8 +7,8 @@ import numpy as np
 from compiler.interpreter.interpreter import Interpreter
 from compiler.ir import ops
 from compiler.ir.liveness import needed
+from tests.features.robots.robots import URDF, model_of
 from tests.language.compiled import compiled, simulated
-from tests.robots.robots import URDF, model_of
 
 H = 0.05
 

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 HERE = Path(__file__).parent
 URDF = HERE / "urdf"
-Z1 = HERE.parents[1] / "examples" / "z1_friction" / "z1.urdf"
+Z1 = HERE.parents[2] / "examples" / "z1_friction" / "z1.urdf"
 
 
 def model_of(folder: Path, text: str) -> Model:

@@ -165,12 +165,6 @@ def weights_of_robot(span: Span) -> Diagnostic:
     return error("E1221", span, message, "for a robot", help=repair)
 
 
-def implicit_of_what(name: str, problem: str, span: Span, repair: str) -> Diagnostic:
-    """E1222: something that `linear_implicit: {of: …}` cannot take implicitly."""
-    message = f"`linear_implicit` of `{name}`: {problem}"
-    return error("E1222", span, message, "of this", help=repair)
-
-
 def crossed_limits(joint: str, lower: float, upper: float, span: Span) -> Diagnostic:
     """E1225: limits of a joint of which the lower one is above the upper one."""
     message = f"the joint `{joint}` cannot move: its limits begin at {lower:g} and end at {upper:g}"

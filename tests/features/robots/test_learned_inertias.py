@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compiler.ir.program import Program
-from tests.robots.robots import URDF, model_of, outputs_at
+from tests.features.robots.robots import URDF, model_of, outputs_at
 
 TEXT = """
 use: {{arm: {{robot: {{urdf: {0}/tree.urdf{1}}}}}}}

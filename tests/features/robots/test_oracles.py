@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.robots.robots import HERE, URDF, Z1, model_of, outputs_at
+from tests.features.robots.robots import HERE, URDF, Z1, model_of, outputs_at
 
 ROBOTS = {
     "planar": f"{{urdf: {URDF}/planar.urdf, frames: {{tip: hand}}}}",

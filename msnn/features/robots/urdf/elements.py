@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
+from msnn.features.robots import errors
+from msnn.features.robots.urdf.geometry import IDENTITY, ZERO, Matrix, Vector, rotation
+from msnn.features.robots.urdf.xml_tree import XmlElement
 from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.errors import robots as errors
-from spec_schema.robots.geometry import IDENTITY, ZERO, Matrix, Vector, rotation
-from spec_schema.robots.xml_tree import XmlElement
 
 LARGEST = 1e30
 """In any unit: sums of mass times length squared stay far from what overflows."""

@@ -9,10 +9,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.diagnostics.source import SourceText, Span
-from spec_schema.errors import robots as errors
-from spec_schema.robots.elements import (
+from msnn.features.robots import errors
+from msnn.features.robots.urdf.elements import (
     LARGEST,
     attribute_of,
     axis_of,
@@ -20,7 +18,7 @@ from spec_schema.robots.elements import (
     only_element,
     origin_of,
 )
-from spec_schema.robots.geometry import (
+from msnn.features.robots.urdf.geometry import (
     Matrix,
     Vector,
     is_positive,
@@ -28,8 +26,10 @@ from spec_schema.robots.geometry import (
     second_moment,
     transposed,
 )
-from spec_schema.robots.robot import Inertia
-from spec_schema.robots.xml_tree import XmlElement, read_xml
+from msnn.features.robots.urdf.robot import Inertia
+from msnn.features.robots.urdf.xml_tree import XmlElement, read_xml
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import SourceText, Span
 
 MOVING = ("revolute", "continuous", "prismatic")
 _REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")

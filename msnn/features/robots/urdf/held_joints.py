@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from msnn.features.robots import errors
+from msnn.features.robots.urdf.elements import LARGEST
+from msnn.features.robots.urdf.urdf_file import Joint, Urdf
 from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.errors import robots as errors
-from spec_schema.robots.elements import LARGEST
-from spec_schema.robots.urdf import Joint, Urdf
 
 
 def held_positions(urdf: Urdf, moving: Collection[str], findings: Findings) -> dict[str, float]:

@@ -8,7 +8,7 @@ import pytest
 from compiler.ir import ops
 from compiler.ir.liveness import needed
 from spec_schema.diagnostics.diagnostic import SpecError
-from tests.robots.robots import URDF, Z1, model_of, outputs_at
+from tests.features.robots.robots import URDF, Z1, model_of, outputs_at
 
 PLANAR = f"urdf: {URDF}/planar.urdf"
 TREE = f"urdf: {URDF}/tree.urdf"

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
+from msnn.features.robots import errors
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText, Span
-from spec_schema.errors import robots as errors
 
 DEEPEST = 64
 _LONGEST_PLACE = 200

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from compiler.robots.joints import RigidBodies
-from compiler.robots.mass_distribution import MassDistribution, about_origin, of_factor
-from compiler.robots.numbers import Number, Rows, Triple, congruent, scaled, times
-from spec_schema.robots.geometry import transposed
-from spec_schema.robots.robot import Robot
+from msnn.features.robots.dynamics.joints import RigidBodies
+from msnn.features.robots.dynamics.mass_distribution import (
+    MassDistribution,
+    about_origin,
+    of_factor,
+)
+from msnn.features.robots.dynamics.numbers import Number, Rows, Triple, congruent, scaled, times
+from msnn.features.robots.urdf.geometry import transposed
+from msnn.features.robots.urdf.robot import Robot
 
 Read = Callable[[str, int], Sequence[Number]]
 """The numbers of a parameter (`mass`, `com`, `size`, `shear`) for one of the heavy bodies."""

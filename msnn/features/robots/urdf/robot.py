@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field
 
+from msnn.features.robots.urdf.geometry import IDENTITY, ZERO, Matrix, Vector
 from spec_schema.diagnostics.source import Span
 from spec_schema.late_dataclass import dataclass
-from spec_schema.robots.geometry import IDENTITY, ZERO, Matrix, Vector
 
 WORLD = -1
 """The parent of a body that hangs on nothing that moves."""

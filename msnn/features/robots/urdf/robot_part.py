@@ -6,16 +6,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import cast
 
+from msnn.features.robots import errors
+from msnn.features.robots import keys as sections
+from msnn.features.robots.urdf.bodies import Tree, tree_of
+from msnn.features.robots.urdf.geometry import (
+    Vector,
+    cholesky,
+    multiple,
+    product,
+    times,
+    transposed,
+)
+from msnn.features.robots.urdf.held_joints import held_positions
+from msnn.features.robots.urdf.robot import BASE_JOINTS, Body, BodyPoint, Robot
+from msnn.features.robots.urdf.urdf_file import Urdf, read_urdf
 from spec_schema.diagnostics.diagnostic import Findings
 from spec_schema.diagnostics.source import SourceText, Span
-from spec_schema.errors import robots as errors
 from spec_schema.fields.located import Located
-from spec_schema.robots.bodies import Tree, tree_of
-from spec_schema.robots.geometry import Vector, cholesky, multiple, product, times, transposed
-from spec_schema.robots.held_joints import held_positions
-from spec_schema.robots.robot import BASE_JOINTS, Body, BodyPoint, Robot
-from spec_schema.robots.urdf import Urdf, read_urdf
-from spec_schema.sections import robots as sections
 from spec_schema.sections.part import PartRead, SpecAround
 from spec_schema.units.conversion import converted
 from spec_schema.units.parser import parse_unit

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from compiler.elaboration.part_members import PartMembers
 from compiler.ir.builder import GraphBuilder
 from compiler.ir.ops import Concat, Constant, Reshape
 from compiler.ir.program import NodeId
@@ -15,10 +16,11 @@ from compiler.lowering.context import Context
 from compiler.lowering.environment import Environment
 from compiler.lowering.expressions import lower_all
 from compiler.lowering.failure import LoweringFailed
-from compiler.lowering.notes.dynamics_calls import DynamicsCall
-from compiler.robots.joints import RigidBodies
-from compiler.robots.learned_masses import with_masses
-from compiler.robots.members import (
+from compiler.lowering.notes.solved_calls import SolvedCall
+from msnn.features.robots import errors
+from msnn.features.robots.dynamics.joints import RigidBodies
+from msnn.features.robots.dynamics.learned_masses import with_masses
+from msnn.features.robots.dynamics.members import (
     FRAME_MEMBERS,
     MEMBERS,
     UNITS,
@@ -28,11 +30,11 @@ from compiler.robots.members import (
     forward_dynamics,
     undetermined_joint,
 )
-from compiler.robots.numbers import Number, SignedNode
+from msnn.features.robots.dynamics.numbers import Number, SignedNode
+from msnn.features.robots.urdf.robot import Robot
 from spec_schema.diagnostics.diagnostic import Diagnostic
-from spec_schema.errors import names, robots
+from spec_schema.errors import names
 from spec_schema.expressions.tree import Call, Expression, Member, Name
-from spec_schema.robots.robot import Robot
 from spec_schema.units.parser import parse_unit
 from spec_schema.units.unit import Unit
 
@@ -137,7 +139,7 @@ class _RobotCall:
         # a scalar is the same number at every joint; axes beside the joints, as a window, are kept
         if axes == tuple(rest) != () or any(axis in rest for axis in self._own_axes(member)):
             shown, wanted = _shown(self.call.function), f"`{self._joint.name}`"
-            report = robots.argument_of_robot(
+            report = errors.argument_of_robot(
                 shown, quantity, wanted, describe_axes(axes), expression.span
             )
             self.context.findings.report(report)
@@ -185,7 +187,7 @@ class _RobotCall:
         joint = undetermined_joint(known)
         if joint is not None:
             body = self.robot.bodies[joint]
-            report = robots.moves_without_mass(body.joint, body.span)
+            report = errors.moves_without_mass(body.joint, body.span)
             self.context.findings.report(report.seen_from(self.call.span, "called here"))
             raise LoweringFailed
 
@@ -206,7 +208,7 @@ class _RobotCall:
             found = self._by_position(forward_dynamics(bodies, arguments, added))
             return self._joined(found, (joint,), unit, (*nodes, diagonal))
 
-        self.context.dynamics[result] = DynamicsCall(nodes[-1], with_diagonal)
+        self.context.solved_calls[result] = SolvedCall(nodes[-1], with_diagonal)
 
     def _in_bodies(self, numbers: Sequence[Number]) -> list[Number]:
         """Numbers in the order of q in that of the bodies."""
@@ -287,8 +289,11 @@ class _RobotCall:
 def unknown_member(part: LinkedPart[Robot], member: Member) -> Diagnostic:
     """The report of something after the dot that a robot, or a frame of it, does not have."""
     known = FRAME_MEMBERS if member.base != part.name else (*MEMBERS, *part.model.frames)
-    return robots.unknown_robot_member(f"{member.base}.{member.name}", member.span, known)
+    return errors.unknown_robot_member(f"{member.base}.{member.name}", member.span, known)
 
 
 def _shown(function: Name | Member) -> str:
     return function.name if isinstance(function, Name) else f"{function.base}.{function.name}"
+
+
+ROBOT_MEMBERS = PartMembers(call=lower_robot_call, unknown=unknown_member)

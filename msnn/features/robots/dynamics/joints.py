@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from compiler.robots.mass_distribution import MassDistribution
-from compiler.robots.numbers import Number, Rows, SignedNode, Triple, plus, scaled
-from spec_schema.robots.robot import Body, Robot
+from msnn.features.robots.dynamics.mass_distribution import MassDistribution
+from msnn.features.robots.dynamics.numbers import Number, Rows, SignedNode, Triple, plus, scaled
+from msnn.features.robots.urdf.robot import Body, Robot
 
 Numbers: TypeAlias = Sequence[Number]
 """One for each body, parents first."""

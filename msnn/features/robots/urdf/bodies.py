@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from spec_schema.diagnostics.diagnostic import Findings
-from spec_schema.diagnostics.source import Span
-from spec_schema.errors import robots as errors
-from spec_schema.robots.geometry import (
+from msnn.features.robots import errors
+from msnn.features.robots.urdf.geometry import (
     IDENTITY,
     ZERO,
     Matrix,
@@ -24,8 +22,10 @@ from spec_schema.robots.geometry import (
     to_axis,
     transposed,
 )
-from spec_schema.robots.robot import WORLD, Body, BodyPoint, Inertia
-from spec_schema.robots.urdf import Joint, Urdf
+from msnn.features.robots.urdf.robot import WORLD, Body, BodyPoint, Inertia
+from msnn.features.robots.urdf.urdf_file import Joint, Urdf
+from spec_schema.diagnostics.diagnostic import Findings
+from spec_schema.diagnostics.source import Span
 
 _AXES: Mapping[str, tuple[bool, Vector]] = {
     "base_x": (True, (1.0, 0.0, 0.0)),

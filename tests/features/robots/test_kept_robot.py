@@ -12,7 +12,7 @@ from msnn.model.model_weights import choose_weights
 from msnn.training.training_result import TrainingResult
 from spec_schema.diagnostics.diagnostic import SpecError
 from tests.conditions import require_tool
-from tests.robots.robots import URDF
+from tests.features.robots.robots import URDF
 
 SPEC = """
 msnn: 1

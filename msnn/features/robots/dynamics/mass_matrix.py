@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from compiler.robots.joints import Numbers, RigidBodies
-from compiler.robots.mass_distribution import MassDistribution
-from compiler.robots.numbers import Number, Triple, cross, plus, times
-from spec_schema.robots.robot import WORLD
+from msnn.features.robots.dynamics.joints import Numbers, RigidBodies
+from msnn.features.robots.dynamics.mass_distribution import MassDistribution
+from msnn.features.robots.dynamics.numbers import Number, Triple, cross, plus, times
+from msnn.features.robots.urdf.robot import WORLD
 
 Entries = list[list[Number]]
 """The lower triangle of a matrix, a row for each body; what is 0 by the tree stays 0.0."""

@@ -8,7 +8,7 @@ import numpy as np
 
 import msnn
 from tests.conditions import require_tool
-from tests.robots.robots import URDF, model_of
+from tests.features.robots.robots import URDF, model_of
 
 REACH = f"""
 dims: {{joint: [shoulder, elbow]}}

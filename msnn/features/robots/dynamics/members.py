@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from compiler.robots.joints import RigidBodies
-from compiler.robots.kinematics import position, velocity
-from compiler.robots.mass_matrix import mass_matrix, pivots, solved
-from compiler.robots.newton_euler import joint_forces
-from compiler.robots.numbers import NOTHING, Number
-from spec_schema.robots.robot import BodyPoint
+from msnn.features.robots.dynamics.joints import RigidBodies
+from msnn.features.robots.dynamics.kinematics import position, velocity
+from msnn.features.robots.dynamics.mass_matrix import mass_matrix, pivots, solved
+from msnn.features.robots.dynamics.newton_euler import joint_forces
+from msnn.features.robots.dynamics.numbers import NOTHING, Number
+from msnn.features.robots.urdf.robot import BodyPoint
 
 Quantity = Literal["q", "dq", "ddq", "tau", "mass", "place", "speed"]
 Along = Literal["joints", "pairs of joints", "space"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from compiler.robots.numbers import (
+from msnn.features.robots.dynamics.numbers import (
     NOTHING,
     Number,
     Rows,

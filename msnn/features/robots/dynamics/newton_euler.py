@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from compiler.robots.joints import Numbers, RigidBodies
-from compiler.robots.mass_distribution import MassDistribution
-from compiler.robots.numbers import (
+from msnn.features.robots.dynamics.joints import Numbers, RigidBodies
+from msnn.features.robots.dynamics.mass_distribution import MassDistribution
+from msnn.features.robots.dynamics.numbers import (
     NOTHING,
     Number,
     Rows,
@@ -16,7 +16,7 @@ from compiler.robots.numbers import (
     times,
     transposed,
 )
-from spec_schema.robots.robot import WORLD
+from msnn.features.robots.urdf.robot import WORLD
 
 
 def joint_forces(

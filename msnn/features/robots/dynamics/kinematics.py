@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from compiler.robots.joints import Numbers, RigidBodies
-from compiler.robots.numbers import NOTHING, Number, Triple, cross, plus, times, transposed
-from spec_schema.robots.robot import WORLD, BodyPoint
+from msnn.features.robots.dynamics.joints import Numbers, RigidBodies
+from msnn.features.robots.dynamics.numbers import (
+    NOTHING,
+    Number,
+    Triple,
+    cross,
+    plus,
+    times,
+    transposed,
+)
+from msnn.features.robots.urdf.robot import WORLD, BodyPoint
 
 
 def position(bodies: RigidBodies, place: BodyPoint, q: Numbers) -> list[Number]:

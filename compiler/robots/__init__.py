@@ -1,1 +1,0 @@
-"""Rigid-body dynamics of robots, written out in core operations."""

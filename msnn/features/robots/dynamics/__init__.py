@@ -1,0 +1,1 @@
+"""Rigid-body dynamics of a robot as numbers and scalars of a graph."""

@@ -1,1 +1,0 @@
-"""Robots: URDF files, read without trust into a tree of bodies with constant inertias."""
