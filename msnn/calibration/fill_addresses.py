@@ -1,4 +1,4 @@
-"""Fills the ASAP2 file of an export with the addresses of its instance in an ELF file."""
+"""Adds the addresses of variables in an ELF file to the ASAP2 file of an export."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OPTIONS = {
     "out": "--outputs",
     "calibration": "--calibration",
 }
-"""Structs, and the options that name their variables."""
+"""The options that name the variables of structs."""
 _SIZES = {
     "float32": {"real": 4},
     "float64": {"real": 8},
@@ -32,22 +32,21 @@ _SIZES = {
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """The completed file, and what was taken for each struct."""
+    """The completed file, and the variable of each struct."""
 
     text: str
     instances: Mapping[str, Instance]
-    """By struct."""
+    """Variable by struct."""
     objects: int
-    """How many have an address now."""
+    """Number of objects with an address."""
     warnings: tuple[Diagnostic, ...]
 
 
 def fill_addresses(elf: Path, export: Path, chosen: Mapping[str, str]) -> Filled:
     """The ASAP2 file of the export with addresses of the variables in the ELF file.
 
-    `chosen` names the variable of a struct where there is more than one. Without it parameters are
-    a variable of their type other than the defaults, if there is one. Raises SpecError,
-    MissingExtraError, OSError.
+    `chosen` names the variable of a struct if there are several. Otherwise parameters are the only
+    variable of their type besides the defaults. Raises SpecError, MissingExtraError, OSError.
     """
     text, description = _export(export)
     prefix: str = description["prefix"]
@@ -123,7 +122,7 @@ def _choose(
 
 
 def _sizes(description: Mapping[str, Any], struct: str) -> dict[str, int]:
-    """Bytes of each member."""
+    """Size of each member in bytes."""
     sizes = _SIZES[description["dtype"]]
     return {
         member["field"]: sizes[member["type"]] * math.prod(member["shape"])
@@ -145,7 +144,7 @@ def _compare(instance: Instance, sizes: Mapping[str, int], findings: Findings) -
 
 
 def _symbols(instances: Mapping[str, Instance]) -> dict[str, Symbol]:
-    """By what an export links an object to: type and member; of a segment the type alone."""
+    """Symbols by the link of an export: type and member; for a segment the type only."""
     whole = {each.type: Symbol(each.name, each.address) for each in instances.values()}
     return whole | {
         f"{instance.type}.{member}": Symbol(
