@@ -49,7 +49,7 @@ def compare(
     `jobs` is the number of parallel trainings. Each runs in a process, so a script needs the guard
     `if __name__ == "__main__"`.
 
-     `cost` counts instructions and bytes of the C code on a Cortex-M4F, if the tools
+    `cost` counts instructions and bytes of the C code on a Cortex-M4F, if the tools
     are installed. `runs/runs.jsonl` logs every training; a logged training is not repeated. Raises
     SpecError and TrainingInterruptedError.
     """
