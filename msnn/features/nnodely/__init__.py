@@ -1,1 +1,1 @@
-"""Reads models that other tools saved and writes them as specs and weights."""
+"""Imports models saved by nnodely as specs and weights."""
