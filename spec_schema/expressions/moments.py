@@ -17,7 +17,7 @@ _MOMENT = re.compile(
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _SECOND = timedelta(seconds=1)
 FARTHEST = 2**62
-"""Range of nanoseconds from 1970: the years 1823 to 2116, whose differences fit in 64 bits."""
+"""Maximum nanoseconds from 1970: the years 1823 to 2116, whose differences fit in 64 bits."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 import ast
 
 _INDICES = {"k", "n", "i", "t"}
-"""Names of the present sample in textbooks, with the name here."""
+"""Names of the present sample in textbooks, including `t`, the name here."""
 
 
 def time_elsewhere(node: ast.expr) -> str | None:

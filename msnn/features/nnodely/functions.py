@@ -44,7 +44,7 @@ _LONGEST = 40
 
 
 class NotRecognisedError(Exception):
-    """Maximum number of separately translated relations."""
+    """The relations of a recognised group must be followed one by one."""
 
 
 @dataclass(frozen=True, slots=True)

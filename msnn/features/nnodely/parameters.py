@@ -35,7 +35,7 @@ class Numbers:
 
     name: str
     values: NDArray[np.float64]
-    """The shape in the file: window first, then the dimensions."""
+    """Values in the file's shape: window first, then the dimensions."""
     timed: bool
 
     @property

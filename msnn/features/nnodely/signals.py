@@ -58,7 +58,7 @@ class Signals:
     inputs: dict[str, int] = field(default_factory=dict[str, int])
     states: dict[str, tuple[Term, int]] = field(default_factory=dict[str, "tuple[Term, int]"])
     equations: dict[str, Term] = field(default_factory=dict[str, Term])
-    """Inputs whose past is stored, from 0."""
+    """Equations whose past is stored; it is 0 before the start."""
     scoring: bool = False
     """True while losses are evaluated, which read recorded values."""
     targets: dict[str, int] = field(default_factory=dict[str, int])

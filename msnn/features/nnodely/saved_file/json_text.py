@@ -22,7 +22,7 @@ _FURTHEST_PLACE = 6
 _FURTHEST_ELEMENT = 64
 """List elements whose places are recorded; later faults are located at the list."""
 MOST_VALUES = 4_000_000
-"""Maximum number of lists and objects, which need thirty times their size in memory."""
+"""Maximum number of values: a file of empty lists needs thirty times its size in memory."""
 _BLANK = re.compile(r"[ \t\n\r]*")
 _NUMBER = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?")
 _WORD = re.compile(r"[A-Za-z_+-]+|.", re.DOTALL)

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 LARGEST = float(np.finfo(np.float32).max)
-"""Digits of single precision, which nnodely uses."""
+"""Largest number in single precision, in which nnodely computes."""
 ATOM, POWER, SIGN, PRODUCT, SUM = 5, 4, 3, 2, 1
 """Precedence of a text."""
 
