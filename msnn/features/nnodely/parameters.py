@@ -40,7 +40,7 @@ class Numbers:
 
     @property
     def turned(self) -> NDArray[np.float64]:
-        """The shape with the window last, without axes of length 1."""
+        """The values with the window last, without axes of length 1."""
         values = np.moveaxis(self.values, 0, -1) if self.timed else self.values
         # the language has no axes of one element (R3)
         return values.reshape([n for n in values.shape if n > 1])
