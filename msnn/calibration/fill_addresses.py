@@ -21,7 +21,7 @@ OPTIONS = {
     "out": "--outputs",
     "calibration": "--calibration",
 }
-"""The options that name the variables of structs."""
+"""Structs, and the options that name their variables."""
 _SIZES = {
     "float32": {"real": 4},
     "float64": {"real": 8},
@@ -122,7 +122,7 @@ def _choose(
 
 
 def _sizes(description: Mapping[str, Any], struct: str) -> dict[str, int]:
-    """Size of each member in bytes."""
+    """Bytes of each member."""
     sizes = _SIZES[description["dtype"]]
     return {
         member["field"]: sizes[member["type"]] * math.prod(member["shape"])

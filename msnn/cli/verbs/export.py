@@ -156,7 +156,7 @@ def export(
 
 
 def _listed(text: str, known: Sequence[str], option: str) -> list[str]:
-    """The comma-separated names in an option, each of which must be known."""
+    """The words of an option that takes several, each of them known."""
     names = [name.strip() for name in text.split(",") if name.strip()]
     for name in names:
         if name not in known:

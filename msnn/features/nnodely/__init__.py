@@ -1,1 +1,1 @@
-"""Imports models saved by nnodely as specs and weights."""
+"""Reads models that other tools saved and writes them as specs and weights."""
